@@ -1,0 +1,53 @@
+# Each target makes what it needs, once: the virtual environment, the installed package, the stubs.
+
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: demo test lint bench stubs clean help
+
+help:
+	@echo "make demo    plan paths over CORBA through the five-floor sample building"
+	@echo "make test    run every test"
+	@echo "make lint    formatting, lint and types"
+	@echo "make bench   measure, print tables, write JSON and pictures to bench/results"
+	@echo "make stubs   make the Python stubs from idl/ anew"
+	@echo "make clean   remove what make made"
+
+$(VENV)/.made:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || \
+	  { echo "RoboCorba needs Python 3.10 or later; $(PYTHON) is $$($(PYTHON) --version 2>&1). Try make PYTHON=python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  { echo "Python's venv module is missing; on Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
+	@echo "setting up $(VENV) (once, a minute or two) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.made setup.cfg setup.py pyproject.toml
+	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@ $(VENV)/.stubs
+
+$(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl) idl/make_stubs.py
+	@$(BIN)/python idl/make_stubs.py robocorba/stubs
+	@touch $@
+
+stubs: $(VENV)/.stubs
+
+demo: stubs
+	@$(BIN)/python -m clients.demo
+
+test: stubs
+	@$(BIN)/python -m pytest
+
+lint: stubs
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+
+bench: stubs
+	@$(BIN)/python -m bench
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,40 @@
+"""Make the Python stubs of every IDL file beside this one: python make_stubs.py FOLDER.
+
+FOLDER becomes the package robocorba.stubs; what was in it goes. Uses the omniidl
+of the running interpreter where it has one, else the one on PATH.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+
+
+def make_stubs(folder: Path, idl: Path = HERE) -> None:
+    """Generate the package `folder` from the IDL files in `idl`. Raises SystemExit with one line where it can't."""
+    if importlib.util.find_spec("omniidl"):
+        omniidl = [sys.executable, "-c", "from omniidl.main import main; main()"]
+    elif shutil.which("omniidl"):
+        omniidl = ["omniidl"]
+    else:
+        raise SystemExit("omniidl is missing: install jeteve-omniorb, or omniORBpy 4.2 or later with its omniidl")
+    package = "robocorba.stubs"
+    fresh = folder.with_name(f".{folder.name}.new")
+    shutil.rmtree(fresh, ignore_errors=True)
+    fresh.mkdir(parents=True)
+    files = sorted(str(file) for file in idl.glob("*.idl"))
+    subprocess.run([*omniidl, "-bpython", "-C", str(fresh), f"-Wbpackage={package}", *files], check=True)
+    made = fresh / Path(*package.split("."))
+    shutil.rmtree(folder, ignore_errors=True)
+    made.rename(folder)
+    shutil.rmtree(fresh)
+    (folder / "__init__.py").write_text('"""Generated from idl/ by omniidl; do not edit."""\n')
+
+
+if __name__ == "__main__":
+    make_stubs(Path(sys.argv[1]).resolve())

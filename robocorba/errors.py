@@ -1,0 +1,215 @@
+"""Every error that RoboCorba raises on purpose, one tree with a sentence each.
+
+RoboCorbaError
+├── MapError
+│   ├── InvalidElement        an element breaks a rule of the building
+│   ├── UnknownElement        nothing has this kind, floor and name
+│   ├── DuplicateElement      something has this kind, floor and name already
+│   ├── StaleEdit             the element changed since the editor read it
+│   ├── StaleVersion          the building changed since the editor looked
+│   ├── NothingToUndo, NothingToRedo
+│   ├── VersionUnavailable    the history does not reach back (or forward) that far
+│   ├── TransactionClosed, TooManyTransactions
+│   └── MapFileError          a map file is wrong: file, line, key, reason
+├── PathError
+│   ├── InvalidPoint          a coordinate is not a finite number in range
+│   ├── InvalidRequest        a field of the request is out of range
+│   ├── UnknownFloor          the building has no such floor
+│   ├── NotFree               start or goal is too near to an obstacle
+│   └── NoPath                nothing leads there: the blockers are named
+└── ServiceError
+    ├── AlreadyRunning        another process uses this state folder
+    ├── PortInUse             somebody else listens there
+    ├── StateMismatch         the state folder holds another building
+    ├── StartFailed           a process did not come up in time
+    └── NotReachable          a name could not be resolved or did not answer in time
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class RoboCorbaError(Exception):
+    """Root of the tree."""
+
+
+class MapError(RoboCorbaError):
+    """The map building agent refuses something."""
+
+
+class InvalidElement(MapError):
+    """An element breaks a rule: `kind`, `floor` and `name` say which, `reason` says why."""
+
+    def __init__(self, kind: str, floor: str, name: str, reason: str) -> None:
+        self.kind, self.floor, self.name, self.reason = kind, floor, name, reason
+        super().__init__(f"{describe(kind, floor, name)}: {reason}")
+
+
+class UnknownElement(MapError):
+    """Nothing has this kind, floor and name."""
+
+    def __init__(self, kind: str, floor: str, name: str) -> None:
+        self.kind, self.floor, self.name = kind, floor, name
+        super().__init__(f"there is no {describe(kind, floor, name)}")
+
+
+class DuplicateElement(MapError):
+    """Something has this kind, floor and name already."""
+
+    def __init__(self, kind: str, floor: str, name: str) -> None:
+        self.kind, self.floor, self.name = kind, floor, name
+        super().__init__(f"there is a {describe(kind, floor, name)} already")
+
+
+class StaleEdit(MapError):
+    """The element is at version `current`, the edit was made for version `expected`."""
+
+    def __init__(self, kind: str, floor: str, name: str, expected: int, current: int) -> None:
+        self.kind, self.floor, self.name = kind, floor, name
+        self.expected, self.current = expected, current
+        super().__init__(
+            f"{describe(kind, floor, name)} is at version {current}, the edit was made for version {expected}"
+        )
+
+
+class StaleVersion(MapError):
+    """The building is at version `current`, the caller saw version `expected`."""
+
+    def __init__(self, expected: int, current: int) -> None:
+        self.expected, self.current = expected, current
+        super().__init__(f"the building is at version {current}, the request was made for version {expected}")
+
+
+class NothingToUndo(MapError):
+    """No edit is left to take back."""
+
+
+class NothingToRedo(MapError):
+    """No edit that was taken back is left to repeat."""
+
+
+class VersionUnavailable(MapError):
+    """The kept history covers `oldest` to `current`; `version` lies outside."""
+
+    def __init__(self, version: int, oldest: int, current: int) -> None:
+        self.version, self.oldest, self.current = version, oldest, current
+        super().__init__(f"version {version} is outside the kept history {oldest} to {current}")
+
+
+class TransactionClosed(MapError):
+    """The transaction was committed, rolled back or has timed out."""
+
+
+class TooManyTransactions(MapError):
+    """`limit` transactions are open already."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        super().__init__(f"{limit} transactions are open already; commit or roll back one")
+
+
+class MapFileError(MapError):
+    """A map file is wrong. `line` is 1-based, 0 where no line can be named; `key` is a path such as floors[0].name."""
+
+    def __init__(self, file: str, line: int, key: str, reason: str) -> None:
+        self.file, self.line, self.key, self.reason = file, line, key, reason
+        where = f"{file}:{line}" if line else file
+        super().__init__(f"{where}: {key}: {reason}" if key else f"{where}: {reason}")
+
+
+class PathError(RoboCorbaError):
+    """The path planning agent refuses or fails."""
+
+
+class InvalidPoint(PathError):
+    """`which` is start or goal, `field` the member that is wrong."""
+
+    def __init__(self, which: str, field: str, reason: str) -> None:
+        self.which, self.field, self.reason = which, field, reason
+        super().__init__(f"{which}.{field}: {reason}")
+
+
+class InvalidRequest(PathError):
+    """`field` is the member of the request that is wrong."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class UnknownFloor(PathError):
+    """`which` is start, goal or an area; `known` lists the floors there are."""
+
+    def __init__(self, which: str, floor: str, known: Sequence[str]) -> None:
+        self.which, self.floor, self.known = which, floor, tuple(known)
+        super().__init__(f"{which}: there is no floor {floor!r}; known are {', '.join(self.known)}")
+
+
+class NotFree(PathError):
+    """The robot does not fit at start or goal: `clearance_m` to `obstacle`, `required_m` needed."""
+
+    def __init__(
+        self, which: str, floor: str, x: float, y: float, obstacle: str, clearance_m: float, required_m: float
+    ) -> None:
+        self.which, self.floor, self.x, self.y = which, floor, x, y
+        self.obstacle, self.clearance_m, self.required_m = obstacle, clearance_m, required_m
+        super().__init__(
+            f"{which} {floor}:{x:g},{y:g} is not free: {clearance_m:.3f} m to {obstacle}, {required_m:.3f} m needed"
+        )
+
+
+class Blocker:
+    """One thing that stands in the way of every path."""
+
+    def __init__(self, kind: str, floor: str, name: str, reason: str) -> None:
+        self.kind, self.floor, self.name, self.reason = kind, floor, name, reason
+
+    def __str__(self) -> str:
+        return f"{describe(self.kind, self.floor, self.name)}: {self.reason}"
+
+
+class NoPath(PathError):
+    """Nothing leads from start to goal; `blockers` names what stands in the way."""
+
+    def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
+        self.reason, self.blockers = reason, tuple(blockers)
+        super().__init__("; ".join([reason, *map(str, self.blockers)]))
+
+
+class ServiceError(RoboCorbaError):
+    """A process or its surroundings are not as they must be."""
+
+
+class AlreadyRunning(ServiceError):
+    """Another process uses this state folder."""
+
+
+class PortInUse(ServiceError):
+    """Somebody else listens on `host`:`port`."""
+
+    def __init__(self, host: str, port: int, purpose: str) -> None:
+        self.host, self.port, self.purpose = host, port, purpose
+        super().__init__(f"port {port} on {host}, wanted for {purpose}, is in use; choose another one")
+
+
+class StateMismatch(ServiceError):
+    """The state folder holds another building than the one asked for."""
+
+
+class StartFailed(ServiceError):
+    """A process did not come up in time."""
+
+
+class NotReachable(ServiceError):
+    """A name could not be resolved, or its object did not answer, in time."""
+
+
+def describe(kind: str, floor: str, name: str) -> str:
+    """'wall w1 on L2', 'elevator E1': how messages name an element."""
+    subject = f"{kind} {_short(name)!r}" if name else kind
+    return f"{subject} on {_short(floor)}" if floor else subject
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:60]}… ({len(text)} characters)"

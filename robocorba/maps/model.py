@@ -1,0 +1,289 @@
+"""A building as the paper's map editor sees it.
+
+Each floor has two maps: a geometrical map (outline, walls, objects, doors, areas)
+and a topological map (path nodes and edges). Elevators tie the floors together.
+
+Units: metres, seconds, radians counter-clockwise from +x. All values are immutable;
+an edit makes a new building that shares everything it did not touch, so a reader
+keeps a consistent building for as long as it holds one. The dictionaries are keyed by
+element name and must never be changed in place.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TypeAlias
+
+import msgspec
+
+XY: TypeAlias = tuple[float, float]
+
+
+class ElementKind(str, Enum):
+    """What an edit can create, change or remove."""
+
+    FLOOR = "floor"
+    WALL = "wall"
+    OBJECT = "object"
+    DOOR = "door"
+    AREA = "area"
+    NODE = "node"
+    EDGE = "edge"
+    ELEVATOR = "elevator"
+
+
+class DoorKind(str, Enum):
+    """How a door moves; an opening has no leaf."""
+
+    OPENING = "opening"
+    HINGED = "hinged"
+    DOUBLE_HINGED = "double_hinged"
+    SLIDING = "sliding"
+    DOUBLE_SLIDING = "double_sliding"
+
+
+class Side(str, Enum):
+    """A side of an elevator cabin in its own frame: front is -y, back +y, left -x, right +x."""
+
+    FRONT = "front"
+    BACK = "back"
+    LEFT = "left"
+    RIGHT = "right"
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    pass
+
+
+class Floor(_Struct):
+    """A storey. `level` orders the floors, `elevation` is the height of its ground in m,
+    `outline` is a simple polygon that a robot never leaves (empty: unbounded)."""
+
+    name: str
+    level: int
+    elevation: float
+    height: float = 3.0
+    outline: tuple[XY, ...] = ()
+
+
+class Wall(_Struct):
+    """A straight wall from a to b, without thickness."""
+
+    name: str
+    a: XY = msgspec.field(name="from")
+    b: XY = msgspec.field(name="to")
+    height: float = 2.5
+
+
+class SegmentShape(_Struct, tag_field="kind", tag="segment"):
+    """A line of `length` m along the object's x axis, centred on its pose."""
+
+    length: float
+
+
+class BoxShape(_Struct, tag_field="kind", tag="box"):
+    """A rectangle, `size` m along the object's x and y axis, centred on its pose."""
+
+    size: XY
+
+
+class CircleShape(_Struct, tag_field="kind", tag="circle"):
+    """A disc of `radius` m around the object's pose."""
+
+    radius: float
+
+
+class PolygonShape(_Struct, tag_field="kind", tag="polygon"):
+    """A simple polygon in the object's frame."""
+
+    points: tuple[XY, ...]
+
+
+Shape: TypeAlias = SegmentShape | BoxShape | CircleShape | PolygonShape
+
+
+class MapObject(_Struct):
+    """A thing that stands on the floor: table, shelf, column. Movable ones can be pushed or carried."""
+
+    name: str
+    shape: Shape
+    at: XY
+    heading: float = 0.0
+    height: float = 1.0
+    movable: bool = False
+
+
+class Door(_Struct):
+    """A doorway from a to b. Where it lies on a wall it cuts an opening into it; locked, it blocks like a wall."""
+
+    name: str
+    a: XY = msgspec.field(name="from")
+    b: XY = msgspec.field(name="to")
+    kind: DoorKind = DoorKind.HINGED
+    locked: bool = False
+
+
+class Area(_Struct):
+    """A named polygon of a floor: a room, a zone to avoid. `subnet` names its sub-network, if it has one."""
+
+    name: str
+    polygon: tuple[XY, ...]
+    subnet: str = ""
+
+
+class PathNode(_Struct):
+    """A node of the topological map. One that stands in an elevator's cabin names the elevator."""
+
+    name: str
+    at: XY
+    elevator: str = ""
+
+
+class PathEdge(_Struct):
+    """A straight line that robots drive between two nodes of one floor, named from-to where a file gives no name.
+
+    `one_way`: only from a to b. `speed_limit` in m/s, 0 for none. `clearance` is the
+    largest robot radius in m that may use it, 0 for whatever the walls allow.
+    `graphs` names the navigation graphs it belongs to, none for all."""
+
+    name: str = ""
+    a: str = msgspec.field(name="from")
+    b: str = msgspec.field(name="to")
+    one_way: bool = False
+    speed_limit: float = 0.0
+    clearance: float = 0.0
+    graphs: tuple[str, ...] = ()
+
+
+class ElevatorDoor(_Struct):
+    """A door of an elevator on one floor, `width` m wide, `offset` m off the middle of its side."""
+
+    floor: str
+    side: Side = Side.FRONT
+    width: float = 1.0
+    offset: float = 0.0
+
+
+class Elevator(_Struct):
+    """An elevator: a rectangular shaft, and a door for each floor served.
+
+    `size` is width (own x) and depth (own y) of the shaft in m, `speed` in m/s,
+    `door_time` the seconds that its doors take to open or to close."""
+
+    name: str
+    at: XY
+    size: XY
+    doors: tuple[ElevatorDoor, ...]
+    heading: float = 0.0
+    speed: float = 1.0
+    door_time: float = 3.0
+
+    def floors(self) -> tuple[str, ...]:
+        """Names of the floors served, each once."""
+        return tuple(dict.fromkeys(door.floor for door in self.doors))
+
+
+Element: TypeAlias = Floor | Wall | MapObject | Door | Area | PathNode | PathEdge | Elevator
+
+KIND_OF: dict[type, ElementKind] = {
+    Floor: ElementKind.FLOOR,
+    Wall: ElementKind.WALL,
+    MapObject: ElementKind.OBJECT,
+    Door: ElementKind.DOOR,
+    Area: ElementKind.AREA,
+    PathNode: ElementKind.NODE,
+    PathEdge: ElementKind.EDGE,
+    Elevator: ElementKind.ELEVATOR,
+}
+TYPE_OF: dict[ElementKind, type] = {kind: struct for struct, kind in KIND_OF.items()}
+
+
+class GeometricalMap(msgspec.Struct, frozen=True):
+    """What is where on a floor."""
+
+    walls: dict[str, Wall] = {}
+    objects: dict[str, MapObject] = {}
+    doors: dict[str, Door] = {}
+    areas: dict[str, Area] = {}
+
+
+class TopologicalMap(msgspec.Struct, frozen=True):
+    """How robots get about on a floor."""
+
+    nodes: dict[str, PathNode] = {}
+    edges: dict[str, PathEdge] = {}
+
+
+class FloorMap(msgspec.Struct, frozen=True):
+    """A floor with its two maps."""
+
+    floor: Floor
+    geometrical: GeometricalMap = GeometricalMap()
+    topological: TopologicalMap = TopologicalMap()
+
+
+#: Where each kind that belongs to a floor is kept: attribute of FloorMap, attribute of that map.
+PLACE: dict[ElementKind, tuple[str, str]] = {
+    ElementKind.WALL: ("geometrical", "walls"),
+    ElementKind.OBJECT: ("geometrical", "objects"),
+    ElementKind.DOOR: ("geometrical", "doors"),
+    ElementKind.AREA: ("geometrical", "areas"),
+    ElementKind.NODE: ("topological", "nodes"),
+    ElementKind.EDGE: ("topological", "edges"),
+}
+
+
+class Building(msgspec.Struct, frozen=True):
+    """Floors by name, in order of their level, and elevators by name."""
+
+    name: str
+    floors: dict[str, FloorMap] = {}
+    elevators: dict[str, Elevator] = {}
+
+    def elements(self, kind: ElementKind, floor: str = "") -> dict[str, Element]:
+        """All elements of a kind by name; `floor` is ignored for floors and elevators. Unknown floors have none."""
+        if kind is ElementKind.FLOOR:
+            return {name: entry.floor for name, entry in self.floors.items()}
+        if kind is ElementKind.ELEVATOR:
+            return dict(self.elevators)
+        entry = self.floors.get(floor)
+        if entry is None:
+            return {}
+        layer, collection = PLACE[kind]
+        return getattr(getattr(entry, layer), collection)
+
+    def find(self, kind: ElementKind, floor: str, name: str) -> Element | None:
+        """The element, or None."""
+        return self.elements(kind, floor).get(name)
+
+    def with_element(self, floor: str, element: Element) -> Building:
+        """A building in which `element` is new or replaces the one of its kind and name.
+
+        Raises KeyError where the floor does not exist."""
+        if isinstance(element, Floor):
+            entry = self.floors.get(element.name, FloorMap(element))
+            floors = {**self.floors, element.name: msgspec.structs.replace(entry, floor=element)}
+            ordered = dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0])))
+            return msgspec.structs.replace(self, floors=ordered)
+        if isinstance(element, Elevator):
+            return msgspec.structs.replace(self, elevators={**self.elevators, element.name: element})
+        kind = KIND_OF[type(element)]
+        return self._with_collection(kind, floor, {**self.elements(kind, floor), element.name: element})
+
+    def without(self, kind: ElementKind, floor: str, name: str) -> Building:
+        """A building without that element. Raises KeyError where there is none."""
+        remaining = dict(self.floors if kind is ElementKind.FLOOR else self.elements(kind, floor))
+        del remaining[name]
+        if kind is ElementKind.FLOOR:
+            return msgspec.structs.replace(self, floors=remaining)
+        if kind is ElementKind.ELEVATOR:
+            return msgspec.structs.replace(self, elevators=remaining)
+        return self._with_collection(kind, floor, remaining)
+
+    def _with_collection(self, kind: ElementKind, floor: str, elements: dict) -> Building:
+        layer, collection = PLACE[kind]
+        entry = self.floors[floor]
+        changed = msgspec.structs.replace(getattr(entry, layer), **{collection: elements})
+        return msgspec.structs.replace(
+            self, floors={**self.floors, floor: msgspec.structs.replace(entry, **{layer: changed})}
+        )

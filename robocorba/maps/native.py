@@ -1,0 +1,198 @@
+"""The native map file: YAML, versioned, one element a line. docs/map-file.md is its manual."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import yaml
+
+from robocorba.errors import InvalidElement, MapFileError
+from robocorba.maps import validation
+from robocorba.maps.model import (
+    XY,
+    Area,
+    Building,
+    Door,
+    Element,
+    Elevator,
+    Floor,
+    FloorMap,
+    GeometricalMap,
+    MapObject,
+    PathEdge,
+    PathNode,
+    TopologicalMap,
+    Wall,
+)
+from robocorba.maps.yaml_file import YamlFile, parse_yaml, read_yaml
+
+FORMAT_VERSION = 1
+
+#: Keys of a floor's lists in the file, in the order in which they are written, and the kind each holds.
+_LISTS = {
+    "walls": "wall",
+    "objects": "object",
+    "doors": "door",
+    "areas": "area",
+    "nodes": "node",
+    "edges": "edge",
+}
+E_ = TypeVar("E_", bound=Element)
+
+
+class _FloorEntry(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    level: int
+    elevation: float
+    height: float = 3.0
+    outline: tuple[XY, ...] = ()
+    walls: tuple[Wall, ...] = ()
+    objects: tuple[MapObject, ...] = ()
+    doors: tuple[Door, ...] = ()
+    areas: tuple[Area, ...] = ()
+    nodes: tuple[PathNode, ...] = ()
+    edges: tuple[PathEdge, ...] = ()
+
+
+class _BuildingFile(msgspec.Struct, forbid_unknown_fields=True):
+    robocorba: int
+    name: str
+    floors: tuple[_FloorEntry, ...]
+    elevators: tuple[Elevator, ...] = ()
+
+
+def load(path: str | Path) -> Building:
+    """Read and check a native map file. Raises MapFileError with file, line and key."""
+    return _checked(read_yaml(path))
+
+
+def loads(text: str | bytes, name: str = "map") -> Building:
+    """The same from text; `name` is what errors call it."""
+    return _checked(parse_yaml(text.encode() if isinstance(text, str) else text, name))
+
+
+def is_native(data: Any) -> bool:
+    """Whether parsed YAML looks like a native map file."""
+    return isinstance(data, dict) and "robocorba" in data
+
+
+def _checked(file: YamlFile) -> Building:
+    building = parse(file)
+    for wrong in validation.problems(building):
+        raise file.error(_key_of(file, wrong), str(wrong))
+    return building
+
+
+def parse(file: YamlFile) -> Building:
+    """The building that a file spells, its rules not yet checked. Raises MapFileError."""
+    if not is_native(file.data):
+        raise file.error("$", "not a RoboCorba map: the key `robocorba: 1` is missing")
+    version = file.data["robocorba"]
+    if version != FORMAT_VERSION:
+        raise file.error("$.robocorba", f"format version {version!r} is not known; this release reads {FORMAT_VERSION}")
+    content = file.convert(_BuildingFile)
+    floors: dict[str, FloorMap] = {}
+    for i, entry in enumerate(content.floors):
+        at = f"$.floors[{i}]"
+        if entry.name in floors:
+            raise file.error(f"{at}.name", f"there is a floor {entry.name!r} already")
+        edges = tuple(
+            edge if edge.name else msgspec.structs.replace(edge, name=f"{edge.a}-{edge.b}") for edge in entry.edges
+        )
+        floors[entry.name] = FloorMap(
+            Floor(
+                name=entry.name,
+                level=entry.level,
+                elevation=entry.elevation,
+                height=entry.height,
+                outline=entry.outline,
+            ),
+            GeometricalMap(
+                walls=_by_name(entry.walls, f"{at}.walls", file),
+                objects=_by_name(entry.objects, f"{at}.objects", file),
+                doors=_by_name(entry.doors, f"{at}.doors", file),
+                areas=_by_name(entry.areas, f"{at}.areas", file),
+            ),
+            TopologicalMap(
+                nodes=_by_name(entry.nodes, f"{at}.nodes", file),
+                edges=_by_name(edges, f"{at}.edges", file),
+            ),
+        )
+    ordered = dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0])))
+    return Building(content.name, ordered, _by_name(content.elevators, "$.elevators", file))
+
+
+def _by_name(elements: Iterable[E_], at: str, file: YamlFile) -> dict[str, E_]:
+    found: dict[str, E_] = {}
+    for i, element in enumerate(elements):
+        if element.name in found:
+            raise file.error(f"{at}[{i}]", f"the name {element.name!r} is used twice")
+        found[element.name] = element
+    return found
+
+
+def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
+    """The key path of the element that an error names."""
+    if wrong.kind == "elevator":
+        return _index("$.elevators", file.data.get("elevators") or [], wrong.name)
+    floor = wrong.name if wrong.kind == "floor" else wrong.floor
+    at = _index("$.floors", file.data["floors"], floor)
+    for key, kind in _LISTS.items():
+        if kind == wrong.kind and "]" in at:
+            entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key) or []
+            return _index(f"{at}.{key}", entries, wrong.name)
+    return at
+
+
+def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:
+    for i, entry in enumerate(entries):
+        if entry.get("name") == name or ("name" not in entry and f"{entry.get('from')}-{entry.get('to')}" == name):
+            return f"{at}[{i}]"
+    return at
+
+
+def dumps(building: Building) -> str:
+    """A building as the text of a native map file; loading it gives an equal building."""
+    out = [f"robocorba: {FORMAT_VERSION}", f"name: {_flow(building.name)}", "floors:" if building.floors else "floors: []"]
+    for entry in building.floors.values():
+        floor = msgspec.to_builtins(entry.floor)
+        out += [f"{'- ' if i == 0 else '  '}{key}: {_flow(value)}" for i, (key, value) in enumerate(floor.items())]
+        for key in _LISTS:
+            layer = entry.topological if key in ("nodes", "edges") else entry.geometrical
+            out += _listed(f"  {key}:", "  ", getattr(layer, key).values())
+    out += _listed("elevators:", "", building.elevators.values())
+    return "\n".join(out) + "\n"
+
+
+def _listed(head: str, indent: str, elements: Iterable[Element]) -> list[str]:
+    lines = [f"{indent}- {_flow(msgspec.to_builtins(element))}" for element in elements]
+    return [head, *lines] if lines else []
+
+
+def _flow(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=float("inf"), allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def save(building: Building, path: str | Path) -> None:
+    """Write a native map file, whole or not at all. Raises MapFileError where it can't be written."""
+    target = Path(path)
+    try:
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(dumps(building))
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, target)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as wrong:
+        raise MapFileError(str(path), 0, "", wrong.strerror or str(wrong)) from None
