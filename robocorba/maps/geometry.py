@@ -8,12 +8,15 @@ topological map all read it from here.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
+import numpy as np
 import shapely
-from shapely import LineString, Polygon
-from shapely.affinity import rotate, translate
+from numpy.typing import NDArray
+from shapely import LineString, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.model import (
@@ -21,21 +24,31 @@ from robocorba.maps.model import (
     BoxShape,
     Building,
     CircleShape,
+    Door,
     Elevator,
     ElevatorDoor,
     Floor,
     GeometricalMap,
     MapObject,
     SegmentShape,
+    Shape,
     Side,
+    Wall,
 )
 
-#: A door cuts the walls within this distance of it, m.
+#: A door cuts the walls along it that lie within this distance, m.
 DOOR_REACH_M = 0.15
 #: The landing door of an elevator also cuts building walls drawn in front of the shaft, m.
 LANDING_REACH_M = 0.35
+#: A wall runs along a door where the two directions differ by no more than this; one that meets it at an angle stays.
+ALONG_RAD = math.radians(15)
 #: A circle counts as a regular polygon around it with this many sides (0.5 % of its radius outside).
 CIRCLE_SIDES = 32
+
+Array = NDArray[np.float64]
+_TURNS = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
+#: The polygon around the circle of radius 1.
+_DISC: Array = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)]) / math.cos(math.pi / CIRCLE_SIDES)
 
 
 class Obstacle(NamedTuple):
@@ -49,10 +62,10 @@ class Obstacle(NamedTuple):
 def obstacles(building: Building, floor: str) -> tuple[Obstacle, ...]:
     """Everything that blocks on a floor, walls already cut open where doors are.
 
-    Raises KeyError for an unknown floor."""
+    As long as nothing on the floor changes the answer is the very same tuple, while the
+    floor is among the last 64 asked for. Raises KeyError for an unknown floor."""
     entry = building.floors[floor]
-    shafts = tuple(building.elevators.values())
-    return _obstacles(_Key(entry.geometrical, entry.floor, shafts))
+    return _obstacles(_Key(entry.geometrical, entry.floor, tuple(building.elevators.values())))
 
 
 class _Key:
@@ -60,7 +73,8 @@ class _Key:
 
     def __init__(self, geometrical: GeometricalMap, floor: Floor, elevators: tuple[Elevator, ...]) -> None:
         self.geometrical, self.floor, self.elevators = geometrical, floor, elevators
-        self.ids = (id(geometrical), id(floor), tuple(map(id, elevators)))
+        blocking_parts = (geometrical.walls, geometrical.objects, geometrical.doors, floor, *elevators)
+        self.ids = tuple(map(id, blocking_parts))
 
     def __hash__(self) -> int:
         return hash(self.ids)
@@ -69,64 +83,84 @@ class _Key:
         return isinstance(other, _Key) and self.ids == other.ids
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _obstacles(key: _Key) -> tuple[Obstacle, ...]:
-    plan, floor = key.geometrical, key.floor
-    doors = [LineString([door.a, door.b]) for door in plan.doors.values()]
-    openings = [door.buffer(DOOR_REACH_M, cap_style="flat") for door in doors]
-    landings = [
-        (elevator, landing_line(elevator, door))
-        for elevator in key.elevators
-        for door in elevator.doors
-        if door.floor == floor.name
-    ]
-    openings += [line.buffer(LANDING_REACH_M, cap_style="flat") for _, line in landings]
-    cut = shapely.union_all(openings) if openings else None
+    return blocking(key.geometrical, key.floor, key.elevators)
 
-    found = []
-    for wall in plan.walls.values():
-        line: BaseGeometry = LineString([wall.a, wall.b])
-        if cut is not None and line.intersects(cut):
-            line = line.difference(cut)
-        if not line.is_empty:
-            found.append(Obstacle("wall", wall.name, line))
-    found += [Obstacle("object", thing.name, object_geometry(thing)) for thing in plan.objects.values()]
-    found += [
-        Obstacle("door", door.name, line) for door, line in zip(plan.doors.values(), doors, strict=True) if door.locked
+
+def blocking(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
+    """What `obstacles` says, computed anew and not remembered: for a map that is asked for once."""
+    doors = _ends(plan.doors.values())
+    landings = [
+        [landing_line(elevator, door) for door in elevator.doors if door.floor == floor.name] for elevator in elevators
     ]
-    for elevator in key.elevators:
+    fronts = shapely.get_coordinates(list(chain.from_iterable(landings))).reshape(-1, 2, 2)
+    reaches = np.repeat([DOOR_REACH_M, LANDING_REACH_M], [len(doors), len(fronts)])
+    walls = _cut_open(_ends(plan.walls.values()), np.concatenate([doors, fronts]), reaches)
+
+    found = [Obstacle("wall", name, left) for name, left in zip(plan.walls, walls, strict=True) if not left.is_empty]
+    found += [Obstacle("object", thing.name, object_geometry(thing)) for thing in plan.objects.values()]
+    found += [Obstacle("door", door.name, LineString([door.a, door.b])) for door in plan.doors.values() if door.locked]
+    for elevator, lines in zip(elevators, landings, strict=True):
         shaft: BaseGeometry = shaft_polygon(elevator).exterior
-        for owner, line in landings:
-            if owner is elevator:
-                shaft = shaft.difference(line.buffer(1e-6, cap_style="square"))
+        for line in lines:
+            shaft = shaft.difference(line.buffer(1e-6, cap_style="square"))
         found.append(Obstacle("elevator", elevator.name, shaft))
     if floor.outline:
         found.append(Obstacle("floor", floor.name, Polygon(floor.outline).exterior))
     return tuple(found)
 
 
+def _ends(lines: Iterable[Wall | Door]) -> Array:
+    return np.array([(line.a, line.b) for line in lines], dtype=float).reshape(-1, 2, 2)
+
+
+def _cut_open(walls: Array, openings: Array, reaches: Array) -> list[BaseGeometry]:
+    """What openings (m, 2, 2) that reach so far (m,) leave of walls (n, 2, 2), each a line or several, maybe empty."""
+    left = shapely.linestrings(walls)
+    strips = shapely.buffer(shapely.linestrings(openings), reaches, cap_style="flat")
+    by, which = STRtree(left).query(strips, predicate="intersects")
+    along, across = (walls[:, 1] - walls[:, 0])[which], (openings[:, 1] - openings[:, 0])[by]
+    sine = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
+    cosine = (along * across).sum(axis=1)
+    parallel = np.abs(sine) <= math.tan(ALONG_RAD) * np.abs(cosine)
+    for wall, strip in zip(which[parallel], by[parallel], strict=True):
+        left[wall] = shapely.difference(left[wall], strips[strip])
+    return left.tolist()
+
+
 def object_geometry(thing: MapObject) -> BaseGeometry:
-    """An object's footprint in the floor's frame."""
-    shape = thing.shape
-    local: BaseGeometry
+    """An object's footprint in the floor's frame: a line for a segment, else a polygon."""
+    corners = _placed(_corners(thing.shape), thing.at, thing.heading)
+    return shapely.linestrings(corners) if isinstance(thing.shape, SegmentShape) else shapely.polygons(corners)
+
+
+def _corners(shape: Shape) -> Sequence[XY] | Array:
+    """The corners of a shape in the object's frame; of a segment, its ends."""
     if isinstance(shape, SegmentShape):
-        local = LineString([(-shape.length / 2, 0.0), (shape.length / 2, 0.0)])
-    elif isinstance(shape, BoxShape):
-        x, y = shape.size[0] / 2, shape.size[1] / 2
-        local = Polygon([(-x, -y), (x, -y), (x, y), (-x, y)])
-    elif isinstance(shape, CircleShape):
-        reach = shape.radius / math.cos(math.pi / CIRCLE_SIDES)
-        turns = [2 * math.pi * (i + 0.5) / CIRCLE_SIDES for i in range(CIRCLE_SIDES)]
-        local = Polygon([(reach * math.cos(turn), reach * math.sin(turn)) for turn in turns])
-    else:
-        local = Polygon(shape.points)
-    return translate(rotate(local, thing.heading, origin=(0, 0), use_radians=True), *thing.at)
+        return (-shape.length / 2, 0.0), (shape.length / 2, 0.0)
+    if isinstance(shape, BoxShape):
+        return _rectangle(shape.size)
+    if isinstance(shape, CircleShape):
+        return shape.radius * _DISC
+    return shape.points
+
+
+def _rectangle(size: XY) -> Sequence[XY]:
+    x, y = size[0] / 2, size[1] / 2
+    return (-x, -y), (x, -y), (x, y), (-x, y)
+
+
+def _placed(points: Sequence[XY] | Array, at: XY, heading: float) -> Array:
+    """Points (n, 2) of the frame that stands at `at`, turned by `heading`, in the floor's frame."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    x, y = np.asarray(points, dtype=float).T
+    return np.column_stack([at[0] + cos * x - sin * y, at[1] + sin * x + cos * y])
 
 
 def shaft_polygon(elevator: Elevator) -> Polygon:
     """The shaft's footprint in the floor's frame."""
-    x, y = elevator.size[0] / 2, elevator.size[1] / 2
-    return Polygon([to_floor(elevator, corner) for corner in ((-x, -y), (x, -y), (x, y), (-x, y))])
+    return shapely.polygons(_placed(_rectangle(elevator.size), elevator.at, elevator.heading))
 
 
 def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
@@ -139,16 +173,7 @@ def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
         Side.LEFT: ((-x, low), (-x, high)),
         Side.RIGHT: ((x, low), (x, high)),
     }
-    return LineString([to_floor(elevator, end) for end in ends[door.side]])
-
-
-def to_floor(elevator: Elevator, point: XY) -> XY:
-    """A point of the cabin's frame in the floor's frame."""
-    cos, sin = math.cos(elevator.heading), math.sin(elevator.heading)
-    return (
-        elevator.at[0] + cos * point[0] - sin * point[1],
-        elevator.at[1] + sin * point[0] + cos * point[1],
-    )
+    return shapely.linestrings(_placed(ends[door.side], elevator.at, elevator.heading))
 
 
 def bounds(building: Building, floor: str, margin_m: float = 1.0) -> tuple[float, float, float, float]:
@@ -165,14 +190,15 @@ def bounds(building: Building, floor: str, margin_m: float = 1.0) -> tuple[float
 
 
 def free_space(building: Building, floor: str, radius_m: float, arc_sides: int = 8) -> BaseGeometry:
-    """Where the centre of a round robot may be: a polygon or multipolygon.
+    """Where the centre of a round robot may be: a polygon or multipolygon, never too large.
 
-    Obstacles grow by `radius_m`; arcs are drawn outside the true arc with `arc_sides`
-    sides a quarter, so that the result is never too large."""
+    Obstacles grow by `radius_m`, and by a little more where an arc is drawn as chords:
+    1.1 % of the radius with 8 sides a quarter (`arc_sides`), 0.5 % with 12."""
     found = obstacles(building, floor)
     outline = building.floors[floor].floor.outline
     space: BaseGeometry = Polygon(outline) if outline else shapely.box(*bounds(building, floor))
-    grown = radius_m / math.cos(math.pi / (4 * arc_sides)) if radius_m else 0.0
+    # A chord spans up to one and a half sides: the number of sides on an arc is rounded to the nearest.
+    grown = radius_m / math.cos(1.5 * math.pi / (4 * arc_sides))
     solids = [item.geometry for item in found if item.geometry.geom_type == "Polygon"]
     if grown:
         blocked = shapely.union_all(shapely.buffer([item.geometry for item in found], grown, quad_segs=arc_sides))

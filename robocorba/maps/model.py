@@ -51,11 +51,11 @@ class Side(str, Enum):
     RIGHT = "right"
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     pass
 
 
-class Floor(_Struct):
+class Floor(_Struct, frozen=True):
     """A storey. `level` orders the floors, `elevation` is the height of its ground in m,
     `outline` is a simple polygon that a robot never leaves (empty: unbounded)."""
 
@@ -66,7 +66,7 @@ class Floor(_Struct):
     outline: tuple[XY, ...] = ()
 
 
-class Wall(_Struct):
+class Wall(_Struct, frozen=True):
     """A straight wall from a to b, without thickness."""
 
     name: str
@@ -75,25 +75,25 @@ class Wall(_Struct):
     height: float = 2.5
 
 
-class SegmentShape(_Struct, tag_field="kind", tag="segment"):
+class SegmentShape(_Struct, frozen=True, tag_field="kind", tag="segment"):
     """A line of `length` m along the object's x axis, centred on its pose."""
 
     length: float
 
 
-class BoxShape(_Struct, tag_field="kind", tag="box"):
+class BoxShape(_Struct, frozen=True, tag_field="kind", tag="box"):
     """A rectangle, `size` m along the object's x and y axis, centred on its pose."""
 
     size: XY
 
 
-class CircleShape(_Struct, tag_field="kind", tag="circle"):
+class CircleShape(_Struct, frozen=True, tag_field="kind", tag="circle"):
     """A disc of `radius` m around the object's pose."""
 
     radius: float
 
 
-class PolygonShape(_Struct, tag_field="kind", tag="polygon"):
+class PolygonShape(_Struct, frozen=True, tag_field="kind", tag="polygon"):
     """A simple polygon in the object's frame."""
 
     points: tuple[XY, ...]
@@ -102,7 +102,7 @@ class PolygonShape(_Struct, tag_field="kind", tag="polygon"):
 Shape: TypeAlias = SegmentShape | BoxShape | CircleShape | PolygonShape
 
 
-class MapObject(_Struct):
+class MapObject(_Struct, frozen=True):
     """A thing that stands on the floor: table, shelf, column. Movable ones can be pushed or carried."""
 
     name: str
@@ -113,7 +113,7 @@ class MapObject(_Struct):
     movable: bool = False
 
 
-class Door(_Struct):
+class Door(_Struct, frozen=True):
     """A doorway from a to b. Where it lies on a wall it cuts an opening into it; locked, it blocks like a wall."""
 
     name: str
@@ -123,7 +123,7 @@ class Door(_Struct):
     locked: bool = False
 
 
-class Area(_Struct):
+class Area(_Struct, frozen=True):
     """A named polygon of a floor: a room, a zone to avoid. `subnet` names its sub-network, if it has one."""
 
     name: str
@@ -131,7 +131,7 @@ class Area(_Struct):
     subnet: str = ""
 
 
-class PathNode(_Struct):
+class PathNode(_Struct, frozen=True):
     """A node of the topological map. One that stands in an elevator's cabin names the elevator."""
 
     name: str
@@ -139,7 +139,7 @@ class PathNode(_Struct):
     elevator: str = ""
 
 
-class PathEdge(_Struct):
+class PathEdge(_Struct, frozen=True, kw_only=True):
     """A straight line that robots drive between two nodes of one floor, named from-to where a file gives no name.
 
     `one_way`: only from a to b. `speed_limit` in m/s, 0 for none. `clearance` is the
@@ -155,7 +155,7 @@ class PathEdge(_Struct):
     graphs: tuple[str, ...] = ()
 
 
-class ElevatorDoor(_Struct):
+class ElevatorDoor(_Struct, frozen=True):
     """A door of an elevator on one floor, `width` m wide, `offset` m off the middle of its side."""
 
     floor: str
@@ -164,7 +164,7 @@ class ElevatorDoor(_Struct):
     offset: float = 0.0
 
 
-class Elevator(_Struct):
+class Elevator(_Struct, frozen=True):
     """An elevator: a rectangular shaft, and a door for each floor served.
 
     `size` is width (own x) and depth (own y) of the shaft in m, `speed` in m/s,

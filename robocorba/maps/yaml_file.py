@@ -1,13 +1,15 @@
-"""YAML from strangers: bounded, without aliases, and with the line of every key.
+"""YAML from strangers: bounded in bytes, values and depth, without aliases, and with the line of every key.
 
-Aliases are what a "YAML bomb" is made of, and no map needs them, so they are refused
-before anything is built; deep nesting likewise, because the composer recurses.
+Aliases are what a "YAML bomb" is made of, and no map needs them, so they are refused.
+The text is read event by event into plain data; no tree of nodes is built beside it,
+and the line of a key is looked up in the text only when an error asks for it.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,38 +20,44 @@ from robocorba.errors import MapFileError
 
 MAX_BYTES = 64 * 1024 * 1024
 MAX_DEPTH = 40
+#: Scalars, mappings and sequences together, keys included.
+MAX_VALUES = 5_000_000
+#: A longer word is text, whatever it looks like: Python's numbers of a million digits take minutes.
+MAX_NUMBER_LENGTH = 100
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_NULL, _BOOL, _INT, _FLOAT, _STR = (f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str"))
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class YamlFile:
-    """Plain data, and the 1-based line of each key path such as `$.floors[0].name`."""
+    """Plain data, and the text that it was read from, where lines are looked up."""
 
     name: str
     data: Any
-    lines: dict[str, int]
+    text: str = field(repr=False)
 
     def line(self, key: str) -> int:
-        """Line of a key path or of its nearest enclosing one; 0 where there is none."""
-        while key:
-            if key in self.lines:
-                return self.lines[key]
-            key = re.sub(r"(\.[^.\[\]]*|\[[^\]]*\])$", "", key) if key != "$" else ""
-        return 0
+        """1-based line of a key path such as `$.floors[0].name`, or of its nearest enclosing one."""
+        return _line_at(self.text, _places(self.data, key.removeprefix("$")))
 
     def error(self, key: str, reason: str) -> MapFileError:
         """The error to raise for what stands at a key path."""
-        return MapFileError(self.name, self.line(key), key.removeprefix("$").removeprefix("."), reason)
+        shown = key.removeprefix("$").removeprefix(".")
+        return MapFileError(self.name, self.line(key), _short(shown), _short(reason))
 
     def convert(self, schema: type[T]) -> T:
         """The data as `schema` (a msgspec type). Raises MapFileError with line and key."""
         try:
             return msgspec.convert(self.data, schema)
         except msgspec.ValidationError as wrong:
-            reason, _, key = str(wrong).partition(" - at `")
-            raise self.error(key.rstrip("`") or "$", reason) from None
+            found = re.fullmatch(r"(.*) - at (`key` in )?`(\$.*)`", str(wrong), re.DOTALL)
+            reason, of_key, key = found.groups() if found else (str(wrong), None, "$")
+            unknown = re.fullmatch(r"Object contains unknown field `(.*)`", reason, re.DOTALL)
+            if unknown:
+                raise self.error(f"{key}.{unknown[1]}", "there is no such key") from None
+            raise self.error(key, f"a key is wrong: {reason}" if of_key else reason) from None
 
 
 def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
@@ -57,8 +65,9 @@ def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
     try:
         with open(path, "rb") as file:
             data = file.read(limit + 1)
-    except OSError as wrong:
-        raise MapFileError(str(path), 0, "", wrong.strerror or str(wrong)) from None
+    except (OSError, ValueError) as wrong:
+        reason = wrong.strerror if isinstance(wrong, OSError) else None
+        raise MapFileError(_short(str(path)), 0, "", reason or str(wrong)) from None
     if len(data) > limit:
         raise MapFileError(str(path), 0, "", f"larger than {limit // 1024} KiB")
     return data
@@ -71,64 +80,169 @@ def read_yaml(path: str | Path) -> YamlFile:
 
 def parse_yaml(raw: bytes, name: str) -> YamlFile:
     """Parse YAML from bytes; `name` is what errors call the file."""
+    if len(raw) > MAX_BYTES:
+        raise MapFileError(name, 0, "", f"larger than {MAX_BYTES // 1024} KiB")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
         raise MapFileError(name, raw[: wrong.start].count(b"\n") + 1, "", "not UTF-8 text") from None
     try:
-        _refuse_bombs(text, name)
-        node = yaml.compose(text, Loader=_Loader)
-        if node is None:
-            raise MapFileError(name, 1, "", "empty file")
-        lines: dict[str, int] = {}
-        data = _build(node, "$", lines, name)
+        return YamlFile(name, _Reader(text, name).document(), text)
     except yaml.MarkedYAMLError as wrong:
         mark = wrong.problem_mark or wrong.context_mark
+        if "quoted scalar" in str(wrong.context):
+            mark = wrong.context_mark  # where the quote opens; that it is missing shows at the end of the file
         raise MapFileError(name, mark.line + 1 if mark else 0, "", wrong.problem or "not YAML") from None
+    except yaml.reader.ReaderError as wrong:
+        line = text.encode()[: wrong.position].count(b"\n") + 1
+        raise MapFileError(name, line, "", f"not YAML: {wrong.reason}") from None
     except yaml.YAMLError as wrong:
         raise MapFileError(name, 0, "", f"not YAML: {str(wrong).splitlines()[0]}") from None
-    return YamlFile(name, data, lines)
 
 
-def _refuse_bombs(text: str, name: str) -> None:
-    depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
+class _Reader:
+    """Turns the events of one document into plain data."""
+
+    def __init__(self, text: str, name: str) -> None:
+        self._events, self._name = _events(text), name
+        self._left = MAX_VALUES
+        self._path: list[Any] = []
+        self._resolver = yaml.resolver.Resolver()
+
+    def document(self) -> Any:
+        first = next(self._events)
+        if isinstance(first, yaml.StreamEndEvent):
+            raise MapFileError(self._name, 1, "", "empty file")
+        data = self._value(first)
+        more = next(self._events)
+        if not isinstance(more, yaml.StreamEndEvent):
+            raise self._refuse(more, "only one document is accepted")
+        return data
+
+    def _value(self, event: yaml.Event) -> Any:
+        self._left -= 1
+        if self._left < 0:
+            raise self._refuse(event, f"more than {MAX_VALUES} values")
+        if isinstance(event, yaml.ScalarEvent):
+            return self._scalar(event)
         if isinstance(event, yaml.AliasEvent):
-            raise MapFileError(name, event.start_mark.line + 1, "", "aliases are not accepted")
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_DEPTH:
-                raise MapFileError(name, event.start_mark.line + 1, "", f"nested deeper than {MAX_DEPTH}")
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
+            raise self._refuse(event, "aliases are not accepted")
+        if len(self._path) >= MAX_DEPTH:
+            raise self._refuse(event, f"nested deeper than {MAX_DEPTH}")
+        return self._sequence() if isinstance(event, yaml.SequenceStartEvent) else self._mapping()
+
+    def _sequence(self) -> list[Any]:
+        found: list[Any] = []
+        while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
+            self._path.append(len(found))
+            found.append(self._value(event))
+            self._path.pop()
+        return found
+
+    def _mapping(self) -> dict[Any, Any]:
+        found: dict[Any, Any] = {}
+        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+            if not isinstance(event, yaml.ScalarEvent):
+                raise self._refuse(event, "a key must be a plain word")
+            label = self._value(event)
+            self._path.append(str(label))
+            if label in found:
+                raise self._refuse(event, "given twice")
+            found[label] = self._value(next(self._events))
+            self._path.pop()
+        return found
+
+    def _scalar(self, event: yaml.ScalarEvent) -> Any:
+        value, tag = event.value, event.tag
+        if tag is None or tag == "!":
+            if tag or not event.implicit[0] or len(value) > MAX_NUMBER_LENGTH:
+                return value
+            tag = self._resolver.resolve(yaml.ScalarNode, value, event.implicit)
+        if tag == _STR:
+            return value
+        if tag == _NULL:
+            return None
+        try:
+            if tag in _CONSTRUCTORS and len(value) <= MAX_NUMBER_LENGTH:
+                return _CONSTRUCTORS[tag](yaml.ScalarNode(tag, value))
+        except (ValueError, KeyError, OverflowError):
+            raise self._refuse(event, f"{_short(value)!r} is not a value") from None
+        if event.tag is None:
+            return value  # a date or the like, which no map knows
+        raise self._refuse(event, f"{_short(value)!r} is not a value")
+
+    def _refuse(self, event: yaml.Event, reason: str) -> MapFileError:
+        key = "".join(f"[{step}]" if isinstance(step, int) else f".{_short(step)}" for step in self._path)
+        return MapFileError(self._name, _line(event), _short(key.removeprefix(".")), reason)
 
 
 _scalars = yaml.constructor.SafeConstructor()
+_CONSTRUCTORS: dict[str, Callable[[yaml.ScalarNode], Any]] = {
+    _INT: _scalars.construct_yaml_int,
+    _FLOAT: _scalars.construct_yaml_float,
+    _BOOL: _scalars.construct_yaml_bool,
+}
 
 
-def _build(node: yaml.Node, key: str, lines: dict[str, int], name: str) -> Any:
-    lines[key] = node.start_mark.line + 1
-    if isinstance(node, yaml.SequenceNode):
-        return [_build(item, f"{key}[{index}]", lines, name) for index, item in enumerate(node.value)]
-    if isinstance(node, yaml.MappingNode):
-        found: dict[Any, Any] = {}
-        for key_node, value_node in node.value:
-            line = key_node.start_mark.line + 1
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise MapFileError(name, line, key.removeprefix("$."), "a key must be a plain word")
-            label = _scalar(key_node, key, name)
-            if label in found:
-                raise MapFileError(name, line, f"{key}.{label}".removeprefix("$."), "given twice")
-            found[label] = _build(value_node, f"{key}.{label}", lines, name)
-        return found
-    return _scalar(node, key, name)
+def _line(event: yaml.Event) -> int:
+    return event.start_mark.line + 1 if event.start_mark else 0
 
 
-def _scalar(node: yaml.Node, key: str, name: str) -> Any:
-    try:
-        return _scalars.construct_object(node)
-    except (ValueError, TypeError, OverflowError, yaml.constructor.ConstructorError):
-        line = node.start_mark.line + 1
-        raise MapFileError(name, line, key.removeprefix("$."), f"{str(node.value)[:40]!r} is not a value") from None
-    finally:
-        _scalars.constructed_objects.clear()
+def _events(text: str) -> Iterator[yaml.Event]:
+    """The events of a text without those that open and close it or its documents."""
+    skipped = (yaml.StreamStartEvent, yaml.DocumentStartEvent, yaml.DocumentEndEvent)
+    for event in yaml.parse(text, Loader=_Loader):
+        if not isinstance(event, skipped):
+            yield event
+
+
+def _places(data: Any, path: str) -> list[int]:
+    """The way to a key path as numbers of children, as far as it goes; the longest of fitting labels wins."""
+    places: list[int] = []
+    while path:
+        if isinstance(data, list):
+            index = re.match(r"\[(\d{1,9})\]", path)
+            if not index or int(index[1]) >= len(data):
+                break
+            place, length, data = int(index[1]), index.end(), data[int(index[1])]
+        elif isinstance(data, dict):
+            fitting = [(len(f".{label}"), place, label) for place, label in enumerate(data) if _leads(path, label)]
+            if not fitting:
+                break
+            length, place, label = max(fitting, key=lambda found: found[0])
+            data = data[label]
+        else:
+            break
+        places.append(place)
+        path = path[length:]
+    return places
+
+
+def _leads(path: str, label: Any) -> bool:
+    start = f".{label}"
+    return path.startswith(start) and path[len(start) : len(start) + 1] in ("", ".", "[")
+
+
+def _line_at(text: str, places: list[int]) -> int:
+    """The line of the value that is reached by going to the numbered child at each level."""
+    events = _events(text)
+    event = next(events)
+    for place in places:
+        mapping = isinstance(event, yaml.MappingStartEvent)
+        for _ in range(2 * place + 1 if mapping else place):
+            _skip(next(events), events)
+        event = next(events)
+    return _line(event)
+
+
+def _skip(event: yaml.Event, events: Iterator[yaml.Event]) -> None:
+    depth = 0
+    while True:
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if not depth:
+            return
+        event = next(events)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 200 else f"{text[:120]}… ({len(text)} characters)"

@@ -1,0 +1,148 @@
+"""What an edit does to a building: a list of changes that can be applied, taken back and kept.
+
+A commit's changes stand in an order in which they can be made one by one: what goes
+leaves before the floor that it is on, and a floor comes before what is on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from typing import NamedTuple
+
+import msgspec
+
+from robocorba.maps.model import KIND_OF, PLACE, Building, Element, ElementKind, FloorMap
+
+
+class Key(NamedTuple):
+    """Names one element; `floor` is empty for floors and elevators."""
+
+    kind: ElementKind
+    floor: str
+    name: str
+
+    @property
+    def words(self) -> tuple[str, str, str]:
+        """Kind, floor and name as plain text, as errors and files have them."""
+        return self.kind.value, self.floor, self.name
+
+
+def key_of(floor: str, element: Element) -> Key:
+    """The key of an element that is, or will be, on `floor`."""
+    return key(KIND_OF[type(element)], floor, element.name)
+
+
+def key(kind: ElementKind, floor: str, name: str) -> Key:
+    """A key; `floor` is ignored for floors and elevators."""
+    return Key(kind, floor if kind in PLACE else "", name)
+
+
+class ChangeKind(str, Enum):
+    """What became of an element."""
+
+    CREATED = "created"
+    CHANGED = "changed"
+    REMOVED = "removed"
+
+
+class Change(msgspec.Struct, frozen=True):
+    """One element before and after the building came to `version`; None where there was none, or is none any more."""
+
+    version: int
+    key: Key
+    before: Element | None
+    after: Element | None
+
+    @property
+    def kind(self) -> ChangeKind:
+        """Created, changed or removed."""
+        if self.before is None:
+            return ChangeKind.CREATED
+        return ChangeKind.REMOVED if self.after is None else ChangeKind.CHANGED
+
+    @property
+    def floor(self) -> str:
+        """The floor it is on, empty for floors and elevators."""
+        return self.key.floor
+
+    @property
+    def element(self) -> Element:
+        """What there is now; where it was removed, what was removed."""
+        element = self.before if self.after is None else self.after
+        assert element is not None
+        return element
+
+    def _rank(self) -> int:
+        of_floor = self.key.kind is ElementKind.FLOOR
+        return int(of_floor) if self.after is None else 3 - int(of_floor)
+
+
+def ordered(changes: Iterable[Change]) -> list[Change]:
+    """Changes of one commit, of different elements, in an order in which they can be made."""
+    return sorted(changes, key=Change._rank)
+
+
+def inverse(changes: Iterable[Change], version: int) -> list[Change]:
+    """The changes that take a commit back, as those of `version`."""
+    return ordered(Change(version, change.key, change.after, change.before) for change in changes)
+
+
+def difference(before: Building, after: Building) -> dict[Key, Element | None]:
+    """The elements in which two buildings differ, as they are in `after`; None for what is not there any more."""
+    old, new = dict(elements_of(before)), dict(elements_of(after))
+    found: dict[Key, Element | None] = {key: None for key in old if key not in new}
+    found.update((key, element) for key, element in new.items() if old.get(key) != element)
+    return found
+
+
+def elements_of(building: Building) -> Iterator[tuple[Key, Element]]:
+    """Every element of a building with its key, each floor before what is on it."""
+    for name, elevator in building.elevators.items():
+        yield Key(ElementKind.ELEVATOR, "", name), elevator
+    for floor, entry in building.floors.items():
+        yield Key(ElementKind.FLOOR, "", floor), entry.floor
+        for kind in PLACE:
+            for name, element in building.elements(kind, floor).items():
+                yield Key(kind, floor, name), element
+
+
+def apply(building: Building, changes: Iterable[Change]) -> Building:
+    """The building after changes that stand in order; what they don't touch is shared.
+
+    Each dictionary is copied once, however many of its elements change.
+    Raises KeyError where a change is on a floor that does not exist."""
+    elevators: dict[str, Element] | None = None
+    floors = dict(building.floors)
+    copies: dict[tuple[str, ElementKind], dict[str, Element]] = {}
+    for change in changes:
+        kind, floor, name = change.key
+        if kind is ElementKind.FLOOR:
+            if change.after is None:
+                del floors[name]
+                copies = {place: copy for place, copy in copies.items() if place[0] != name}
+            else:
+                floors[name] = msgspec.structs.replace(
+                    floors.get(name) or FloorMap(change.after),  # type: ignore[arg-type]
+                    floor=change.after,
+                )
+            continue
+        if kind is ElementKind.ELEVATOR:
+            elements = elevators = dict(building.elevators) if elevators is None else elevators
+        else:
+            if (floor, kind) not in copies:
+                copies[floor, kind] = dict(getattr(getattr(floors[floor], PLACE[kind][0]), PLACE[kind][1]))
+            elements = copies[floor, kind]
+        if change.after is None:
+            del elements[name]
+        else:
+            elements[name] = change.after
+    for (floor, kind), copy in copies.items():
+        layer, collection = PLACE[kind]
+        changed = msgspec.structs.replace(getattr(floors[floor], layer), **{collection: copy})
+        floors[floor] = msgspec.structs.replace(floors[floor], **{layer: changed})
+    return Building(
+        building.name,
+        dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0]))),
+        building.elevators if elevators is None else elevators,  # type: ignore[arg-type]
+    )

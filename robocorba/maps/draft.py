@@ -1,0 +1,128 @@
+"""Edits that are gathered but not made: what they would leave of the elements they touch.
+
+A draft lies over the building as it stands, not over a copy. Each element it touches is
+remembered with the version it had then, so that nobody's work is overwritten unseen.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from robocorba.errors import DuplicateElement, StaleEdit, UnknownElement
+from robocorba.maps.changes import Change, Key, key, key_of, ordered
+from robocorba.maps.element_rules import size_of
+from robocorba.maps.model import PLACE, Building, Element, ElementKind
+from robocorba.maps.validation import check_element
+
+#: The names of one kind on one floor with the versions that last changed them; never changed in place.
+Versions = dict[tuple[ElementKind, str], dict[str, int]]
+
+
+class State(NamedTuple):
+    """A building at a version, and the version that last changed each element. Never changed in place.
+
+    `size` is what it counts towards the limit, see size_of."""
+
+    building: Building
+    version: int
+    versions: Versions
+    size: int
+
+    def version_of(self, key: Key) -> int:
+        """The version that last changed an element, 0 where there is none."""
+        return self.versions.get((key.kind, key.floor), {}).get(key.name, 0)
+
+
+class Draft:
+    """Edits on top of a state. The version of an element does not rise within a draft: it is the one
+    that the element had when the draft first touched it, and 0 for one that the draft itself made."""
+
+    def __init__(self) -> None:
+        self._after: dict[Key, Element | None] = {}
+        self._read: dict[Key, int] = {}
+        self._cleared: set[str] = set()
+        self.size = 0
+
+    def create(self, state: State, floor: str, element: Element) -> None:
+        """Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
+        new = key_of(floor, element)
+        if new.kind in PLACE and not self._exists(state, _floor_key(new.floor)):
+            raise UnknownElement(*_floor_key(new.floor).words)
+        if self._exists(state, new):
+            raise DuplicateElement(*new.words)
+        check_element(new.floor, element)
+        self._put(state, new, element)
+
+    def change(self, state: State, floor: str, element: Element, expected: int) -> None:
+        """Raises UnknownElement, StaleEdit, InvalidElement."""
+        changed = key_of(floor, element)
+        self._claim(state, changed, expected)
+        check_element(changed.floor, element)
+        self._put(state, changed, element)
+
+    def remove(self, state: State, kind: ElementKind, floor: str, name: str, expected: int) -> None:
+        """Raises UnknownElement, StaleEdit. With a floor goes all that is on it."""
+        gone = key(kind, floor, name)
+        self._claim(state, gone, expected)
+        if kind is ElementKind.FLOOR:
+            for on_it in [other for other in self._after if other.floor == name]:
+                self._drop(on_it)
+        self._put(state, gone, None)
+        if not self._read[gone]:
+            self._drop(gone)
+        elif kind is ElementKind.FLOOR:
+            self._cleared.add(name)
+
+    def changes(self, state: State, version: int) -> list[Change]:
+        """What the draft makes of `state`, as the changes of `version`.
+
+        Raises StaleEdit, DuplicateElement or UnknownElement where a touched element is not what it was."""
+        for touched, read in self._read.items():
+            current = state.version_of(touched)
+            if current == read or touched.floor in self._cleared:
+                continue
+            if not read:
+                raise DuplicateElement(*touched.words)
+            if not current:
+                raise UnknownElement(*touched.words)
+            raise StaleEdit(*touched.words, read, current)
+        after = dict(self._after)
+        for floor in self._cleared & state.building.floors.keys():
+            for kind in PLACE:
+                for name in state.building.elements(kind, floor):
+                    after.setdefault(Key(kind, floor, name), None)
+        for touched, element in after.items():
+            if element is not None and touched.floor and not self._exists(state, _floor_key(touched.floor)):
+                raise UnknownElement(*_floor_key(touched.floor).words)
+        pairs = ((touched, state.building.find(*touched), element) for touched, element in after.items())
+        return ordered(
+            Change(version, touched, before, element)
+            for touched, before, element in pairs
+            if before is not None or element is not None
+        )
+
+    def _exists(self, state: State, wanted: Key) -> bool:
+        if wanted in self._after:
+            return self._after[wanted] is not None
+        return wanted.floor not in self._cleared and state.version_of(wanted) > 0
+
+    def _claim(self, state: State, wanted: Key, expected: int) -> None:
+        if not self._exists(state, wanted):
+            raise UnknownElement(*wanted.words)
+        current = self._read.get(wanted, state.version_of(wanted))
+        if expected != current:
+            raise StaleEdit(*wanted.words, expected, current)
+
+    def _put(self, state: State, touched: Key, element: Element | None) -> None:
+        fresh = touched.floor in self._cleared
+        self._read.setdefault(touched, 0 if fresh else state.version_of(touched))
+        self.size += size_of(element) - size_of(self._after.get(touched))
+        self._after[touched] = element
+
+    def _drop(self, touched: Key) -> None:
+        self.size -= size_of(self._after.pop(touched))
+        del self._read[touched]
+
+
+def _floor_key(floor: str) -> Key:
+    return Key(ElementKind.FLOOR, "", floor)

@@ -1,0 +1,371 @@
+"""A building on disk: one SQLite file, one durable transaction for each accepted edit.
+
+Kept are every element with the version that last changed it, and a journal of commits
+from which undo, redo and the list of changes are answered, also after a crash.
+The order of rows is the order of the building's dictionaries.
+
+What goes wrong with the file, a full disk included, is a MapFileError.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sqlite3
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from enum import Enum, IntEnum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from robocorba.errors import AlreadyRunning, MapFileError, VersionUnavailable
+from robocorba.maps.changes import Change, Key, elements_of
+from robocorba.maps.model import (
+    PLACE,
+    TYPE_OF,
+    Building,
+    Element,
+    ElementKind,
+    FloorMap,
+    GeometricalMap,
+    TopologicalMap,
+)
+
+#: "RoCo": tells our files from those of others.
+APPLICATION_ID = 0x526F436F
+SCHEMA_VERSION = 1
+#: The version of a building that was just put into a fresh store.
+FIRST_VERSION = 1
+#: The journal keeps at most so many changed elements, whatever number of commits they make up.
+MAX_JOURNAL_CHANGES = 1_000_000
+
+_SCHEMA = (
+    "CREATE TABLE building (name TEXT NOT NULL, version INTEGER NOT NULL)",
+    """CREATE TABLE elements (
+        id INTEGER PRIMARY KEY, kind TEXT NOT NULL, floor TEXT NOT NULL, name TEXT NOT NULL,
+        version INTEGER NOT NULL, value TEXT NOT NULL, UNIQUE (kind, floor, name))""",
+    """CREATE TABLE commits (
+        version INTEGER PRIMARY KEY, state INTEGER NOT NULL, size INTEGER NOT NULL,
+        name_before TEXT NOT NULL, name_after TEXT NOT NULL)""",
+    "CREATE INDEX commits_by_state ON commits (state, version)",
+    """CREATE TABLE changes (
+        version INTEGER NOT NULL, position INTEGER NOT NULL,
+        kind TEXT NOT NULL, floor TEXT NOT NULL, name TEXT NOT NULL, before TEXT, after TEXT,
+        PRIMARY KEY (version, position)) WITHOUT ROWID""",
+    f"PRAGMA application_id = {APPLICATION_ID}",
+    f"PRAGMA user_version = {SCHEMA_VERSION}",
+)
+_ELEMENT_COLUMNS = "kind, floor, name, version, value"
+_CHANGE_COLUMNS = "version, kind, floor, name, before, after"
+
+_decoders: dict[ElementKind, msgspec.json.Decoder[Any]] = {
+    kind: msgspec.json.Decoder(struct) for kind, struct in TYPE_OF.items()
+}
+_KINDS = {kind.value: kind for kind in ElementKind}
+
+
+class Step(str, Enum):
+    """What a commit does with the history."""
+
+    EDIT = "edit"
+    UNDO = "undo"
+    REDO = "redo"
+
+
+class _State(IntEnum):
+    """What can become of a commit: undo takes the newest DONE one, redo the oldest UNDONE one."""
+
+    PAST = 0
+    DONE = 1
+    UNDONE = 2
+
+
+class Stored(NamedTuple):
+    """A building as loaded: `versions` has the version that last changed each element."""
+
+    building: Building
+    version: int
+    versions: dict[Key, int]
+
+
+class Commit(NamedTuple):
+    """A commit of the journal; the names are those of the building."""
+
+    version: int
+    name_before: str
+    name_after: str
+    changes: list[Change]
+
+
+class MapStore:
+    """A building's file, opened by one process at a time. One thread writes; any thread reads the journal.
+
+    Raises AlreadyRunning where another process has it open, MapFileError where there is no
+    such file or it isn't a sound map store of this release."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with _guarded(self.path):
+            if not self.exists(self.path):
+                raise MapFileError(str(self.path), 0, "", "there is no map store")
+            self._lock = _lock(self.path)
+            try:
+                self._check()
+                self._writer = _connect(self.path, "rw")
+                self._writer.execute("PRAGMA journal_mode = WAL")
+                self._writer.execute("PRAGMA synchronous = FULL")
+                self._reader = _connect(self.path, "ro")
+                self._reading = threading.Lock()
+                self._journaled = self._writer.execute("SELECT total(size) FROM commits").fetchone()[0]
+            except BaseException:
+                os.close(self._lock)
+                raise
+
+    @staticmethod
+    def exists(path: str | Path) -> bool:
+        """Whether there is such a file; a store appears under its name only once it is filled."""
+        return Path(path).exists()
+
+    @classmethod
+    def create(cls, path: str | Path, building: Building) -> MapStore:
+        """A fresh store with `building` at FIRST_VERSION, there as a whole or not at all.
+
+        Raises MapFileError where there is such a file already, AlreadyRunning as the constructor."""
+        file = Path(path)
+        fresh = Path(f"{file}.new")
+        with _guarded(file):
+            lock = _lock(file)
+            try:
+                if file.exists():
+                    raise MapFileError(str(file), 0, "", "there is such a file already")
+                # A log left from a store that was deleted would be read into the new one.
+                for left in (fresh, Path(f"{fresh}-journal"), Path(f"{file}-wal"), Path(f"{file}-shm")):
+                    left.unlink(missing_ok=True)
+                with closing(_connect(fresh, "rwc")) as connection:
+                    connection.execute("PRAGMA synchronous = FULL")
+                    with _transaction(connection):
+                        _fill(connection, building)
+                fresh.rename(file)
+                _sync_folder(file.absolute().parent)
+            finally:
+                os.close(lock)
+        return cls(file)
+
+    def _check(self) -> None:
+        with closing(_connect(self.path, "rw")) as connection:
+            if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
+                raise MapFileError(str(self.path), 0, "", "not a map store of RoboCorba")
+            schema = connection.execute("PRAGMA user_version").fetchone()[0]
+            if schema != SCHEMA_VERSION:
+                reason = f"its schema is version {schema}, this release reads {SCHEMA_VERSION}"
+                raise MapFileError(str(self.path), 0, "", reason)
+            found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if found != "ok":
+                raise MapFileError(str(self.path), 0, "", f"damaged: {found}")
+
+    def close(self) -> None:
+        """Let go of the file. Nothing is lost without it."""
+        with self._reading:
+            self._reader.close()
+        self._writer.close()
+        os.close(self._lock)
+
+    def __enter__(self) -> MapStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def load(self) -> Stored:
+        """The building as of the last commit."""
+        with _guarded(self.path):
+            row = self._writer.execute("SELECT name, version FROM building").fetchone()
+            if row is None:
+                raise MapFileError(str(self.path), 0, "", "damaged: it holds no building")
+            versions: dict[Key, int] = {}
+            layers: dict[tuple[str, str], dict[str, Any]] = {}
+            query = f"SELECT {_ELEMENT_COLUMNS} FROM elements ORDER BY id"
+            for kind, floor, name, version, value in self._writer.execute(query):
+                key = Key(_KINDS[kind], floor, name)
+                versions[key] = version
+                layers.setdefault((floor, kind), {})[name] = _decoders[key.kind].decode(value)
+        floors = sorted(layers.get(("", "floor"), {}).values(), key=lambda floor: (floor.level, floor.name))
+        known = {floor.name for floor in floors} | {""}
+        lost = next((floor for floor, _ in layers if floor not in known), None)
+        if lost is not None:
+            raise MapFileError(str(self.path), 0, "", f"damaged: it has elements on {lost!r}, which is no floor")
+        entries = {floor.name: _floor_map(floor, layers) for floor in floors}
+        return Stored(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
+
+    def commit(
+        self,
+        changes: Sequence[Change],
+        version: int,
+        names: tuple[str, str],
+        step: Step = Step.EDIT,
+        source: int = 0,
+        keep: int = 10_000,
+    ) -> None:
+        """Make the changes of `version`, the next one, durable; all of them or, when this raises, none.
+
+        `names` is the building's name before and after. UNDO and REDO name in `source` the
+        commit that they take back or repeat. The journal keeps the newest `keep` commits."""
+        with _guarded(self.path), _transaction(self._writer) as writer:
+            current = writer.execute("SELECT version FROM building").fetchone()[0]
+            assert version == current + 1, (version, current)
+            writer.execute("UPDATE building SET name = ?, version = ?", (names[1], version))
+            _write_elements(writer, changes)
+            if step is Step.EDIT:
+                writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_State.PAST, _State.UNDONE))
+            else:
+                state = _State.UNDONE if step is Step.UNDO else _State.DONE
+                writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
+            forgotten = self._forget(version - keep, len(changes))
+            state = _State.DONE if step is Step.EDIT else _State.PAST
+            writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
+            writer.executemany(
+                "INSERT INTO changes VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (
+                    (version, place, *change.key.words, _text(change.before), _text(change.after))
+                    for place, change in enumerate(changes)
+                ),
+            )
+        self._journaled += len(changes) - forgotten
+
+    def _forget(self, up_to: int, added: int) -> int:
+        """Drop the commits up to a version, and more while the journal is too large; returns the changes dropped."""
+        forgotten = 0
+        query = "SELECT version, size, state FROM commits ORDER BY version"
+        last, redo_lost = 0, False
+        for version, size, state in self._writer.execute(query):
+            if version > up_to and self._journaled + added - forgotten <= MAX_JOURNAL_CHANGES:
+                break
+            last, forgotten, redo_lost = version, forgotten + size, redo_lost or state == _State.UNDONE
+        if last:
+            self._writer.execute("DELETE FROM changes WHERE version <= ?", (last,))
+            self._writer.execute("DELETE FROM commits WHERE version <= ?", (last,))
+        if redo_lost:
+            # A later redo stands on the one that is lost.
+            self._writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_State.PAST, _State.UNDONE))
+        return forgotten
+
+    def undoable(self) -> Commit | None:
+        """The commit that undo takes back."""
+        return self._commit("DESC", _State.DONE)
+
+    def redoable(self) -> Commit | None:
+        """The commit that redo repeats."""
+        return self._commit("ASC", _State.UNDONE)
+
+    def _commit(self, order: str, state: _State) -> Commit | None:
+        query = f"SELECT version, name_before, name_after FROM commits WHERE state = ? ORDER BY version {order} LIMIT 1"
+        with _guarded(self.path):
+            row = self._writer.execute(query, (state,)).fetchone()
+            if row is None:
+                return None
+            query = f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version = ? ORDER BY position"
+            return Commit(row[0], row[1], row[2], _changes(self._writer.execute(query, (row[0],))))
+
+    def changes_since(self, since: int, current: int) -> list[Change]:
+        """What happened after version `since` up to `current`, in order.
+
+        Raises VersionUnavailable where the journal does not reach back to `since`, or `since` is after `current`."""
+        with _guarded(self.path), self._reading, _transaction(self._reader, "DEFERRED") as reader:
+            first = reader.execute("SELECT min(version) FROM commits").fetchone()[0]
+            oldest = current if first is None else min(first - 1, current)
+            if not oldest <= since <= current:
+                raise VersionUnavailable(since, oldest, current)
+            query = (
+                f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version > ? AND version <= ? ORDER BY version, position"
+            )
+            return _changes(reader.execute(query, (since, current)))
+
+
+def _lock(path: Path) -> int:
+    """Hold a lock file beside the store for as long as the returned descriptor is open, and not beyond a crash."""
+    descriptor = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise AlreadyRunning(f"{path} is in use by another process") from None
+    return descriptor
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    uri = f"{path.absolute().as_uri()}?mode={mode}"
+    return sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+
+
+@contextmanager
+def _transaction(connection: sqlite3.Connection, kind: str = "IMMEDIATE") -> Iterator[sqlite3.Connection]:
+    connection.execute(f"BEGIN {kind}")
+    try:
+        yield connection
+        connection.execute("COMMIT")
+    finally:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+
+
+@contextmanager
+def _guarded(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as wrong:
+        raise MapFileError(str(path), 0, "", wrong.strerror or str(wrong)) from None
+    except sqlite3.Error as wrong:
+        raise MapFileError(str(path), 0, "", str(wrong)) from wrong
+    except (msgspec.DecodeError, KeyError) as wrong:
+        raise MapFileError(str(path), 0, "", f"damaged: {wrong}") from wrong
+
+
+def _fill(connection: sqlite3.Connection, building: Building) -> None:
+    for statement in _SCHEMA:
+        connection.execute(statement)
+    connection.execute("INSERT INTO building VALUES (?, ?)", (building.name, FIRST_VERSION))
+    _write_elements(connection, [Change(FIRST_VERSION, key, None, element) for key, element in elements_of(building)])
+
+
+def _write_elements(connection: sqlite3.Connection, changes: Sequence[Change]) -> None:
+    connection.executemany(
+        "DELETE FROM elements WHERE kind = ? AND floor = ? AND name = ?",
+        (change.key.words for change in changes if change.after is None),
+    )
+    # An update keeps the row's id, as a dictionary keeps the place of a key.
+    connection.executemany(
+        f"INSERT INTO elements ({_ELEMENT_COLUMNS}) VALUES (?, ?, ?, ?, ?) ON CONFLICT (kind, floor, name) "
+        "DO UPDATE SET version = excluded.version, value = excluded.value",
+        ((*change.key.words, change.version, _text(change.after)) for change in changes if change.after is not None),
+    )
+
+
+def _text(element: Element | None) -> str | None:
+    return None if element is None else msgspec.json.encode(element).decode()
+
+
+def _changes(rows: sqlite3.Cursor) -> list[Change]:
+    found = []
+    for version, kind, floor, name, before, after in rows:
+        key = Key(_KINDS[kind], floor, name)
+        decode = _decoders[key.kind].decode
+        found.append(Change(version, key, before and decode(before), after and decode(after)))
+    return found
+
+
+def _floor_map(floor: Any, layers: dict[tuple[str, str], dict[str, Any]]) -> FloorMap:
+    parts: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
+    for kind, (layer, collection) in PLACE.items():
+        parts[layer][collection] = layers.get((floor.name, kind.value), {})
+    return FloorMap(floor, GeometricalMap(**parts["geometrical"]), TopologicalMap(**parts["topological"]))

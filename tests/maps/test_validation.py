@@ -1,0 +1,340 @@
+"""Each rule, by a change that breaks it; and that the check of an edit agrees with the check of everything."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robocorba.errors import InvalidElement
+from robocorba.maps import changes
+from robocorba.maps.changes import Change
+from robocorba.maps.model import (
+    PLACE,
+    Area,
+    BoxShape,
+    Building,
+    CircleShape,
+    Door,
+    Element,
+    ElementKind,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    MapObject,
+    PathEdge,
+    PathNode,
+    PolygonShape,
+    SegmentShape,
+    Side,
+    Wall,
+)
+from robocorba.maps.validation import check_change, check_element, problems
+from tests.maps.buildings import buildings, grid, placed, two_floors, with_all
+
+NAN, INF = math.nan, math.inf
+SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+BOWTIE = ((0.0, 0.0), (2.0, 2.0), (2.0, 0.0), (0.0, 2.0))
+HOSTILE = [NAN, INF, -INF, 1e308, -1e308, 1.0000001e6]
+
+
+def wall(**values: Any) -> Wall:
+    return Wall(**{"name": "x", "a": (1.0, 1.0), "b": (2.0, 1.0), **values})
+
+
+def thing(shape: Any, **values: Any) -> MapObject:
+    return MapObject(**{"name": "x", "shape": shape, "at": (2.0, 2.0), **values})
+
+
+def node(x: float, y: float, name: str = "x", **values: Any) -> PathNode:
+    return PathNode(name=name, at=(x, y), **values)
+
+
+def edge(a: str, b: str, **values: Any) -> PathEdge:
+    return PathEdge(**{"name": "x", "a": a, "b": b, **values})
+
+
+def lift(*doors: ElevatorDoor, **values: Any) -> Elevator:
+    return Elevator(**{"name": "x", "at": (100.0, 100.0), "size": (2.0, 1.0), "doors": doors, **values})
+
+
+FRONT = ElevatorDoor(floor="L1")
+
+
+def test_a_building_in_order_has_no_problems(building: Building) -> None:
+    assert problems(building) == []
+    assert problems(Building("empty")) == []
+    assert problems(grid(5, 4, floors=2, doors=2)) == []
+
+
+@pytest.mark.parametrize(
+    ("element", "reason"),
+    [
+        (wall(name=""), "the name is empty"),
+        (wall(name="x" * 201), "the name has 201 characters, at most 200"),
+        (wall(name="a\nb"), "unprintable character U+000A"),
+        (wall(name="a\ud800"), "unprintable character U+D800"),
+        (Floor(name="L:1", level=9, elevation=9.0), "must not hold ':'"),
+        (Floor(name="L/1", level=9, elevation=9.0), "must not hold '/'"),
+        (Floor(name="L", level=2**31, elevation=9.0), "level must be from"),
+        (Floor(name="L", level=10**5000, elevation=9.0), "level must be from"),
+        (Floor(name="L", level=1, elevation=9.0, height=0.0), "height must be from 0.001"),
+        (Floor(name="L", level=1, elevation=9.0, outline=SQUARE[:2]), "outline has 2 points"),
+        (wall(b=(1.0, 1.0)), "it has no length"),
+        (wall(b=(1.0, 1.0005)), "it has no length"),
+        (wall(height=-1.0), "height must be"),
+        (Door(name="x", a=(1.0, 1.0), b=(1.0, 1.0)), "it has no length"),
+        (thing(SegmentShape(length=0.0)), "length must be"),
+        (thing(BoxShape(size=(1.0, 0.0))), "size y must be"),
+        (thing(CircleShape(radius=-1.0)), "radius must be"),
+        (thing(PolygonShape(points=BOWTIE)), "the polygon crosses or touches itself near 1, 1"),
+        (thing(CircleShape(radius=1.0), height=0.0), "height must be"),
+        (Area(name="x", polygon=()), "the polygon has 0 points"),
+        (Area(name="x", polygon=((0.0, 0.0), (1.0, 0.0), (2.0, 0.0))), "encloses no area"),
+        (Area(name="x", polygon=((0.0, 0.0), (1e-320, 0.0), (0.0, 1e-320))), "encloses no area"),
+        (Area(name="x", polygon=((5.0, 5.0),) * 4), "encloses no area"),
+        (Area(name="x", polygon=((0.0, 0.0),) * 10_001), "has 10001 points, at most 10000"),
+        (Area(name="x", polygon=(*SQUARE[:3], (NAN, 1.0))), "point 4 x is not a finite number"),
+        (Area(name="x", polygon=SQUARE, subnet="\0"), "subnet holds the unprintable"),
+        (edge("a", "a"), "from a node to the same node"),
+        (edge("", "a"), "from is empty"),
+        (edge("a", "b", speed_limit=-1.0), "speed_limit must be"),
+        (edge("a", "b", speed_limit=1e-300), "speed_limit must be from 0.001"),
+        (edge("a", "b", clearance=-0.1), "clearance must be from 0"),
+        (edge("a", "b", graphs=("",)), "the name of a graph is empty"),
+        (edge("a", "b", graphs=("g",) * 101), "at most 100"),
+        (lift(), "it serves no floor"),
+        (lift(FRONT, speed=0.0), "speed must be"),
+        (lift(FRONT, door_time=-1.0), "door_time must be from 0"),
+        (lift(FRONT, size=(2.0, 0.0)), "size y must be"),
+        (lift(ElevatorDoor(floor="L1", width=2.1)), "front door on 'L1' is 2.1 m wide, the side 2 m"),
+        (lift(ElevatorDoor(floor="L1", width=1.1, side=Side.LEFT)), "left door on 'L1' is 1.1 m wide, the side 1 m"),
+        (lift(ElevatorDoor(floor="L1", width=1.0, offset=0.6)), "reaches beyond the side"),
+        (lift(ElevatorDoor(floor="L1", width=0.0)), "the width of a door must be"),
+        (lift(ElevatorDoor(floor="")), "the floor of a door is empty"),
+        (
+            lift(ElevatorDoor(floor="L1", width=0.8), ElevatorDoor(floor="L1", width=0.8, offset=0.5)),
+            "doors on 'L1' ov",
+        ),
+        (lift(*[FRONT] * 1001), "has 1001 doors"),
+    ],
+)
+def test_an_element_by_itself(element: Element, reason: str) -> None:
+    with pytest.raises(InvalidElement) as wrong:
+        check_element("L1", element)
+    assert reason in str(wrong.value)
+    assert wrong.value.name == element.name
+
+
+def test_doors_of_an_elevator_may_meet_and_be_as_wide_as_the_side() -> None:
+    check_element("", lift(ElevatorDoor(floor="L1", width=2.0), ElevatorDoor(floor="L2", width=2.0)))
+    halves = [ElevatorDoor(floor="L1", width=1.0, offset=offset) for offset in (-0.5, 0.5)]
+    check_element("", lift(*halves, ElevatorDoor(floor="L1", side=Side.BACK)))
+
+
+@pytest.mark.parametrize("value", HOSTILE)
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda value: Floor(name="x", level=1, elevation=value),
+        lambda value: Floor(name="x", level=1, elevation=0.0, height=value),
+        lambda value: Floor(name="x", level=1, elevation=0.0, outline=(*SQUARE, (0.5, value))),
+        lambda value: wall(a=(value, 0.0)),
+        lambda value: wall(height=value),
+        lambda value: Door(name="x", a=(0.0, 0.0), b=(0.0, value)),
+        lambda value: thing(SegmentShape(length=value)),
+        lambda value: thing(BoxShape(size=(value, 1.0))),
+        lambda value: thing(CircleShape(radius=value)),
+        lambda value: thing(PolygonShape(points=((value, 0.0), *SQUARE))),
+        lambda value: thing(CircleShape(radius=1.0), at=(value, 0.0)),
+        lambda value: thing(CircleShape(radius=1.0), heading=value),
+        lambda value: Area(name="x", polygon=((value, value), *SQUARE)),
+        lambda value: node(value, 0.0),
+        lambda value: edge("a", "b", speed_limit=value),
+        lambda value: edge("a", "b", clearance=value),
+        lambda value: lift(FRONT, at=(0.0, value)),
+        lambda value: lift(FRONT, size=(value, value)),
+        lambda value: lift(FRONT, heading=value),
+        lambda value: lift(FRONT, speed=value),
+        lambda value: lift(FRONT, door_time=value),
+        lambda value: lift(ElevatorDoor(floor="L1", width=value)),
+        lambda value: lift(ElevatorDoor(floor="L1", offset=value)),
+    ],
+)
+def test_hostile_numbers(make: Any, value: float) -> None:
+    element = make(value)
+    with pytest.raises(InvalidElement):
+        check_element("L1", element)
+    assert problems(two_floors().with_element("L1", element))
+
+
+def test_a_long_name_makes_a_short_message() -> None:
+    with pytest.raises(InvalidElement) as wrong:
+        check_element("L1", wall(name="x" * 1_000_000))
+    assert len(str(wrong.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("floor", "element", "blamed", "reason"),
+    [
+        ("L1", node(5.0, 8.0), "x", "stands inside object 'table'"),
+        ("L1", node(10.0, 2.0), "x", "stands on wall 'w'"),
+        ("L1", node(10.0009, 2.0), "x", "stands on wall 'w'"),
+        ("L1", node(20.5, 5.0), "x", "outside the outline"),
+        ("L1", node(18.0, 4.0), "x", "stands on the shaft of elevator 'E1'"),
+        ("L1", node(18.0, 5.0, elevator="E9"), "x", "elevator 'E9', which does not exist"),
+        ("L1", node(2.0, 5.0, elevator="E1"), "x", "stands outside its shaft"),
+        ("L1", node(5.0, 2.0, name="west"), "west-east", "leads through wall 'w' near 10,"),
+        ("L1", node(15.0, 1.0, name="east"), "west-east", "leads through wall 'w' near 10,"),
+        ("L1", node(15.0, 5.0, name="west"), "west-east", "its nodes stand at the same place"),
+        ("L1", edge("west", "nowhere"), "x", "node 'nowhere' does not exist"),
+        ("L1", edge("west", "lift2"), "x", "node 'lift2' does not exist"),
+        ("L1", wall(a=(7.0, 4.0), b=(7.0, 6.0)), "west-east", "leads through wall 'x' near 7, 5"),
+        ("L1", wall(a=(15.0, 5.0), b=(15.0, 6.0)), "east", "stands on wall 'x'"),
+        ("L1", thing(CircleShape(radius=0.5), at=(7.0, 5.0)), "west-east", "leads through object 'x'"),
+        ("L1", thing(SegmentShape(length=1.0), at=(7.0, 5.0), heading=1.0), "west-east", "leads through object 'x'"),
+        ("L1", Door(name="d", a=(10.0, 6.0), b=(10.0, 8.0)), "west-east", "leads through wall 'w' near 10, 5"),
+        ("L1", Door(name="d", a=(10.0, 4.0), b=(10.0, 6.0), locked=True), "west-east", "through locked door 'd'"),
+        ("L1", Door(name="x", a=(7.0, 4.0), b=(7.0, 6.0), locked=True), "west-east", "through locked door 'x'"),
+        ("", lift(FRONT, name="E1", at=(18.0, 5.0), size=(2.0, 2.0)), "in", "through the shaft of elevator 'E1'"),
+        ("", lift(FRONT, at=(18.5, 6.4)), "x", "its shaft overlaps that of elevator 'E1'"),
+        ("", lift(ElevatorDoor(floor="L9")), "x", "it serves floor 'L9', which does not exist"),
+        ("", lift(FRONT, at=(7.0, 5.0)), "west-east", "through the shaft of elevator 'x'"),
+        ("", Floor(name="L3", level=2, elevation=9.0), "L3", "level 2 is that of floor 'L2'"),
+        ("", Floor(name="L3", level=3, elevation=4.0), "L3", "elevation 4 m at level 3 does not fit floor 'L2': 4 m"),
+        ("", Floor(name="L0", level=0, elevation=0.0), "L0", "elevation 0 m at level 0 does not fit floor 'L1': 0 m"),
+        (
+            "",
+            Floor(name="L1", level=1, elevation=0.0, outline=tuple((9 * x, 9 * y) for x, y in SQUARE)),
+            "east",
+            "outside",
+        ),
+    ],
+)
+def test_elements_together(building: Building, floor: str, element: Element, blamed: str, reason: str) -> None:
+    key = changes.key_of(floor, element)
+    after = building.with_element(floor, element)
+    with pytest.raises(InvalidElement) as wrong:
+        check_change(after, [key], building)
+    assert (wrong.value.name, reason in wrong.value.reason) == (blamed, True), wrong.value
+    assert_found(wrong.value, after)
+
+
+def assert_found(wrong: InvalidElement, building: Building) -> None:
+    """The full check finds the same; where two floors or shafts clash it may name the other one."""
+    found = problems(building, limit=10_000)
+    if "level" in wrong.reason or "overlaps" in wrong.reason:
+        assert any(word in other.reason for other in found for word in ("level", "overlaps"))
+    else:
+        assert str(wrong) in map(str, found)
+
+
+def test_moving_the_landing_door_of_an_elevator_closes_the_wall_before_it(building: Building) -> None:
+    before = building.with_element("L1", wall(a=(16.9, 0.0), b=(16.9, 10.0)))
+    assert problems(before) == []
+    moved = msgspec.structs.replace(
+        building.elevators["E1"],
+        doors=tuple(ElevatorDoor(floor=name, side=Side.BACK, width=0.5, offset=0.75) for name in ("L1", "L2")),
+    )
+    after = before.with_element("", moved)
+    with pytest.raises(InvalidElement) as wrong:
+        check_change(after, [(ElementKind.ELEVATOR, "", "E1")], before)
+    assert wrong.value.name in ("in", "lift2-top")
+    assert {"leads through wall 'x'" in str(found) for found in problems(after)} == {True, False}
+
+
+def test_removing_a_long_elevator_closes_the_wall_before_its_narrow_side() -> None:
+    door = ElevatorDoor(floor="L1", side=Side.RIGHT, width=0.8)
+    before = with_all(
+        Building("long"),
+        [
+            ("", Floor(name="L1", level=1, elevation=0.0)),
+            ("", lift(door, at=(0.0, 0.0), size=(4.0, 1.0))),
+            ("L1", wall(name="w", a=(2.3, -3.0), b=(2.3, 3.0))),
+            ("L1", node(1.0, 0.0, "in")),
+            ("L1", node(4.0, 0.0, "out")),
+            ("L1", edge("in", "out")),
+        ],
+    )
+    assert problems(before) == []
+    with pytest.raises(InvalidElement, match="leads through wall 'w'"):
+        check_change(before.without(ElementKind.ELEVATOR, "", "x"), [(ElementKind.ELEVATOR, "", "x")], before)
+
+
+@pytest.mark.parametrize(
+    ("kind", "floor", "name", "blamed", "reason"),
+    [
+        (ElementKind.NODE, "L1", "west", "west-east", "node 'west' does not exist"),
+        (ElementKind.DOOR, "L1", "d", "west-east", "leads through wall 'w'"),
+        (ElementKind.ELEVATOR, "", "E1", "lift1", "elevator 'E1', which does not exist"),
+        (ElementKind.FLOOR, "", "L2", "E1", "serves floor 'L2', which does not exist"),
+    ],
+)
+def test_removing(building: Building, kind: ElementKind, floor: str, name: str, blamed: str, reason: str) -> None:
+    after = building.without(kind, floor, name)
+    with pytest.raises(InvalidElement) as wrong:
+        check_change(after, [(kind, floor, name)], building)
+    assert (wrong.value.name, reason in wrong.value.reason) == (blamed, True), wrong.value
+    assert str(wrong.value) in map(str, problems(after))
+
+
+def test_an_edge_may_use_a_door_and_pass_an_elevator_of_another_floor_only_outside_its_shaft(
+    building: Building,
+) -> None:
+    after = with_all(building, [("L2", node(15.0, 8.0, "n")), ("L2", edge("top", "n"))])
+    check_change(after, [(ElementKind.NODE, "L2", "n"), (ElementKind.EDGE, "L2", "x")], building)
+    after = with_all(after, [("", lift(FRONT, at=(15.0, 7.0)))])
+    with pytest.raises(InvalidElement, match="through the shaft of elevator 'x'"):
+        check_change(after, [(ElementKind.ELEVATOR, "", "x")], building)
+
+
+def test_problems_are_limited(building: Building) -> None:
+    many = with_all(building, [("L1", wall(name=f"w{i}", height=NAN)) for i in range(30)])
+    assert len(problems(many)) == 30
+    assert len(problems(many, limit=3)) == 3
+
+
+@settings(deadline=None, max_examples=150)
+@given(buildings(), st.lists(st.tuples(placed, st.booleans()), min_size=1, max_size=4))
+def test_the_check_of_an_edit_agrees_with_the_check_of_everything(
+    before: Building, edits: list[tuple[tuple[str, Element], bool]]
+) -> None:
+    after = before
+    touched = set()
+    for (floor, element), remove in edits:
+        key = changes.key_of(floor, element)
+        if key.kind in PLACE and floor not in after.floors:
+            continue
+        if not remove:
+            after = after.with_element(floor, element)
+            touched.add(key)
+        elif after.find(*key) is not None:
+            if key.kind is ElementKind.FLOOR:
+                touched |= {other for other, _ in changes.elements_of(after) if other.floor == key.name}
+            after = after.without(*key)
+            touched.add(key)
+    wrong = problems(after)
+    if not wrong:
+        check_change(after, touched, before)
+        return
+    with pytest.raises(InvalidElement) as raised:
+        check_change(after, touched, before)
+    assert_found(raised.value, after)
+
+
+@settings(deadline=None, max_examples=60)
+@given(buildings(), buildings())
+def test_the_difference_of_two_buildings_leads_from_one_to_the_other(before: Building, after: Building) -> None:
+    difference = changes.difference(before, after)
+    steps = changes.ordered(Change(2, key, before.find(*key), element) for key, element in difference.items())
+    assert changes.apply(before, steps) == after
+    assert changes.apply(after, changes.inverse(steps, 3)) == before
+    one_by_one = before
+    for step in steps:
+        one_by_one = changes.apply(one_by_one, [step])
+    assert one_by_one == after
+    check_change(after, difference, before)
