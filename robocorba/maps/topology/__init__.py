@@ -1,0 +1,97 @@
+"""Roads for a floor that was drawn without any.
+
+The medial axis of the free space, from the Voronoi diagram of points along all
+obstacles, keeps as far from everything as one can and has the same connections and
+loops as the free space itself. It is pruned, straightened and thinned until it reads
+like a road map. Every move of a node is made only where the strip that its edges sweep
+is free, so a road never jumps to the other side of an obstacle.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import shapely
+from shapely import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.errors import InvalidElement, UnknownElement
+from robocorba.maps import geometry
+from robocorba.maps.model import Building, TopologicalMap
+from robocorba.maps.topology.axis import connect, draw_axis
+from robocorba.maps.topology.doorways import enter_cabin, mark_doorways
+from robocorba.maps.topology.lookouts import look_around
+from robocorba.maps.topology.merging import align, merge
+from robocorba.maps.topology.naming import named, round_positions
+from robocorba.maps.topology.pruning import open_rings, prune
+from robocorba.maps.topology.roads import Roads
+from robocorba.maps.topology.straightening import straighten
+
+__all__ = ["topological_map"]
+
+
+def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> TopologicalMap:
+    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map alone.
+
+    Every edge keeps `radius_m` from every obstacle of the floor. Two nodes are connected
+    exactly when their places are connected in the free space, and every part of it has a
+    node. A node stands in the cabin of each elevator that serves the floor (`cabin-E1`)
+    if the robot fits, and one in front of it; the others are n1, n2, ... in reading order.
+    The same map gives the same result.
+
+    Raises UnknownElement for an unknown floor, InvalidElement where the radius is not a
+    positive number or nowhere on the floor is room for the robot.
+    """
+    if floor not in building.floors:
+        raise UnknownElement("floor", "", floor)
+    if not (math.isfinite(radius_m) and radius_m > 0):
+        raise InvalidElement("floor", "", floor, f"no roads for a radius of {radius_m:g} m: it must be positive")
+    building = _without_roads(building, floor)
+    space = _places(building, floor, radius_m)
+    if space.is_empty:
+        raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
+    roads = Roads(space, radius_m)
+    draw_axis(roads, _outlines(building, floor, radius_m))
+    for elevator in building.elevators.values():
+        if floor in elevator.floors():
+            enter_cabin(roads, elevator, floor)
+    doors = building.floors[floor].geometrical.doors.values()
+    mark_doorways(roads, (LineString([door.a, door.b]) for door in doors if not door.locked))
+    connect(roads)
+    prune(roads)
+    straighten(roads)
+    merge(roads)
+    open_rings(roads)
+    prune(roads)
+    align(roads)
+    merge(roads)
+    look_around(roads)
+    round_positions(roads)
+    return named(roads)
+
+
+def _without_roads(building: Building, floor: str) -> Building:
+    """The building without the floor's present roads, so that they have no influence on new ones."""
+    bare = msgspec.structs.replace(building.floors[floor], topological=TopologicalMap())
+    return msgspec.structs.replace(building, floors={**building.floors, floor: bare})
+
+
+def _places(building: Building, floor: str, radius_m: float) -> BaseGeometry:
+    """Free space without the shafts that have no door here."""
+    space = geometry.free_space(building, floor, radius_m)
+    closed = [geometry.shaft_polygon(e) for e in building.elevators.values() if floor not in e.floors()]
+    if closed:
+        space = space.difference(shapely.union_all(closed))
+    shapely.prepare(space)
+    return space
+
+
+def _outlines(building: Building, floor: str, radius_m: float) -> list[BaseGeometry]:
+    """What the roads keep their distance from, as lines; the rim of the drawn region where there is no outline."""
+    lines = [item.geometry for item in geometry.obstacles(building, floor)]
+    lines = [line.exterior if isinstance(line, Polygon) else line for line in lines]
+    if not building.floors[floor].floor.outline:
+        rim = shapely.box(*geometry.bounds(building, floor, 1.0 + radius_m))
+        lines.append(rim.exterior)
+    return lines

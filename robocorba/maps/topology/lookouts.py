@@ -1,0 +1,74 @@
+"""More nodes on the edges, until every place of the floor sees one."""
+
+from __future__ import annotations
+
+import math
+
+import networkx as nx
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely import Point, STRtree
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.maps.topology.roads import SAME_PLACE_M, Array, Roads
+
+#: Nodes are added until all but this share of the free places see one in a straight line.
+UNSEEN_SHARE = 0.01
+#: So many places are looked from, about.
+MAX_PLACES = 2000
+#: Each looks for so many of the nearest nodes, and may get a new one on so many of the nearest edges.
+NODES_LOOKED_FOR, EDGES_LOOKED_AT = 16, 12
+
+
+def look_around(roads: Roads) -> None:
+    """Add nodes on the edges until nearly every free place sees one."""
+    places = _grid(roads.space, MAX_PLACES)
+    unseen = places[~_sees_any(roads, places, list(roads.graph))]
+    edges, tree = roads.lines()
+    added: dict[tuple[int, int], list[int]] = {}
+    while len(unseen) > UNSEEN_SHARE * len(places) and edges:
+        here, unseen = unseen[0], unseen[1:]
+        for i in _nearest(tree, here):
+            line = tree.geometries[i]
+            foot = line.interpolate(line.project(Point(here)))
+            apart = min(math.dist((foot.x, foot.y), roads.at(end)) for end in edges[i])
+            if apart > SAME_PLACE_M and roads.free((foot.x, foot.y), tuple(here)):
+                node = roads.add((foot.x, foot.y))
+                added.setdefault(edges[i], []).append(node)
+                unseen = unseen[~_sees_any(roads, unseen, [node])]
+                break
+    for (a, b), nodes in added.items():
+        roads.graph.remove_edge(a, b)
+        nx.add_path(roads.graph, [a, *sorted(nodes, key=lambda node: roads.length(a, node)), b])
+
+
+def _grid(space: BaseGeometry, most: int) -> Array:
+    """Free places on a regular grid, about `most` of them and no more than four in a square metre."""
+    pitch = max(0.5, math.sqrt(space.area / most))
+    x0, y0, x1, y1 = space.bounds
+    x, y = np.meshgrid(np.arange(x0 + pitch / 2, x1, pitch), np.arange(y0 + pitch / 2, y1, pitch))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    return places[shapely.contains_xy(space, places)]
+
+
+def _nearest(tree: STRtree, here: Array) -> list[int]:
+    """The edges that are nearest to a place, the nearest first."""
+    off = shapely.distance(tree.geometries, Point(here))
+    return np.argsort(off, kind="stable")[:EDGES_LOOKED_AT].tolist()
+
+
+def _sees_any(roads: Roads, places: Array, nodes: list[int]) -> NDArray[np.bool_]:
+    """Which of the places (n, 2) see one of the nodes that are nearest to them."""
+    seen = np.zeros(len(places), dtype=bool)
+    if len(places) == 0 or not nodes:
+        return seen
+    at = np.array([roads.at(node) for node in nodes])
+    many = min(len(at), NODES_LOOKED_FOR)
+    _, nearest = cKDTree(at).query(places, k=[*range(1, many + 1)])
+    for rank in range(many):
+        todo = np.flatnonzero(~seen)
+        lines = shapely.linestrings(np.stack([places[todo], at[nearest[todo, rank]]], axis=1))
+        seen[todo] = shapely.covers(roads.space, lines)
+    return seen

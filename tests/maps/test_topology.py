@@ -1,0 +1,323 @@
+"""Automatic topological maps: clear of everything, connected like the free space, and readable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import networkx as nx
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import LineString, Point, Polygon
+
+from robocorba.errors import InvalidElement, UnknownElement
+from robocorba.maps import geometry, validation
+from robocorba.maps.formats import read_map
+from robocorba.maps.model import (
+    XY,
+    BoxShape,
+    Building,
+    CircleShape,
+    Door,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    FloorMap,
+    GeometricalMap,
+    MapObject,
+    PathNode,
+    Shape,
+    Side,
+    TopologicalMap,
+    Wall,
+)
+from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.maps.topology import topological_map
+
+RADIUS = 0.40
+#: Real buildings, where they are at hand.
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
+
+
+def one_floor(
+    width: float = 12.0,
+    depth: float = 8.0,
+    walls: Sequence[tuple[XY, XY]] = (),
+    doors: Sequence[tuple[XY, XY]] = (),
+    objects: Sequence[tuple[Shape, XY]] = (),
+    elevators: Sequence[Elevator] = (),
+    bounded: bool = True,
+) -> Building:
+    outline = ((0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth)) if bounded else ()
+    plan = GeometricalMap(
+        walls={f"w{i}": Wall(name=f"w{i}", a=a, b=b) for i, (a, b) in enumerate(walls)},
+        doors={f"d{i}": Door(name=f"d{i}", a=a, b=b) for i, (a, b) in enumerate(doors)},
+        objects={f"o{i}": MapObject(name=f"o{i}", shape=shape, at=at) for i, (shape, at) in enumerate(objects)},
+    )
+    floor = Floor(name="L1", level=1, elevation=0.0, outline=outline)
+    above = Floor(name="L2", level=2, elevation=3.0)
+    stories = {"L1": FloorMap(floor, plan), "L2": FloorMap(above)}
+    return Building("test", stories, {elevator.name: elevator for elevator in elevators})
+
+
+def with_roads(building: Building, floor: str, roads: TopologicalMap) -> Building:
+    entry = msgspec.structs.replace(building.floors[floor], topological=roads)
+    return msgspec.structs.replace(building, floors={**building.floors, floor: entry})
+
+
+def graph_of(roads: TopologicalMap) -> nx.Graph[str]:
+    graph: nx.Graph[str] = nx.Graph()
+    graph.add_nodes_from(roads.nodes)
+    graph.add_edges_from((edge.a, edge.b) for edge in roads.edges.values())
+    return graph
+
+
+def open_parts(building: Building, floor: str, radius: float) -> list[Polygon]:
+    """The parts of the free space, without shafts that don't open to this floor."""
+    space = geometry.free_space(building, floor, radius)
+    for elevator in building.elevators.values():
+        if floor not in elevator.floors():
+            space = space.difference(geometry.shaft_polygon(elevator))
+    return list(shapely.get_parts(space))
+
+
+def check_roads(building: Building, floor: str, roads: TopologicalMap, radius: float) -> None:
+    """Every edge is clear, and the graph's pieces are the free space's parts, one for one."""
+    everything = shapely.union_all([item.geometry for item in geometry.obstacles(building, floor)])
+    for edge in roads.edges.values():
+        line = LineString([roads.nodes[edge.a].at, roads.nodes[edge.b].at])
+        assert line.length > 0
+        assert line.distance(everything) >= radius - 1e-6, edge.name
+    parts = open_parts(building, floor, radius)
+    reached: list[int] = []
+    for piece in nx.connected_components(graph_of(roads)):
+        homes = set()
+        for name in piece:
+            distances = shapely.distance(parts, Point(roads.nodes[name].at))
+            assert distances.min() < 1e-6, f"{name} is not free"
+            homes.add(int(distances.argmin()))
+        assert len(homes) == 1, f"{sorted(piece)} spans several parts"
+        reached += homes
+    assert sorted(reached) == list(range(len(parts)))
+    assert validation.problems(with_roads(building, floor, roads)) == []
+
+
+metres = st.floats(0.5, 14.0).map(lambda value: round(value, 2))
+places = st.tuples(metres, metres)
+
+
+@st.composite
+def floors(draw: st.DrawFn) -> Building:
+    """A room of up to 15 m by 15 m with walls, some with doors, and boxes and circles, and maybe an elevator."""
+    width, depth = draw(st.floats(6, 15)), draw(st.floats(6, 15))
+    walls, doors = [], []
+    for _ in range(draw(st.integers(0, 6))):
+        (x, y), length = draw(places), draw(st.floats(1.5, 8))
+        turn = draw(st.sampled_from([0.0, math.pi / 2]) | st.floats(0, 6))
+        ux, uy = math.cos(turn), math.sin(turn)
+        walls.append(((x, y), (x + length * ux, y + length * uy)))
+        opening = draw(st.sampled_from([0.0, 0.79, 0.81, 1.2]))
+        if opening:
+            at = draw(st.floats(0, length - opening))
+            doors.append(((x + at * ux, y + at * uy), (x + (at + opening) * ux, y + (at + opening) * uy)))
+    sizes = st.floats(0.2, 2.5)
+    shapes = st.builds(BoxShape, size=st.tuples(sizes, sizes)) | st.builds(CircleShape, radius=st.floats(0.1, 1.2))
+    objects = draw(st.lists(st.tuples(shapes, places), max_size=5))
+    elevators = []
+    if draw(st.booleans()):
+        door = ElevatorDoor(floor="L1", side=draw(st.sampled_from(list(Side))), width=draw(st.floats(0.6, 1.1)))
+        size = (draw(st.floats(1.2, 2.4)), draw(st.floats(1.2, 2.4)))
+        elevators.append(Elevator(name="E1", at=draw(places), size=size, doors=(door,), heading=draw(st.floats(0, 6))))
+    return one_floor(width, depth, walls, doors, objects, elevators, bounded=draw(st.booleans()))
+
+
+@settings(deadline=None, max_examples=30)
+@given(building=floors(), radius=st.sampled_from([0.25, 0.40, 0.60]))
+def test_any_floor_is_clear_and_connected_like_its_free_space(building: Building, radius: float) -> None:
+    if not open_parts(building, "L1", radius):
+        with pytest.raises(InvalidElement):
+            topological_map(building, "L1", radius)
+        return
+    roads = topological_map(building, "L1", radius)
+    everything = shapely.union_all([item.geometry for item in geometry.obstacles(building, "L1")])
+    for edge in roads.edges.values():
+        line = LineString([roads.nodes[edge.a].at, roads.nodes[edge.b].at])
+        assert everything.is_empty or line.distance(everything) >= radius - 1e-6
+    parts = open_parts(building, "L1", radius)
+    homes = [
+        {int(shapely.distance(parts, Point(roads.nodes[name].at)).argmin()) for name in piece}
+        for piece in nx.connected_components(graph_of(roads))
+    ]
+    assert sorted(map(tuple, homes)) == [(i,) for i in range(len(parts))]
+
+
+SAMPLE_FLOORS = [(name, floor) for name in SAMPLES for floor in load_sample(name).floors]
+
+
+@pytest.mark.parametrize(("sample", "floor"), SAMPLE_FLOORS)
+def test_sample_floors(sample: str, floor: str) -> None:
+    building = load_sample(sample)
+    roads = topological_map(building, floor, RADIUS)
+    check_roads(building, floor, roads, RADIUS)
+    assert len(roads.nodes) <= 100
+
+    space = shapely.union_all(open_parts(building, floor, RADIUS))
+    slack = space.buffer(1e-7)
+    shapely.prepare(slack)
+    random = np.random.default_rng(1)
+    x0, y0, x1, y1 = space.bounds
+    points = np.column_stack([random.uniform(x0, x1, 900), random.uniform(y0, y1, 900)])
+    points = points[shapely.contains_xy(space, points)][:250]
+    nodes = np.array([node.at for node in roads.nodes.values()])
+    lines = np.stack(np.broadcast_arrays(points[:, None, :], nodes[None, :, :]), axis=2)
+    sees = shapely.covers(slack, shapely.linestrings(lines)).any(axis=1)
+    assert sees.mean() >= 0.95
+
+    for door in building.floors[floor].geometrical.doors.values():
+        if not door.locked:
+            middle = Point((door.a[0] + door.b[0]) / 2, (door.a[1] + door.b[1]) / 2)
+            assert min(middle.distance(Point(node.at)) for node in roads.nodes.values()) < 0.5, door.name
+    for area in building.floors[floor].geometrical.areas.values():
+        inner = Polygon(area.polygon).buffer(-0.1)
+        assert any(inner.contains(Point(node.at)) for node in roads.nodes.values()), area.name
+    served = {elevator.name for elevator in building.elevators.values() if floor in elevator.floors()}
+    assert {node.elevator for node in roads.nodes.values()} - {""} == served
+
+
+@pytest.mark.parametrize("name", ["hotel", "office"])
+def test_real_buildings(name: str) -> None:
+    file = REAL / f"{name}.building.yaml"
+    if not file.exists():
+        pytest.skip("the real buildings are not here")
+    building = read_map(file).building
+    for floor in building.floors:
+        roads = topological_map(building, floor, 0.25)
+        check_roads(building, floor, roads, 0.25)
+        served = {elevator.name for elevator in building.elevators.values() if floor in elevator.floors()}
+        assert {node.elevator for node in roads.nodes.values()} - {""} == served
+
+
+@pytest.mark.parametrize("bounded", [True, False])
+def test_the_same_floor_gives_the_same_map_whatever_roads_it_has(bounded: bool) -> None:
+    building = one_floor(walls=[((6.0, 0.0), (6.0, 5.0))], elevators=[elevator()], bounded=bounded)
+    first = topological_map(building, "L1")
+    far_away = TopologicalMap({"x": PathNode(name="x", at=(40.0, 40.0))})
+    assert topological_map(with_roads(building, "L1", far_away), "L1") == first
+    assert topological_map(with_roads(building, "L1", first), "L1") == first
+
+
+def test_elevators_opposite_each_other_share_the_place_in_front() -> None:
+    north = elevator()
+    south = msgspec.structs.replace(north, name="E2", at=(6.0, 1.1), heading=math.pi)
+    building = one_floor(depth=8.0, elevators=[msgspec.structs.replace(north, at=(6.0, 5.3)), south])
+    roads = topological_map(building, "L1", RADIUS)
+    check_roads(building, "L1", roads, RADIUS)
+    between = graph_of(roads)
+    assert set(between["cabin-E1"]) == set(between["cabin-E2"])
+
+
+def test_a_bare_room_needs_hardly_any_nodes() -> None:
+    roads = topological_map(one_floor(6, 6), "L1")
+    assert len(roads.nodes) == 1
+    assert roads.nodes["n1"].at == pytest.approx((3, 3), abs=0.8)
+
+
+def test_a_block_can_be_passed_on_both_sides() -> None:
+    building = one_floor(12, 12, objects=[(BoxShape(size=(4.0, 4.0)), (6.0, 6.0))])
+    roads = topological_map(building, "L1")
+    (ring,) = nx.cycle_basis(graph_of(roads))
+    assert Polygon([roads.nodes[name].at for name in ring]).contains(Point(6, 6))
+
+
+def test_a_column_in_a_corridor_can_be_passed_on_both_sides_but_a_post_needs_one() -> None:
+    def rings(depth: float, radius: float) -> int:
+        things = [(CircleShape(radius=radius), (x, depth / 2)) for x in (4.0, 8.0, 12.0, 16.0)]
+        building = one_floor(20, depth, objects=things)
+        roads = topological_map(building, "L1", RADIUS)
+        check_roads(building, "L1", roads, RADIUS)
+        return len(nx.cycle_basis(graph_of(roads)))
+
+    assert rings(3.0, 0.25) == 4
+    assert rings(1.8, 0.05) == 0
+
+
+def test_rooms_are_joined_through_their_door_and_only_there() -> None:
+    wall = ((6.0, 0.0), (6.0, 8.0))
+    apart = topological_map(one_floor(walls=[wall]), "L1")
+    assert nx.number_connected_components(graph_of(apart)) == 2
+    joined = topological_map(one_floor(walls=[wall], doors=[((6.0, 3.0), (6.0, 4.2))]), "L1")
+    assert nx.is_connected(graph_of(joined))
+    assert any(node.at == pytest.approx((6.0, 3.6), abs=0.01) for node in joined.nodes.values())
+    narrow = topological_map(one_floor(walls=[wall], doors=[((6.0, 3.0), (6.0, 3.75))]), "L1")
+    assert nx.number_connected_components(graph_of(narrow)) == 2
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_dead_end_corridor_has_a_node_near_its_end_but_corners_have_none(turn: float) -> None:
+    cos, sin = math.cos(turn), math.sin(turn)
+    corners = [(0, 0), (6, 0), (6, 2), (20, 2), (20, 4), (6, 4), (6, 6), (0, 6)]
+    outline = tuple((cos * x - sin * y, sin * x + cos * y) for x, y in corners)
+    floor = Floor(name="L1", level=1, elevation=0.0, outline=outline)
+    roads = topological_map(Building("test", {"L1": FloorMap(floor)}), "L1")
+    end = (cos * 19 - sin * 3, sin * 19 + cos * 3)
+    assert min(math.dist(end, node.at) for node in roads.nodes.values()) < 2
+    assert len(roads.nodes) <= 4
+
+
+def elevator(width: float = 1.1, size: tuple[float, float] = (2.0, 2.2), offset: float = 0.0) -> Elevator:
+    doors = (ElevatorDoor(floor="L1", width=width, offset=offset), ElevatorDoor(floor="L2", width=width))
+    return Elevator(name="E1", at=(6.0, 6.9), size=size, doors=doors)
+
+
+def test_a_cabin_is_entered_straight_from_a_node_in_front() -> None:
+    roads = topological_map(one_floor(elevators=[elevator()]), "L1")
+    cabin = roads.nodes["cabin-E1"]
+    assert (cabin.elevator, cabin.at) == ("E1", (6.0, 6.9))
+    (front,) = graph_of(roads)["cabin-E1"]
+    assert roads.nodes[front].at == pytest.approx((6.0, 4.8), abs=0.02)
+    assert nx.is_connected(graph_of(roads))
+
+
+def test_a_door_beside_the_middle_of_the_cabin_is_used_too() -> None:
+    building = one_floor(elevators=[elevator(offset=0.3)])
+    roads = topological_map(building, "L1")
+    check_roads(building, "L1", roads, RADIUS)
+    assert nx.is_connected(graph_of(roads))
+
+
+def test_cabins_that_a_robot_does_not_fit_into() -> None:
+    behind_narrow_door = topological_map(one_floor(elevators=[elevator(width=0.7)]), "L1")
+    assert not graph_of(behind_narrow_door)["cabin-E1"]
+    too_small = topological_map(one_floor(elevators=[elevator(size=(0.7, 0.7))]), "L1")
+    assert "cabin-E1" not in too_small.nodes
+
+
+def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
+    closed = msgspec.structs.replace(elevator(), doors=(ElevatorDoor(floor="L2"),))
+    building = one_floor(elevators=[closed])
+    roads = topological_map(building, "L1")
+    assert not any(geometry.shaft_polygon(closed).covers(Point(node.at)) for node in roads.nodes.values())
+    check_roads(building, "L1", roads, RADIUS)
+
+
+@pytest.mark.parametrize("bounded", [True, False])
+def test_nothing_drawn_yet(bounded: bool) -> None:
+    assert topological_map(one_floor(4, 4, bounded=bounded), "L1", 0.2).nodes
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])
+def test_a_radius_must_be_positive(radius: float) -> None:
+    with pytest.raises(InvalidElement, match="radius"):
+        topological_map(one_floor(), "L1", radius)
+
+
+def test_no_room_and_no_floor() -> None:
+    with pytest.raises(InvalidElement, match="no free space"):
+        topological_map(one_floor(2, 2), "L1", 1.5)
+    with pytest.raises(UnknownElement):
+        topological_map(one_floor(), "L9")
