@@ -1,0 +1,65 @@
+"""Map files of this and of other systems: read by what they hold, written by name. Manual: docs/formats.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robocorba.errors import MapFileError
+from robocorba.maps import native
+from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_map
+from robocorba.maps.formats.files import write_file
+from robocorba.maps.formats.losses import Imported
+from robocorba.maps.model import Building
+from robocorba.maps.yaml_file import read_yaml
+
+#: Formats that `write_map` writes.
+WRITTEN = ("native", "openrmf", "ros", "nav2")
+
+__all__ = ["WRITTEN", "Imported", "read_map", "write_map"]
+
+
+def read_map(path: str | Path) -> Imported:
+    """Read a native map, an Open-RMF building.yaml or a ROS map_server YAML, whichever the content is.
+
+    Raises MapFileError with file, line, key and reason where it is none of them or wrong."""
+    file = read_yaml(path)
+    if native.is_native(file.data):
+        return Imported(native.load(path), "native")
+    if openrmf.is_openrmf(file.data):
+        return openrmf.read(file)
+    if ros_map.is_ros_map(file.data):
+        return ros_map.read(file)
+    raise MapFileError(
+        str(path),
+        1,
+        "",
+        "neither a RoboCorba map (robocorba: 1) nor an Open-RMF building (levels:) nor a ROS map (image:)",
+    )
+
+
+def write_map(
+    building: Building,
+    path: str | Path,
+    format: str,
+    *,
+    resolution_m: float = ros_export.DEFAULT_RESOLUTION_M,
+    image: str = "pgm",
+) -> tuple[str, ...]:
+    """Write a building in one of the formats WRITTEN and return a sentence for everything that was lost.
+
+    native and openrmf write `path`. ros writes a YAML file and a picture for each floor,
+    nav2 a GeoJSON file for each floor: named like `path` where the building has one
+    floor, else its stem, `-` and the floor. `resolution_m` (side of a cell) and `image`
+    (pgm or png) are for ros. Raises MapFileError where a file can't be written."""
+    if format == "native":
+        native.save(building, path)
+        return ()
+    if format == "openrmf":
+        text, losses = openrmf_export.dumps(building)
+        write_file(Path(path), text.encode())
+        return losses
+    if format == "ros":
+        return ros_export.write(building, path, resolution_m, image)
+    if format == "nav2":
+        return nav2.write(building, path)
+    raise MapFileError(str(path), 0, "", f"{format!r} can't be written; {', '.join(WRITTEN)} can")

@@ -1,0 +1,185 @@
+"""Open-RMF's building.yaml, read into a building.
+
+The format describes what a traffic editor draws: vertices of each level, and walls,
+lanes, doors and floors that refer to them; lifts stand beside the levels.
+docs/formats.md says what becomes of each and what is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from robocorba.maps.formats.losses import Imported, Losses, settle
+from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
+from robocorba.maps.formats.openrmf_lanes import Names, lanes_of
+from robocorba.maps.formats.openrmf_lifts import read_lifts
+from robocorba.maps.formats.openrmf_outline import outline_of
+from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
+from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.model import (
+    Building,
+    Door,
+    DoorKind,
+    Floor,
+    FloorMap,
+    GeometricalMap,
+    Wall,
+)
+from robocorba.maps.yaml_file import YamlFile
+
+FORMAT = "openrmf"
+_DOOR_KINDS = {
+    **{kind.value: kind for kind in DoorKind},
+    "telescope": DoorKind.SLIDING,
+    "double_telescope": DoorKind.DOUBLE_SLIDING,
+}
+_WALL_HEIGHT = 2.5
+#: Between levels whose elevations the file does not tell apart, m.
+STOREY_M = 3.0
+#: Keys that are read; the rest of a level or of the file is reported.
+_LEVEL_KEYS = {"elevation", "vertices", "walls", "lanes", "doors", "measurements", "fiducials", "floors", "holes"}
+_LEVEL_KEYS |= {"models", "flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"}
+_FILE_KEYS = {
+    "name",
+    "building_name",
+    "coordinate_system",
+    "graphs",
+    "levels",
+    "lifts",
+    "reference_level_name",
+    "parameters",
+}
+
+
+def is_openrmf(data: Any) -> bool:
+    """Whether parsed YAML looks like a building.yaml."""
+    return isinstance(data, dict) and "levels" in data
+
+
+def read(file: YamlFile) -> Imported:
+    """The building that a building.yaml describes. Raises MapFileError with line and key."""
+    root = Item(file, "$", file.data)
+    losses = Losses()
+    levels = [read_level(Item(file, item.key, name).level_name(), item) for name, item in root.need("levels").members()]
+    if not levels:
+        raise root.need("levels").error("no level")
+    if len({level.name for level in levels}) < len(levels):
+        raise root.need("levels").error("two levels of one name")
+    reference = reference_level(levels, root)
+    placements = _placements(root, levels, reference, losses)
+    lifts = read_lifts(root.get("lifts"), levels, reference, placements, losses)
+    graphs = _graph_names(root.get("graphs"), losses)
+
+    elevations = _elevations(levels, losses)
+    below_ground = sum(elevation < 0 for elevation in elevations.values())
+    floors: dict[str, FloorMap] = {}
+    for i, level in enumerate(sorted(levels, key=lambda level: elevations[level.name])):
+        place = placements[level.name]
+        shafts = [lift for lift in lifts.values() if level.name in lift.floors()]
+        outline, voids = outline_of(level, place, shafts, losses)
+        _report_rest(level, losses)
+        floors[level.name] = FloorMap(
+            Floor(name=level.name, level=i - below_ground, elevation=elevations[level.name], outline=outline),
+            GeometricalMap(walls=_walls(level, place, losses), objects=voids, doors=_doors(level, place, losses)),
+            lanes_of(level, place, lifts, graphs, losses),
+        )
+    for name in root.mapping():
+        if name not in _FILE_KEYS:
+            losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
+    name = root.get("name") or root.get("building_name")
+    building = Building((name.text() if name else "") or "building", floors, lifts)
+    return Imported(settle(building, losses, file), FORMAT, losses.sentences())
+
+
+def _placements(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Placement]:
+    system = root.get("coordinate_system")
+    kind = system.text() if system else "reference_image"
+    if kind == "reference_image":
+        return place_levels(levels, reference, losses)
+    if system and kind != "cartesian_meters":
+        raise system.error(f"{kind!r} is not supported; reference_image and cartesian_meters are")
+    parameters = root.get("parameters")
+    given = params(parameters) if parameters else {}
+    offset = tuple(given[key].number() if key in given else 0.0 for key in ("offset_x", "offset_y"))
+    if any(offset):
+        losses.add(f"coordinates: the file's own less its offset {offset[0]:g}, {offset[1]:g}")
+    return {level.name: metres((offset[0], offset[1])) for level in levels}
+
+
+def _elevations(levels: list[Level], losses: Losses) -> dict[str, float]:
+    """Elevation by level, in m; a level that is not above the one before it is put a storey above it."""
+    found: dict[str, float] = {}
+    for level in sorted(levels, key=lambda level: level.elevation):
+        below = max(found.values(), default=-math.inf)
+        found[level.name] = level.elevation if level.elevation > below else below + STOREY_M
+        if found[level.name] != level.elevation:
+            losses.add(f"elevation: levels at one height are taken to be {STOREY_M:g} m apart: {{names}}", level.name)
+    return found
+
+
+def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
+    """The names that the file gives to its navigation graphs, by index."""
+    found: dict[int, str] = {}
+    for label, item in graphs.members() if graphs else ():
+        index = Item(item.file, item.key, label).integer()
+        named = item.get("name")
+        name = named.text() if named else ""
+        if name and name in found.values():
+            losses.add("graphs: a name given twice, the index is used instead: {names}", f"{name} ({index})")
+        elif name:
+            found[index] = name
+    return found
+
+
+def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
+    names = Names(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
+    found: dict[str, Wall] = {}
+    for i, link in enumerate(level.links["walls"]):
+        if link.a == link.b:
+            losses.add("walls without length: {n} left out: {names}", f"{level.name} wall {i}")
+            continue
+        name = names.take(link.text("name"), f"w{i}")
+        height = link.params["texture_height"].positive() if "texture_height" in link.params else _WALL_HEIGHT
+        a, b = _ends(level, link, place)
+        found[name] = Wall(name=name, a=a, b=b, height=height)
+        if flag(link.params, "transparent") or "texture_name" in link.params:
+            losses.add("textures of walls, floors and doors are not kept")
+    return found
+
+
+def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
+    names = Names(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
+    found: dict[str, Door] = {}
+    for i, link in enumerate(level.links["doors"]):
+        name = names.take(link.text("name"), f"d{i}")
+        written = link.text("type")
+        kind = _DOOR_KINDS.get(written, DoorKind.HINGED)
+        if written != kind.value:
+            losses.add(f"doors of type {written!r}: {{n}} became {kind.value}: {{names}}", f"{level.name} {name}")
+        if "motion_axis" in link.params or "motion_degrees" in link.params:
+            losses.add("doors: on which end and how far they swing is not kept: {names}", f"{level.name} {name}")
+        a, b = _ends(level, link, place)
+        found[name] = Door(name=name, a=a, b=b, kind=kind)
+    return found
+
+
+def _ends(level: Level, link: Link, place: Placement) -> tuple[tuple[float, float], tuple[float, float]]:
+    return place(level.vertices[link.a].at), place(level.vertices[link.b].at)
+
+
+def _report_rest(level: Level, losses: Losses) -> None:
+    """Report what a level says and a building has no place for."""
+    if level.links["measurements"]:
+        losses.add("measurements: used for the scale, not kept: {names}", level.name)
+    if level.fiducials:
+        losses.add("fiducials: used to lay the levels over each other, not kept: {names}", level.name)
+    models = level.item.get("models")
+    for model in models.items() if models else ():
+        kind = model.get("model_name") or model.get("name")
+        losses.add(
+            "models: {n} left out, the file does not say how large they are: {names}", kind.text() if kind else ""
+        )
+    for key, value in level.item.members():
+        if key not in _LEVEL_KEYS and value.value:
+            losses.add(f"{key}: not kept: {{names}}", level.name)

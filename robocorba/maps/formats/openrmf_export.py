@@ -1,0 +1,265 @@
+"""A building written as an Open-RMF building.yaml in coordinate system cartesian_meters: metres, y up.
+
+Names of walls and lanes, and the clearance of lanes, travel as parameters of their own;
+readers of the format ignore parameters that they do not know. Walls are written the way
+they stand: cut where a door or a landing opens them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import shapely
+import yaml
+
+from robocorba.maps.formats.losses import Losses
+from robocorba.maps.geometry import bounds, obstacles
+from robocorba.maps.model import (
+    XY,
+    Building,
+    Door,
+    DoorKind,
+    Elevator,
+    FloorMap,
+    MapObject,
+    PolygonShape,
+    Side,
+)
+
+#: Navigation graphs that the format's tools generate: indices 0 to 8.
+MOST_GRAPHS = 9
+_DEFAULT_HEIGHT = 3.0
+_DEFAULT_SPEED, _DEFAULT_DOOR_TIME = 1.0, 3.0
+
+
+def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
+    """The text of a building.yaml, and what it could not hold."""
+    losses = Losses()
+    graphs = _graph_indices(building, losses)
+    levels = {name: _level(building, entry, graphs, losses) for name, entry in building.floors.items()}
+    _report_order(building, losses)
+    content = {
+        "name": building.name,
+        "coordinate_system": "cartesian_meters",
+        "graphs": {index: {"name": name} for name, index in graphs.items() if name != str(index)},
+        "levels": levels,
+        "lifts": {name: _lift(building, elevator, losses) for name, elevator in building.elevators.items()},
+    }
+    if building.floors:
+        content["reference_level_name"] = next(iter(building.floors))
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=2**20)
+    return text, losses.sentences()
+
+
+class _Row(list):
+    """A list that is written on one line."""
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+_Dumper.add_representer(
+    _Row, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
+)
+
+
+class _Vertices:
+    """The vertex list of a level: nodes first, then corners, each place once."""
+
+    def __init__(self) -> None:
+        self.rows: list[_Row] = []
+        self._corners: dict[XY, int] = {}
+
+    def node(self, name: str, at: XY, params: dict[str, Any]) -> int:
+        """Index of a new vertex with a name."""
+        self.rows.append(_Row([float(at[0]), float(at[1]), 0.0, name, params]))
+        return len(self.rows) - 1
+
+    def corner(self, at: XY) -> int:
+        """Index of the unnamed vertex at a place."""
+        if at not in self._corners:
+            self._corners[at] = self.node("", at, {})
+        return self._corners[at]
+
+
+def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: Losses) -> dict[str, Any]:
+    floor, vertices = entry.floor, _Vertices()
+    nodes = {}
+    for node in entry.topological.nodes.values():
+        nodes[node.name] = vertices.node(
+            node.name, node.at, {"lift_cabin": [1, node.elevator]} if node.elevator else {}
+        )
+    x0, y0, x1, y1 = bounds(building, floor.name)
+    level: dict[str, Any] = {
+        "elevation": float(floor.elevation),
+        "x_meters": float(math.ceil(x1 - x0)),
+        "y_meters": float(math.ceil(y1 - y0)),
+        "vertices": vertices.rows,
+        "walls": [_Row(row) for row in _walls(building, entry, vertices, losses)],
+        "doors": [_Row(row) for row in _doors(entry, vertices, losses)],
+        "lanes": [_Row(row) for row in _lanes(entry, nodes, graphs)],
+        "measurements": [],
+        "floors": [],
+        "models": [],
+    }
+    if floor.outline:
+        ring = [vertices.corner(at) for at in floor.outline]
+        level["floors"].append({"vertices": _Row(ring), "parameters": {}})
+    holes, others = _split_voids(entry)
+    if holes and floor.outline:
+        level["holes"] = [{"vertices": _Row([vertices.corner(at) for at in _ring(hole)])} for hole in holes]
+    else:
+        others = holes + others
+    for thing in others:
+        losses.add("objects: {n} left out, the format has models but no shapes: {names}", f"{floor.name} {thing.name}")
+    for name in entry.geometrical.areas:
+        losses.add("areas: {n} left out: {names}", f"{floor.name} {name}")
+    if floor.height != _DEFAULT_HEIGHT:
+        losses.add("height of floors: not kept: {names}", floor.name)
+    return level
+
+
+def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[Any]]:
+    """Walls without what doors and landings cut out of them; a wall's second piece has the suffix _2, and so on."""
+    standing = {item.name: item.geometry for item in obstacles(building, entry.floor.name) if item.kind == "wall"}
+    rows: list[list[Any]] = []
+    for wall in entry.geometrical.walls.values():
+        whole = shapely.LineString([wall.a, wall.b])
+        left = standing.get(wall.name, shapely.LineString())
+        pieces = [(wall.a, wall.b)]
+        if not left.equals(whole):
+            losses.add("walls that a door or landing opens are cut there: {names}", f"{entry.floor.name} {wall.name}")
+            pieces = [(part.coords[0], part.coords[-1]) for part in shapely.get_parts(left)]
+        for n, (a, b) in enumerate(pieces, start=1):
+            name = wall.name if n == 1 else f"{wall.name}_{n}"
+            said = {} if name == f"w{len(rows)}" else {"name": [1, name]}
+            rows.append([vertices.corner(a), vertices.corner(b), {"texture_height": [3, float(wall.height)], **said}])
+    return rows
+
+
+def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[Any]]:
+    rows = []
+    for door in entry.geometrical.doors.values():
+        where = f"{entry.floor.name} {door.name}"
+        if door.kind is DoorKind.OPENING:
+            losses.add("doors without a leaf are only gaps in the walls: {names}", where)
+            continue
+        losses.add("doors: how they swing is not known, the first end and 90 degrees are written: {names}", where)
+        if door.locked:
+            losses.add("doors: that they are locked is not kept: {names}", where)
+        rows.append([vertices.corner(door.a), vertices.corner(door.b), _door_params(door)])
+    return rows
+
+
+def _door_params(door: Door) -> dict[str, Any]:
+    degrees = 90.0 if door.kind in (DoorKind.HINGED, DoorKind.DOUBLE_HINGED) else 0.0
+    return {
+        "name": [1, door.name],
+        "type": [1, door.kind.value],
+        "motion_axis": [1, "start"],
+        "motion_degrees": [3, degrees],
+        "motion_direction": [2, 1],
+        "plugin": [1, "normal"],
+        "right_left_ratio": [3, 1.0],
+    }
+
+
+def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
+    """An index for each graph: the number that its name is, else the next one free."""
+    edges = [edge for entry in building.floors.values() for edge in entry.topological.edges.values()]
+    names = list(dict.fromkeys(name for edge in edges for name in edge.graphs))
+    found = {name: int(name) for name in names if re.fullmatch(r"0|[1-9]\d{0,5}", name, re.ASCII)}
+    for name in names:
+        if name not in found:
+            found[name] = next(i for i in range(len(names) + 1) if i not in found.values())
+    for name, index in found.items():
+        if index >= MOST_GRAPHS:
+            losses.add(
+                f"graphs: the format's tools read indices 0 to {MOST_GRAPHS - 1} only: {{names}}", f"{name} ({index})"
+            )
+    if any(not edge.graphs for edge in edges):
+        found = found or {"0": 0}
+        losses.add(f"edges of no graph in particular are written to each one: {', '.join(found)}")
+    return found
+
+
+def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> list[list[Any]]:
+    rows = []
+    for edge in entry.topological.edges.values():
+        params: dict[str, Any] = {"bidirectional": [4, not edge.one_way], "speed_limit": [3, float(edge.speed_limit)]}
+        if edge.name != f"{edge.a}-{edge.b}":
+            params["name"] = [1, edge.name]
+        if edge.clearance:
+            params["clearance"] = [3, float(edge.clearance)]
+        for graph in edge.graphs or graphs:
+            rows.append([nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}])
+    return rows
+
+
+def _split_voids(entry: FloorMap) -> tuple[list[MapObject], list[MapObject]]:
+    """Objects that the import made of holes, and all others."""
+    holes: list[MapObject] = []
+    others: list[MapObject] = []
+    for thing in entry.geometrical.objects.values():
+        is_void = (
+            re.fullmatch(r"void[1-9]\d*", thing.name) and isinstance(thing.shape, PolygonShape) and not thing.heading
+        )
+        (holes if is_void else others).append(thing)
+    return holes, others
+
+
+def _ring(thing: MapObject) -> list[XY]:
+    assert isinstance(thing.shape, PolygonShape)
+    return [(thing.at[0] + x, thing.at[1] + y) for x, y in thing.shape.points]
+
+
+def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
+    order = [name for name in building.floors if name in elevator.floors()]
+    doorways: dict[tuple[Side, float, float], str] = {}
+    level_doors: dict[str, _Row] = {name: _Row() for name in order}
+    for door in elevator.doors:
+        label = doorways.setdefault((door.side, door.width, door.offset), f"{elevator.name}_door{len(doorways) + 1}")
+        level_doors[door.floor].append(label)
+    if elevator.speed != _DEFAULT_SPEED or elevator.door_time != _DEFAULT_DOOR_TIME:
+        losses.add("elevators: speed and door time are not kept: {names}", elevator.name)
+    by_height = sorted(order, key=lambda name: building.floors[name].floor.elevation)
+    return {
+        "x": float(elevator.at[0]),
+        "y": float(elevator.at[1]),
+        "yaw": float(elevator.heading),
+        "width": float(elevator.size[0]),
+        "depth": float(elevator.size[1]),
+        "reference_floor_name": order[0],
+        "initial_floor_name": order[0],
+        "lowest_floor": by_height[0],
+        "highest_floor": by_height[-1],
+        "plugins": True,
+        "doors": {label: _doorway(elevator, *way) for way, label in doorways.items()},
+        "level_doors": level_doors,
+    }
+
+
+def _doorway(elevator: Elevator, side: Side, width: float, offset: float) -> dict[str, Any]:
+    x, y = elevator.size[0] / 2, elevator.size[1] / 2
+    along_y = side in (Side.LEFT, Side.RIGHT)
+    at = {Side.FRONT: (offset, -y), Side.BACK: (offset, y), Side.LEFT: (-x, offset), Side.RIGHT: (x, offset)}[side]
+    return {
+        "door_type": 2,
+        "motion_axis_orientation": math.pi / 2 if along_y else 0.0,
+        "width": float(width),
+        "x": float(at[0]),
+        "y": float(at[1]),
+    }
+
+
+def _report_order(building: Building, losses: Losses) -> None:
+    """Report floors whose level is not the one that their elevation tells."""
+    ordered = sorted(building.floors.values(), key=lambda entry: entry.floor.elevation)
+    below = sum(entry.floor.elevation < 0 for entry in ordered)
+    for i, entry in enumerate(ordered):
+        if entry.floor.level != i - below:
+            losses.add("floors: the level follows from the elevation: {names}", entry.floor.name)

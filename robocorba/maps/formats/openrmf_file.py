@@ -1,0 +1,133 @@
+"""What an Open-RMF building.yaml says, checked value by value; every error names file, line and key."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.model import XY
+
+
+@dataclass(frozen=True)
+class Vertex:
+    """A point of a level in the level's own coordinates (y as in the file)."""
+
+    at: XY
+    name: str
+    params: dict[str, Item]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A wall, lane, door or measurement: two vertices by index, and parameters."""
+
+    item: Item
+    a: int
+    b: int
+    params: dict[str, Item]
+
+    def text(self, name: str) -> str:
+        """A parameter as text, empty where it is missing."""
+        return self.params[name].text() if name in self.params else ""
+
+
+@dataclass(frozen=True)
+class Level:
+    """One level of the file."""
+
+    item: Item
+    name: str
+    elevation: float
+    vertices: list[Vertex]
+    links: dict[str, list[Link]]
+    fiducials: dict[str, XY] = field(default_factory=dict)
+    polygons: list[list[int]] = field(default_factory=list)
+    holes: list[list[int]] = field(default_factory=list)
+
+
+#: The lists of a level that hold pairs of vertices.
+LINKS = ("walls", "lanes", "doors", "measurements")
+
+
+def read_level(name: str, item: Item) -> Level:
+    """One level, its vertex indices checked. Raises MapFileError."""
+    elevation = item.get("elevation")
+    vertices = [_vertex(vertex) for vertex in _list(item, "vertices")]
+    fiducials: dict[str, XY] = {}
+    for entry in _list(item, "fiducials"):
+        x, y, label = _row(entry, 3)[:3]
+        if label.text():
+            fiducials.setdefault(label.text(), (x.number(), y.number()))
+    return Level(
+        item=item,
+        name=name,
+        elevation=elevation.number() if elevation else 0.0,
+        vertices=vertices,
+        links={kind: [_link(link, len(vertices)) for link in _list(item, kind)] for kind in LINKS},
+        fiducials=fiducials,
+        polygons=[_polygon(entry, len(vertices)) for entry in _list(item, "floors")],
+        holes=[_polygon(entry, len(vertices)) for entry in _list(item, "holes")],
+    )
+
+
+def _list(item: Item, name: str) -> list[Item]:
+    found = item.get(name)
+    return found.items() if found else []
+
+
+def _row(item: Item, least: int) -> list[Item]:
+    row = item.items()
+    if len(row) < least:
+        raise item.error(f"expected at least {least} values")
+    return row
+
+
+def _vertex(item: Item) -> Vertex:
+    """[x, y, z, name, {parameters}]; old files leave out what stands at the end."""
+    row = _row(item, 2)
+    if len(row) > 2:
+        row[2].number()
+    return Vertex(
+        at=(row[0].number(), row[1].number()),
+        name=row[3].text() if len(row) > 3 else "",
+        params=params(row[4]) if len(row) > 4 else {},
+    )
+
+
+def _link(item: Item, vertices: int) -> Link:
+    row = _row(item, 2)
+    a, b = _index(row[0], vertices), _index(row[1], vertices)
+    return Link(item, a, b, params(row[2]) if len(row) > 2 else {})
+
+
+def _polygon(item: Item, vertices: int) -> list[int]:
+    return [_index(index, vertices) for index in item.need("vertices").items()]
+
+
+def _index(item: Item, vertices: int) -> int:
+    index = item.integer()
+    if not 0 <= index < vertices:
+        raise item.error(f"there is no vertex {index}; the level has {vertices}")
+    return index
+
+
+def params(item: Item) -> dict[str, Item]:
+    """Parameters by name; each is [type, value], in the oldest files a bare value."""
+    found = {}
+    for name, entry in item.members():
+        if isinstance(entry.value, list):
+            if len(entry.value) != 2:
+                raise entry.error("expected [type, value]")
+            entry = entry.items()[1]
+        found[name] = entry
+    return found
+
+
+def flag(params: dict[str, Item], name: str) -> bool:
+    """A yes-or-no parameter, no where it is missing."""
+    if name not in params:
+        return False
+    value = params[name].value
+    if not isinstance(value, (bool, int)):
+        raise params[name].error("expected true or false")
+    return bool(value)

@@ -1,0 +1,152 @@
+"""The topological map of a floor from the vertices and lanes of an Open-RMF level."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import shapely
+
+from robocorba.maps.formats.losses import Losses
+from robocorba.maps.formats.openrmf_file import Level, Link, flag
+from robocorba.maps.formats.openrmf_place import Placement
+from robocorba.maps.geometry import shaft_polygon
+from robocorba.maps.model import XY, Elevator, PathEdge, PathNode, TopologicalMap
+
+#: Parameters of lanes and vertices that a building keeps in a form of its own.
+_LANE_KEYS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
+_VERTEX_KEYS = {"lift_cabin"}
+
+
+class Names:
+    """Unique names: what the file says, else a stable generated one; a name used twice gets a suffix."""
+
+    def __init__(self, losses: Losses, what: str, said: Iterable[str] = ()) -> None:
+        self._losses, self._what = losses, what
+        self._said, self._taken = set(said), set[str]()
+
+    def take(self, said: str, generated: str) -> str:
+        """A name that nothing else has; a generated one also avoids every name that the file says."""
+        wanted = said or generated
+        name, n = wanted, 1
+        while name in self._taken or (name in self._said and name != said):
+            n += 1
+            name = f"{wanted}_{n}"
+        if said and name != said:
+            self._losses.add(f"names used twice, renamed: {self._what}: {{names}}", f"{said} is now {name}")
+        self._taken.add(name)
+        return name
+
+
+def lanes_of(
+    level: Level, place: Placement, lifts: dict[str, Elevator], graphs: dict[int, str], losses: Losses
+) -> TopologicalMap:
+    """Nodes for the vertices that lanes use, that have a name or parameters; an edge for each pair joined by lanes."""
+    nodes = _nodes(level, place, lifts, losses)
+    edges: dict[str, PathEdge] = {}
+    names = Names(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
+    for edge in _edges(level, {index: node.name for index, node in nodes.items()}, graphs, losses):
+        name = names.take(edge.name, f"{edge.a}-{edge.b}")
+        edges[name] = PathEdge(
+            name=name,
+            a=edge.a,
+            b=edge.b,
+            one_way=edge.one_way,
+            speed_limit=edge.speed_limit,
+            clearance=edge.clearance,
+            graphs=edge.graphs,
+        )
+    return TopologicalMap({node.name: node for node in nodes.values()}, edges)
+
+
+def _nodes(level: Level, place: Placement, lifts: dict[str, Elevator], losses: Losses) -> dict[int, PathNode]:
+    used = {index for lane in level.links["lanes"] for index in (lane.a, lane.b)}
+    names = Names(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
+    shafts = {name: shaft_polygon(lift) for name, lift in lifts.items() if level.name in lift.floors()}
+    found: dict[int, PathNode] = {}
+    for index, vertex in enumerate(level.vertices):
+        if index not in used and not vertex.name and not vertex.params:
+            continue
+        at = place(vertex.at)
+        name = names.take(vertex.name, f"n{index}")
+        cabin = vertex.params["lift_cabin"].text() if "lift_cabin" in vertex.params else ""
+        if cabin and cabin not in shafts:
+            losses.add("lift cabins of lifts that do not stop there: {names}", f"{cabin} at {level.name} {name}")
+            cabin = ""
+        found[index] = PathNode(name=name, at=at, elevator=cabin or _shaft_around(at, shafts))
+        for key, value in vertex.params.items():
+            if key not in _VERTEX_KEYS and value.value:
+                losses.add(f"vertex property {key}: not kept: {{names}}", f"{level.name} {name}")
+    return found
+
+
+def _shaft_around(at: XY, shafts: dict[str, shapely.Polygon]) -> str:
+    """The lift whose cabin a vertex stands in, as the format's own tools find it; empty outside."""
+    return next((name for name, shaft in shafts.items() if shaft.contains(shapely.Point(at))), "")
+
+
+def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: Losses) -> list[PathEdge]:
+    """Lanes between the same two vertices become one edge for each way and speed, with the graphs of all of them."""
+    pairs: dict[tuple[int, int], list[Link]] = {}
+    for lane in level.links["lanes"]:
+        if lane.a == lane.b:
+            losses.add("lanes from a vertex to itself: {n} left out: {names}", f"{level.name} {nodes[lane.a]}")
+            continue
+        pairs.setdefault((lane.b, lane.a) if (lane.b, lane.a) in pairs else (lane.a, lane.b), []).append(lane)
+        for key, value in lane.params.items():
+            if key not in _LANE_KEYS and value.value:
+                losses.add(f"lane property {key}: not kept: {{names}}", f"{level.name} {nodes[lane.a]}-{nodes[lane.b]}")
+    found = []
+    for (a, b), lanes in pairs.items():
+        for (forward, backward, speed, clearance, name), members in _ways(level, (a, b), lanes, graphs, losses).items():
+            start, end = (a, b) if forward else (b, a)
+            found.append(
+                PathEdge(
+                    name=name,
+                    a=nodes[start],
+                    b=nodes[end],
+                    one_way=not (forward and backward),
+                    speed_limit=speed,
+                    clearance=clearance,
+                    graphs=tuple(member for member in members if member),
+                )
+            )
+    return found
+
+
+_Way = tuple[bool, bool, float, float, str]
+
+
+def _ways(
+    level: Level, pair: tuple[int, int], lanes: list[Link], graphs: dict[int, str], losses: Losses
+) -> dict[_Way, list[str]]:
+    """(forward, backward, speed, clearance, name) -> graphs; two one-way lanes of one graph make a two-way edge."""
+    single: dict[tuple[str, float, float, str], list[bool]] = {}
+    for lane in lanes:
+        key = (_graph(lane, graphs), _measure(lane, "speed_limit"), _measure(lane, "clearance"), lane.text("name"))
+        both = flag(lane.params, "bidirectional") or flag(lane.params, "is_bidirectional")
+        forward, backward = both or lane.a == pair[0], both or lane.a != pair[0]
+        ways = single.setdefault(key, [False, False])
+        if (not forward or ways[0]) and (not backward or ways[1]):
+            losses.add("lanes drawn twice: {n} left out: {names}", f"{level.name} {lane.a}-{lane.b}")
+        ways[0], ways[1] = ways[0] or forward, ways[1] or backward
+    found: dict[_Way, list[str]] = {}
+    for (graph, speed, clearance, name), (forward, backward) in single.items():
+        found.setdefault((forward, backward, speed, clearance, name), []).append(graph)
+    return found
+
+
+def _graph(lane: Link, graphs: dict[int, str]) -> str:
+    """The graph's name, its index where it has none, empty (all graphs) where the lane names none."""
+    if "graph_idx" not in lane.params:
+        return ""
+    index = lane.params["graph_idx"].integer()
+    return graphs.get(index, str(index))
+
+
+def _measure(lane: Link, name: str) -> float:
+    if name not in lane.params:
+        return 0.0
+    value = lane.params[name].number()
+    if value < 0:
+        raise lane.params[name].error("must not be below zero")
+    return value

@@ -1,0 +1,131 @@
+"""Elevators from the lifts of an Open-RMF file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from robocorba.maps.formats.losses import Losses
+from robocorba.maps.formats.openrmf_file import Level
+from robocorba.maps.formats.openrmf_place import Placement
+from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.model import Elevator, ElevatorDoor, Side
+
+#: Where a door is about as near to two sides, the way that it slides decides between them, m.
+CORNER_M = 0.25
+
+
+def read_lifts(
+    lifts: Item | None, levels: list[Level], reference: Level, placements: dict[str, Placement], losses: Losses
+) -> dict[str, Elevator]:
+    """Elevators by name; a lift that opens on no level is left out. Raises MapFileError."""
+    found = {}
+    for name, lift in lifts.members() if lifts else ():
+        named = lift.get("reference_floor_name")
+        place = placements.get((named.level_name() if named else "") or reference.name)
+        if place is None and named:
+            raise named.error(f"there is no level {named.text()!r}")
+        assert place is not None
+        width, depth = lift.need("width").positive(), lift.need("depth").positive()
+        doors = _doors(lift, name, width, depth, levels, losses)
+        if not doors:
+            losses.add("lifts that open on no level: {n} left out: {names}", name)
+            continue
+        yaw = lift.get("yaw")
+        found[name] = Elevator(
+            name=name,
+            at=place((lift.need("x").number(), lift.need("y").number())),
+            size=(width, depth),
+            heading=(yaw.number() if yaw else 0.0) + place.rotation,
+            doors=tuple(doors),
+        )
+    return found
+
+
+def _doors(
+    lift: Item, name: str, width: float, depth: float, levels: list[Level], losses: Losses
+) -> list[ElevatorDoor]:
+    """A door for each level and doorway, in order of the levels' elevation."""
+    listed = lift.get("doors")
+    doorways = (
+        {label: _doorway(item, f"{name} {label}", width, depth, losses) for label, item in listed.members()}
+        if listed
+        else {}
+    )
+    opens: dict[str, list[str]] = {level.name: [] for level in levels}
+    for place, door, item in _level_doors(lift.get("level_doors"), list(doorways)):
+        if place not in opens:
+            raise item.error(f"there is no level {place!r}")
+        if door not in doorways:
+            raise item.error(f"there is no door {door!r}")
+        opens[place].append(door)
+    lowest, highest = _range(lift, levels)
+    found = []
+    for level in sorted(levels, key=lambda level: level.elevation):
+        if opens[level.name] and not lowest <= level.elevation <= highest:
+            losses.add(
+                "lift doors outside lowest_floor to highest_floor are left out: {names}", f"{name} at {level.name}"
+            )
+            continue
+        for door in dict.fromkeys(opens[level.name]):
+            side, span, offset = doorways[door]
+            found.append(ElevatorDoor(floor=level.name, side=side, width=span, offset=offset))
+    for door in doorways:
+        if not any(door in names for names in opens.values()):
+            losses.add("lift doors that open on no level: {n} left out: {names}", f"{name} {door}")
+    return found
+
+
+def _level_doors(item: Item | None, doors: list[str]) -> Iterator[tuple[str, str, Item]]:
+    """(level, door, where it says so) from {level: [doors]}, [{level: doors}], [[level, door...]] or [level]."""
+    if item is None:
+        return
+    if isinstance(item.value, dict):
+        for label, named in item.members():
+            level = Item(item.file, named.key, label).level_name()
+            for door in named.items() if isinstance(named.value, list) else [named]:
+                yield level, door.text(), named
+        return
+    for entry in item.items():
+        if isinstance(entry.value, dict):
+            yield from _level_doors(entry, doors)
+        elif isinstance(entry.value, list):
+            row = entry.items()
+            for door in row[1:]:
+                yield row[0].level_name(), door.text(), entry
+        else:
+            for name in doors:
+                yield entry.level_name(), name, entry
+
+
+def _range(lift: Item, levels: list[Level]) -> tuple[float, float]:
+    """Elevation of the lowest and of the highest level served, in m; without bounds where none is named."""
+    heights = {level.name: level.elevation for level in levels}
+    bounds = [-math.inf, math.inf]
+    for i, key in enumerate(("lowest_floor", "highest_floor")):
+        named = lift.get(key)
+        if named and named.level_name():
+            if named.level_name() not in heights:
+                raise named.error(f"there is no level {named.text()!r}")
+            bounds[i] = heights[named.level_name()]
+    return bounds[0], bounds[1]
+
+
+def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[Side, float, float]:
+    """Side, width and offset of a door that the file gives by its middle in the cabin's frame."""
+    x, y, span = item.need("x").number(), item.need("y").number(), item.need("width").positive()
+    turned = item.get("motion_axis_orientation")
+    slides_along_y = abs(math.sin(turned.number() if turned else 0.0)) > math.sqrt(0.5)
+    from_x, from_y = abs(abs(x) - width / 2), abs(abs(y) - depth / 2)
+    on_x_side = slides_along_y if abs(from_x - from_y) < CORNER_M else from_x < from_y
+    if on_x_side:
+        side, offset, length = (Side.RIGHT if x > 0 else Side.LEFT), y, depth
+    else:
+        side, offset, length = (Side.BACK if y > 0 else Side.FRONT), x, width
+    fitting = min(span, length)
+    room = (length - fitting) / 2
+    kept = min(max(offset, -room), room)
+    if fitting != span or abs(kept - offset) > 1e-9:
+        losses.add("lift doors wider than their side or beyond its end were fitted to it: {names}", name)
+        offset = kept
+    return side, fitting, offset

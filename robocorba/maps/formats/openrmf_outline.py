@@ -1,0 +1,111 @@
+"""The outline of a floor from the floor polygons and holes of an Open-RMF level."""
+
+from __future__ import annotations
+
+import shapely
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.maps.formats.losses import Losses
+from robocorba.maps.formats.openrmf_file import Level
+from robocorba.maps.formats.openrmf_place import Placement
+from robocorba.maps.geometry import shaft_polygon
+from robocorba.maps.model import XY, Elevator, MapObject, PolygonShape
+
+#: Floor polygons that leave a gap of up to twice this between them count as one, m.
+GAP_M = 0.05
+#: So far from a floor polygon a lift's shaft still belongs to it, m.
+SHAFT_GAP_M = 0.5
+#: Smaller holes and parts are traces of drawing, m2.
+LEAST_AREA_M2 = 0.01
+
+
+def outline_of(
+    level: Level, place: Placement, shafts: list[Elevator], losses: Losses
+) -> tuple[tuple[XY, ...], dict[str, MapObject]]:
+    """The outline (empty where the level has no floor polygon), and its voids as objects `void1`, `void2`...
+
+    The outline is the union of the floor polygons and of the shafts beside or in them. Parts
+    that lie apart are dropped where the lanes need only the largest one, else their
+    convex hull is the outline."""
+    polygons = []
+    for i, indices in enumerate(level.polygons):
+        points = [place(level.vertices[index].at) for index in indices]
+        polygon = _polygon(points, f"{level.name} floors[{i}]", losses)
+        if polygon is not None:
+            polygons.append((polygon, points))
+    holes = [
+        hole
+        for i, indices in enumerate(level.holes)
+        if (hole := _polygon([place(level.vertices[k].at) for k in indices], f"{level.name} holes[{i}]", losses))
+    ]
+    if not polygons:
+        if holes:
+            losses.add("holes without a floor around them are left out: {names}", level.name)
+        return (), {}
+    ground = shapely.union_all([polygon for polygon, _ in polygons])
+    missing = _missing_shafts(ground, shafts, level, losses)
+    if len(polygons) == 1 and not missing and not holes and isinstance(polygons[0][0], Polygon):
+        return tuple(polygons[0][1]), {}
+    ground = _one_part(shapely.union_all([ground, *missing]), level, place, losses)
+    cut = _largest(ground.difference(shapely.union_all(holes)) if holes else ground)
+    voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= LEAST_AREA_M2]
+    return _points(cut), {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
+
+
+def _missing_shafts(ground: BaseGeometry, shafts: list[Elevator], level: Level, losses: Losses) -> list[BaseGeometry]:
+    """Shafts that the floor polygons leave out, with the ground between them; a robot rides there and enters there."""
+    found = []
+    for elevator in shafts:
+        shaft = shaft_polygon(elevator)
+        if not ground.covers(shaft) and ground.distance(shaft) <= SHAFT_GAP_M:
+            between = shaft.buffer(SHAFT_GAP_M, join_style="mitre").intersection(ground.union(shaft).convex_hull)
+            found.append(shaft.union(between))
+            losses.add("outline: extended by the shafts of lifts: {names}", f"{level.name} {elevator.name}")
+    return found
+
+
+def _polygon(points: list[XY], where: str, losses: Losses) -> BaseGeometry | None:
+    """The area that a ring encloses, mended where it crosses itself; None where it has none."""
+    area: BaseGeometry = Polygon(points) if len(points) >= 3 else Polygon()
+    if not area.is_valid:
+        losses.add("polygons that cross themselves were mended: {names}", where)
+        area = shapely.union_all([part for part in shapely.get_parts(shapely.make_valid(area)) if part.area > 0])
+    if area.area < LEAST_AREA_M2:
+        losses.add("polygons without area: {n} left out: {names}", where)
+        return None
+    return area
+
+
+def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Losses) -> Polygon:
+    if isinstance(ground, Polygon):
+        return ground
+    closed = ground.buffer(GAP_M, join_style="mitre").buffer(-GAP_M, join_style="mitre")
+    if isinstance(closed, Polygon) and not closed.is_empty:
+        return closed
+    largest = _largest(ground)
+    ends = {index for lane in level.links["lanes"] for index in (lane.a, lane.b)}
+    if all(largest.covers(shapely.Point(place(level.vertices[index].at))) for index in ends):
+        losses.add(
+            "outline: floor polygons apart from the largest part are left out, no lane leads there: {names}", level.name
+        )
+        return largest
+    losses.add("outline: the floor polygons lie apart, their convex hull is used: {names}", level.name)
+    return ground.convex_hull
+
+
+def _largest(ground: BaseGeometry) -> Polygon:
+    parts = [part for part in shapely.get_parts(ground) if isinstance(part, Polygon)]
+    return max(parts, key=lambda part: part.area, default=Polygon())
+
+
+def _points(polygon: Polygon) -> tuple[XY, ...]:
+    return tuple((x, y) for x, y in polygon.exterior.coords[:-1])
+
+
+def _void(name: str, area: Polygon) -> MapObject:
+    """A void as an object around its centroid."""
+    x, y = round(area.centroid.x, 3), round(area.centroid.y, 3)
+    return MapObject(
+        name=name, shape=PolygonShape(points=tuple((px - x, py - y) for px, py in _points(area))), at=(x, y)
+    )

@@ -1,0 +1,90 @@
+"""Floors drawn for the ROS map_server: a YAML file and a picture each, cells free, occupied or unknown."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import shapely
+from PIL import Image
+
+from robocorba.errors import MapFileError
+from robocorba.maps.formats.files import floor_paths, write_file
+from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, Canvas
+from robocorba.maps.formats.losses import Losses
+from robocorba.maps.formats.ros_map import FREE_BELOW, OCCUPIED_ABOVE
+from robocorba.maps.geometry import bounds, obstacles
+from robocorba.maps.model import Building
+
+DEFAULT_RESOLUTION_M = 0.05
+#: Grey of each kind of cell, as the map_saver of ROS writes it.
+_SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
+
+
+def write(
+    building: Building, path: str | Path, resolution_m: float = DEFAULT_RESOLUTION_M, image: str = "pgm"
+) -> tuple[str, ...]:
+    """Write a YAML file and a picture (`image`: pgm or png) for each floor. Returns what was lost.
+
+    `resolution_m` is the side of a cell. Raises MapFileError where the grid would be too
+    large or a file can't be written."""
+    if not 1e-3 <= resolution_m <= 10:
+        raise MapFileError(str(path), 0, "resolution", "expected metres a cell, from 0.001 to 10")
+    if image not in ("pgm", "png"):
+        raise MapFileError(str(path), 0, "image", f"{image!r} is not supported; pgm and png are")
+    losses = Losses()
+    for floor, target in floor_paths(building, path, ".yaml").items():
+        canvas = _drawn(building, floor, resolution_m, target)
+        shades = np.array([_SHADES[value] for value in (FREE, OCCUPIED, UNKNOWN)], np.uint8)[canvas.cells]
+        picture = target.with_suffix(f".{image}")
+        try:
+            Image.fromarray(shades).save(picture, format="PPM" if image == "pgm" else "PNG")
+        except OSError as wrong:
+            raise MapFileError(str(picture), 0, "", wrong.strerror or str(wrong)) from None
+        write_file(target, _yaml(picture.name, canvas).encode())
+        _report(building, floor, losses)
+    losses.add(f"shapes are drawn in cells of {resolution_m:g} m; names and heights are not kept")
+    return losses.sentences()
+
+
+def _drawn(building: Building, floor: str, resolution_m: float, target: Path) -> Canvas:
+    x0, y0, x1, y1 = bounds(building, floor)
+    columns, rows = math.ceil((x1 - x0) / resolution_m), math.ceil((y1 - y0) / resolution_m)
+    if columns * rows > MOST_CELLS:
+        raise MapFileError(
+            str(target), 0, "resolution", f"{columns} x {rows} cells are too many, {MOST_CELLS} are written"
+        )
+    canvas = Canvas((x0, y0), resolution_m, rows, columns)
+    outline = building.floors[floor].floor.outline
+    canvas.fill(shapely.Polygon(outline) if outline else shapely.box(x0, y0, x1, y1), FREE)
+    for item in obstacles(building, floor):
+        if item.kind == "floor":
+            continue
+        if item.geometry.geom_type == "Polygon":
+            canvas.fill(item.geometry, OCCUPIED)
+        canvas.trace(item.geometry, OCCUPIED)
+    return canvas
+
+
+def _yaml(picture: str, canvas: Canvas) -> str:
+    x, y = canvas.origin
+    quoted = "'" + picture.replace("'", "''") + "'"
+    return (
+        f"image: {quoted}\nmode: trinary\nresolution: {canvas.cell_m!r}\norigin: [{x!r}, {y!r}, 0.0]\nnegate: 0\n"
+        f"occupied_thresh: {OCCUPIED_ABOVE}\nfree_thresh: {FREE_BELOW}\n"
+    )
+
+
+def _report(building: Building, floor: str, losses: Losses) -> None:
+    entry = building.floors[floor]
+    if entry.topological.nodes:
+        losses.add("nodes and edges are left out: {names}", floor)
+    if entry.geometrical.areas:
+        losses.add("areas are left out: {names}", floor)
+    for door in entry.geometrical.doors.values():
+        state = "locked doors became walls: {names}" if door.locked else "doors became gaps in the walls: {names}"
+        losses.add(state, f"{floor} {door.name}")
+    for elevator in building.elevators.values():
+        if floor in elevator.floors():
+            losses.add("elevators became their shafts, open at the landing: {names}", f"{floor} {elevator.name}")

@@ -1,0 +1,104 @@
+"""A value in a YAML file and where it stands: checked as it is taken, every error names file, line and key."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from robocorba.errors import MapFileError
+from robocorba.maps.yaml_file import YamlFile
+
+MAX_NAME = 200
+#: Larger numbers are no place in a building, whatever the unit.
+MAX_NUMBER = 1e9
+#: yaml-cpp writes 1e-05, which YAML 1.1 takes for text.
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Item:
+    """A value in the file and where it stands."""
+
+    file: YamlFile
+    key: str
+    value: Any
+
+    def error(self, reason: str) -> MapFileError:
+        """The MapFileError to raise for this value."""
+        return self.file.error(self.key, reason)
+
+    def get(self, name: str) -> Item | None:
+        """A member of a mapping; None where it is missing or empty."""
+        value = self.mapping().get(name)
+        return None if value is None else Item(self.file, f"{self.key}.{name}", value)
+
+    def need(self, name: str) -> Item:
+        """A member that must be there."""
+        item = self.get(name)
+        if item is None:
+            raise self.error(f"the key {name!r} is missing")
+        return item
+
+    def mapping(self) -> dict[Any, Any]:
+        """The value as a mapping; an empty value counts as an empty mapping."""
+        if self.value is None:
+            return {}
+        if not isinstance(self.value, dict):
+            raise self.error("expected a mapping")
+        return self.value
+
+    def members(self) -> Iterator[tuple[str, Item]]:
+        """Names and values of a mapping."""
+        for label, value in self.mapping().items():
+            item = Item(self.file, f"{self.key}.{label}", value)
+            yield Item(self.file, item.key, label).text(), item
+
+    def items(self) -> list[Item]:
+        """The values of a list; an empty value or mapping counts as an empty list."""
+        if self.value is None or self.value == {}:
+            return []
+        if not isinstance(self.value, list):
+            raise self.error("expected a list")
+        return [Item(self.file, f"{self.key}[{i}]", value) for i, value in enumerate(self.value)]
+
+    def number(self) -> float:
+        """The value as a finite number."""
+        value = self.value
+        if isinstance(value, str) and len(value) < 40 and _NUMBER.fullmatch(value):
+            value = float(value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.error("expected a number")
+        if not -MAX_NUMBER <= value <= MAX_NUMBER:
+            raise self.error("the number is too large" if abs(value) > MAX_NUMBER else "expected a finite number")
+        return float(value)
+
+    def integer(self) -> int:
+        """The value as a whole number."""
+        number = self.number()
+        if not number.is_integer():
+            raise self.error("expected a whole number")
+        return int(number)
+
+    def positive(self) -> float:
+        """The value as a number above zero."""
+        number = self.number()
+        if number <= 0:
+            raise self.error("expected a number above zero")
+        return number
+
+    def text(self) -> str:
+        """The value as a name; plain numbers and words of YAML count as text."""
+        if isinstance(self.value, (dict, list)) or (isinstance(self.value, int) and abs(self.value) > MAX_NUMBER):
+            raise self.error("expected a text")
+        text = "" if self.value is None else str(self.value)
+        if len(text) > MAX_NAME:
+            raise self.error(f"longer than {MAX_NAME} characters")
+        if not text.isprintable():
+            raise self.error("holds an unprintable character")
+        return text
+
+    def level_name(self) -> str:
+        """The value as the name of a level; the marks that set a floor's name off from a position become _."""
+        return re.sub("[:/]", "_", self.text())

@@ -1,0 +1,198 @@
+"""What is written as building.yaml reads back as the same building, up to the losses that are listed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.maps import validation
+from robocorba.maps.formats import openrmf, openrmf_export, read_map, write_map
+from robocorba.maps.geometry import obstacles
+from robocorba.maps.model import (
+    Area,
+    BoxShape,
+    Building,
+    CircleShape,
+    Door,
+    DoorKind,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    FloorMap,
+    GeometricalMap,
+    MapObject,
+    PathEdge,
+    PathNode,
+    Side,
+    TopologicalMap,
+    Wall,
+)
+from robocorba.maps.yaml_file import parse_yaml
+from tests.formats.rmf_files import real_file
+
+numbers = st.floats(0.0, 4.0, allow_subnormal=False)
+words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=8)
+names = words | st.sampled_from(["1", "yes", "~", "null", "1e-05", "0x1f", "w0", "n1", "a: b", "- x", "'", "[1]"])
+leaves = st.sampled_from([kind for kind in DoorKind if kind is not DoorKind.OPENING])
+
+
+@st.composite
+def topologies(draw: st.DrawFn, elevator: Elevator | None) -> TopologicalMap:
+    """Nodes in rows between the walls, edges along a row, and a node in the cabin."""
+    nodes: dict[str, PathNode] = {}
+    rows: list[list[str]] = [[], []]
+    for name in draw(st.lists(names, unique=True, max_size=6)):
+        which = draw(st.integers(0, 1))
+        nodes[name] = PathNode(name=name, at=(len(rows[which]) + draw(numbers) / 8, 1.0 + 2 * which))
+        rows[which].append(name)
+    edges: dict[str, PathEdge] = {}
+    for row in rows:
+        for a, b in pairwise(row):
+            name = draw(st.just(f"{a}-{b}") | names)
+            if name not in edges:
+                edges[name] = PathEdge(
+                    name=name,
+                    a=a,
+                    b=b,
+                    one_way=draw(st.booleans()),
+                    speed_limit=draw(st.just(0.0) | st.floats(0.01, 5.0)),
+                    clearance=draw(st.just(0.0) | st.floats(0.01, 5.0)),
+                    graphs=tuple(draw(st.lists(names, unique=True, min_size=1, max_size=3))),
+                )
+    if elevator and "cabin" not in nodes:
+        nodes["cabin"] = PathNode(name="cabin", at=elevator.at, elevator=elevator.name)
+    return TopologicalMap(nodes, edges)
+
+
+@st.composite
+def elevators(draw: st.DrawFn, floors: list[str]) -> Elevator:
+    """One elevator that serves every floor, through one or two sides."""
+    size = (draw(st.floats(1.0, 3.0)), draw(st.floats(1.0, 3.0)))
+    doors = []
+    for floor in floors:
+        for side in draw(st.lists(st.sampled_from(list(Side)), unique=True, min_size=1, max_size=2)):
+            length = size[0] if side in (Side.FRONT, Side.BACK) else size[1]
+            width = draw(st.floats(0.5, length))
+            room = (length - width) / 2
+            doors.append(ElevatorDoor(floor=floor, side=side, width=width, offset=draw(st.floats(-room, room))))
+    at = (20 + draw(numbers), draw(numbers))
+    return Elevator(name=draw(names), at=at, size=size, heading=draw(st.floats(-3.0, 3.0)), doors=tuple(doors))
+
+
+@st.composite
+def buildings(draw: st.DrawFn) -> Building:
+    """Buildings in order, of what the format can hold."""
+    floor_names = draw(
+        st.lists(names.filter(lambda name: not {":", "/"} & set(name)), unique=True, min_size=1, max_size=3)
+    )
+    lift = draw(st.none() | elevators(floor_names))
+    below = draw(st.integers(0, len(floor_names)))
+    outline = draw(st.sampled_from([(), ((-2.0, -2.0), (30.0, -2.0), (30.0, 12.0), (-2.0, 12.0))]))
+    floors = {}
+    for i, name in enumerate(floor_names):
+        level = i - below
+        walls = {
+            label: Wall(
+                name=label, a=(draw(numbers) - 1, 2.0 * k), b=(draw(numbers) + 5, 2.0 * k), height=draw(numbers) + 1
+            )
+            for k, label in enumerate(draw(st.lists(names, unique=True, max_size=3)))
+        }
+        doors = {
+            label: Door(name=label, a=(k + draw(numbers) / 8, 8.0), b=(k + 0.8, 8.0), kind=draw(leaves))
+            for k, label in enumerate(draw(st.lists(names, unique=True, max_size=3)))
+        }
+        floors[name] = FloorMap(
+            Floor(name=name, level=level, elevation=level * 4.0 + draw(numbers) / 2, outline=outline),
+            GeometricalMap(walls=walls, doors=doors),
+            draw(topologies(lift)),
+        )
+    return Building(draw(names), floors, {lift.name: lift} if lift else {})
+
+
+@settings(max_examples=60, deadline=None)
+@given(buildings())
+def test_what_is_written_reads_back_equal(building: Building) -> None:
+    assert validation.problems(building) == []
+    text, losses = openrmf_export.dumps(building)
+    assert all(loss.startswith(("doors: how they swing", "graphs: the format's tools")) for loss in losses)
+    result = openrmf.read(parse_yaml(text.encode(), "written"))
+    assert result.building == building
+
+
+def _floor(**parts: Any) -> FloorMap:
+    return FloorMap(Floor(name="G", level=0, elevation=0.0), **parts)
+
+
+def _losses(building: Building, tmp_path: Path) -> tuple[str, ...]:
+    return write_map(building, tmp_path / "b.building.yaml", "openrmf")
+
+
+def test_walls_are_cut_where_doors_open_them(tmp_path: Path) -> None:
+    plan = GeometricalMap(
+        walls={"long": Wall(name="long", a=(0.0, 0.0), b=(10.0, 0.0))},
+        doors={"d": Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0))},
+    )
+    building = Building("b", {"G": _floor(geometrical=plan)})
+    assert "walls that a door or landing opens are cut there: G long" in _losses(building, tmp_path)
+    again = read_map(tmp_path / "b.building.yaml").building
+    walls = again.floors["G"].geometrical.walls
+    assert {name: (wall.a, wall.b) for name, wall in walls.items()} == {
+        "long": ((0.0, 0.0), (4.0, 0.0)),
+        "long_2": ((5.0, 0.0), (10.0, 0.0)),
+    }
+
+
+def test_losses_are_named(tmp_path: Path) -> None:
+    plan = GeometricalMap(
+        objects={
+            "table": MapObject(name="table", shape=BoxShape(size=(1.0, 1.0)), at=(3.0, 3.0)),
+            "post": MapObject(name="post", shape=CircleShape(radius=0.2), at=(5.0, 3.0)),
+        },
+        doors={
+            "gap": Door(name="gap", a=(0.0, 8.0), b=(1.0, 8.0), kind=DoorKind.OPENING),
+            "shut": Door(name="shut", a=(2.0, 8.0), b=(3.0, 8.0), locked=True),
+        },
+        areas={"hall": Area(name="hall", polygon=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)))},
+    )
+    topology = TopologicalMap(
+        {"a": PathNode(name="a", at=(0.0, 0.0)), "b": PathNode(name="b", at=(1.0, 0.0))},
+        {"a-b": PathEdge(name="a-b", a="a", b="b")},
+    )
+    losses = "\n".join(_losses(Building("b", {"G": _floor(geometrical=plan, topological=topology)}), tmp_path))
+    for part in (
+        "objects: 2 left out, the format has models but no shapes: G table, G post",
+        "areas: 1 left out: G hall",
+        "doors without a leaf are only gaps in the walls: G gap",
+        "that they are locked is not kept: G shut",
+        "edges of no graph in particular are written to each one: 0",
+    ):
+        assert part in losses
+    lanes = yaml.safe_load((tmp_path / "b.building.yaml").read_text())["levels"]["G"]["lanes"]
+    assert [lane[2]["graph_idx"] for lane in lanes] == [[2, 0]]
+
+
+@pytest.mark.parametrize("name", ["hotel", "office"])
+def test_real_buildings_survive(name: str, tmp_path: Path) -> None:
+    building = read_map(real_file(name)).building
+    write_map(building, tmp_path / "again.building.yaml", "openrmf")
+    again = read_map(tmp_path / "again.building.yaml").building
+    assert again.elevators == building.elevators
+    for floor, entry in building.floors.items():
+        assert again.floors[floor].topological == entry.topological
+        assert again.floors[floor].geometrical.doors == entry.geometrical.doors
+        for kind in ("wall", "object", "floor"):
+            before, after = _blocked(building, floor, kind), _blocked(again, floor, kind)
+            assert before.is_empty == after.is_empty
+            assert before.is_empty or before.hausdorff_distance(after) < 1e-3
+
+
+def _blocked(building: Building, floor: str, kind: str) -> BaseGeometry:
+    return shapely.union_all([item.geometry for item in obstacles(building, floor) if item.kind == kind])

@@ -1,0 +1,333 @@
+"""Open-RMF building files become buildings: scale, alignment, lanes, doors, lifts, and what is reported as lost."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import networkx as nx
+import pytest
+
+from robocorba.errors import MapFileError
+from robocorba.maps import validation
+from robocorba.maps.formats import read_map
+from robocorba.maps.model import Building, DoorKind, ElevatorDoor, PathEdge, Side
+from tests.formats.rmf_files import imported, real_file, small
+
+
+def test_pixels_become_metres_with_y_up() -> None:
+    floor = imported(small()).building.floors["L1"]
+    assert floor.topological.nodes["start"].at == pytest.approx((2.5, -2.5))
+    assert floor.geometrical.walls["w1"].b == pytest.approx((10.0, -5.0))
+    assert floor.geometrical.walls["w0"].height == 3.5
+    assert floor.geometrical.walls["w1"].height == 2.5
+    assert [tuple(map(round, point)) for point in floor.floor.outline] == [(0, 0), (10, 0), (10, -5), (0, -5)]
+
+
+def test_an_upper_level_is_scaled_turned_and_moved_onto_the_reference_level() -> None:
+    building = imported(small()).building
+    lower, upper = building.floors["L1"], building.floors["L2"]
+    assert upper.topological.nodes["n0"].at == pytest.approx(lower.topological.nodes["n9"].at)
+    assert upper.topological.nodes["n1"].at == pytest.approx(lower.topological.nodes["n10"].at)
+    assert (upper.floor.level, upper.floor.elevation) == (1, 4.0)
+
+
+def test_lanes_of_several_graphs_become_one_edge() -> None:
+    edges = imported(small()).building.floors["L1"].topological.edges
+    assert edges == {
+        "start-n9": PathEdge(name="start-n9", a="start", b="n9", speed_limit=0.5, graphs=("tiny", "1")),
+        "n9-n10": PathEdge(name="n9-n10", a="n9", b="n10", one_way=True, graphs=("tiny",)),
+    }
+
+
+def test_a_lane_without_graph_belongs_to_all() -> None:
+    assert imported(small()).building.floors["L2"].topological.edges["n0-n1"].graphs == ()
+
+
+def test_two_one_way_lanes_make_a_two_way_edge() -> None:
+    data = small()
+    data["levels"]["L1"]["lanes"] = [[8, 9, {"graph_idx": [2, 3]}], [9, 8, {"graph_idx": [2, 3]}]]
+    edges = imported(data).building.floors["L1"].topological.edges
+    assert list(edges.values()) == [PathEdge(name="start-n9", a="start", b="n9", graphs=("3",))]
+
+
+def test_lanes_that_differ_in_way_stay_apart() -> None:
+    data = small()
+    data["levels"]["L1"]["lanes"] = [
+        [8, 9, {"graph_idx": [2, 0], "bidirectional": [4, True]}],
+        [9, 8, {"graph_idx": [2, 1]}],
+    ]
+    edges = imported(data).building.floors["L1"].topological.edges
+    assert edges == {
+        "start-n9": PathEdge(name="start-n9", a="start", b="n9", graphs=("tiny",)),
+        "n9-start": PathEdge(name="n9-start", a="n9", b="start", one_way=True, graphs=("1",)),
+    }
+
+
+def test_lift_with_its_doors_and_cabins() -> None:
+    building = imported(small()).building
+    lift = building.elevators["lift"]
+    assert lift.at == pytest.approx((9.0, -2.5))
+    assert lift.size == (1.6, 1.4)
+    assert lift.doors == tuple(
+        ElevatorDoor(floor=floor, side=Side.LEFT, width=1.0, offset=0.1) for floor in ("L1", "L2")
+    )
+    assert building.floors["L1"].topological.nodes["n10"].elevator == "lift"
+    assert building.floors["L2"].topological.nodes["n1"].elevator == "lift"
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "motion", "side", "offset"),
+    [
+        (0.2, -0.9, 0.0, Side.FRONT, 0.2),
+        (0.2, 0.9, 0.0, Side.BACK, 0.2),
+        (0.9, -0.1, math.pi / 2, Side.RIGHT, -0.1),
+        (-0.7, 0.7, 0.0, Side.BACK, -0.3),
+        (-0.7, 0.2, -math.pi / 2, Side.LEFT, 0.2),
+    ],
+)
+def test_the_side_of_a_lift_door(x: float, y: float, motion: float, side: Side, offset: float) -> None:
+    data = small()
+    data["levels"] = {"L1": data["levels"]["L1"]}
+    lift = data["lifts"]["lift"]
+    lift.update(highest_floor="", level_doors={"L1": ["d"]})
+    lift["doors"] = {"d": {"x": x, "y": y, "width": 1.0, "motion_axis_orientation": motion}}
+    door = imported(data).building.elevators["lift"].doors[0]
+    assert door.side is side
+    assert door.offset == pytest.approx(offset)
+
+
+@pytest.mark.parametrize(
+    "level_doors",
+    [
+        {"L1": ["west"], "L2": ["west"]},
+        {"L1": "west", "L2": "west"},
+        [{"L1": ["west"]}, {"L2": "west"}],
+        [["L1", "west"], ["L2", "west"]],
+        ["L1", "L2"],
+    ],
+)
+def test_forms_of_level_doors(level_doors: Any) -> None:
+    data = small()
+    data["lifts"]["lift"]["level_doors"] = level_doors
+    assert imported(data).building.elevators["lift"].floors() == ("L1", "L2")
+
+
+def test_a_lift_that_opens_nowhere_is_left_out_and_reported() -> None:
+    data = small()
+    data["lifts"]["lift"]["level_doors"] = {}
+    result = imported(data)
+    assert result.building.elevators == {}
+    assert "lifts that open on no level: 1 left out: lift" in result.losses
+    assert result.building.floors["L1"].topological.nodes["n10"].elevator == ""
+
+
+def test_losses_are_summed_up() -> None:
+    losses = imported(small()).losses
+    assert "models: 3 left out, the file does not say how large they are: Chair (x3)" in losses
+    assert "drawing: not kept: L1" in losses
+    assert "vertex property is_charger: not kept: L1 start" in losses
+    assert len(losses) == len(set(losses))
+
+
+def test_a_wrong_measurement_is_reported() -> None:
+    data = small()
+    data["levels"]["L1"]["measurements"].append([1, 2, {"distance": [3, 9.0]}])
+    found = [loss for loss in imported(data).losses if loss.startswith("scale of L1")]
+    assert found == ["scale of L1: levels.L1.measurements[2] gives 0.09000 m a pixel, the median is 0.05000"]
+
+
+def test_the_scale_comes_from_another_level_where_the_reference_is_not_measured() -> None:
+    data = small()
+    del data["levels"]["L1"]["measurements"]
+    data["levels"]["L2"]["measurements"] = [[0, 1, {"distance": [3, 1.5]}]]
+    assert imported(data).building.floors["L1"].topological.nodes["start"].at == pytest.approx((2.5, -2.5))
+
+
+def test_metres_are_read_as_they_are() -> None:
+    data = {
+        "name": "plain",
+        "coordinate_system": "cartesian_meters",
+        "parameters": {"offset_x": [3, 100.0]},
+        "levels": {"G": {"vertices": [[101, 2], [103, 2, 0], [103, 5, 0, "end"]], "lanes": [[0, 1], [1, 2, {}]]}},
+    }
+    floor = imported(data).building.floors["G"]
+    assert {node.name: node.at for node in floor.topological.nodes.values()} == {
+        "n0": (1.0, 2.0),
+        "n1": (3.0, 2.0),
+        "end": (3.0, 5.0),
+    }
+
+
+def test_names_used_twice_get_a_suffix() -> None:
+    data = small()
+    data["levels"]["L1"]["vertices"][9][3] = "start"
+    result = imported(data)
+    assert list(result.building.floors["L1"].topological.nodes) == ["start", "start_2", "n10"]
+    assert "names used twice, renamed: vertex of L1: start is now start_2" in result.losses
+
+
+def test_generated_names_avoid_given_ones() -> None:
+    data = small()
+    data["levels"]["L1"]["vertices"][8][3] = "n9"
+    assert list(imported(data).building.floors["L1"].topological.nodes) == ["n9", "n9_2", "n10"]
+
+
+def test_what_breaks_a_rule_is_left_out_and_named() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[100, 20, 0, "in_wall"], [50, 20, 0, "beside"], [150, 20, 0, "behind"]]
+    level["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [12, 13, {"graph_idx": [2, 0]}]]
+    result = imported(data)
+    assert validation.problems(result.building) == []
+    left_out = [loss for loss in result.losses if loss.startswith("left out")]
+    assert any("node 'in_wall' on L1" in loss for loss in left_out)
+    assert any("edge 'beside-behind' on L1" in loss for loss in left_out)
+    assert {"beside", "behind"} <= result.building.floors["L1"].topological.nodes.keys()
+
+
+def test_floor_polygons_unite_and_holes_become_voids() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[20, 10], [40, 10], [40, 30], [20, 30]]
+    level["floors"] = [{"vertices": [0, 4, 7, 3]}, {"vertices": [4, 1, 2, 7]}]
+    level["holes"] = [{"vertices": [11, 12, 13, 14]}]
+    floor = imported(data).building.floors["L1"]
+    assert {tuple(map(round, point)) for point in floor.floor.outline} >= {(0, 0), (10, 0), (10, -5), (0, -5)}
+    void = floor.geometrical.objects["void1"]
+    assert void.at == pytest.approx((1.5, -1.0))
+
+
+def test_floor_polygons_apart_are_reported() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[300, 0], [310, 0], [310, 10]]
+    level["floors"].append({"vertices": [11, 12, 13]})
+    result = imported(data)
+    assert any("apart from the largest part are left out" in loss for loss in result.losses)
+    assert max(x for x, _ in result.building.floors["L1"].floor.outline) == pytest.approx(10.0)
+
+
+def test_levels_of_one_elevation_are_set_apart() -> None:
+    data = small()
+    data["levels"]["L2"]["elevation"] = 0
+    result = imported(data)
+    assert [entry.floor.elevation for entry in result.building.floors.values()] == [0.0, 3.0]
+    assert "elevation: levels at one height are taken to be 3 m apart: L2" in result.losses
+
+
+def test_basements_count_down() -> None:
+    data = small()
+    data["levels"]["L1"]["elevation"] = -3.5
+    assert [entry.floor.level for entry in imported(data).building.floors.values()] == [-1, 0]
+
+
+def test_names_with_the_marks_of_positions_are_changed() -> None:
+    data = {"levels": {"B1/L:1": {"vertices": [[0, 0, 0, "a"]]}}}
+    assert list(imported(data).building.floors) == ["B1_L_1"]
+
+
+def test_missing_keys_of_old_files() -> None:
+    data = copy.deepcopy(small())
+    del data["coordinate_system"], data["graphs"], data["name"]
+    data["building_name"] = "old"
+    result = imported(data)
+    assert result.building.name == "old"
+    assert result.building.floors["L1"].topological.edges["start-n9"].graphs == ("0", "1")
+
+
+@pytest.mark.parametrize(
+    ("change", "line_key", "reason"),
+    [
+        (lambda d: d["levels"]["L1"]["vertices"][2].__setitem__(0, "far"), "levels.L1.vertices[2][0]", "a number"),
+        (lambda d: d["levels"]["L1"]["vertices"][2].__setitem__(0, math.nan), "levels.L1.vertices[2][0]", "finite"),
+        (lambda d: d["levels"]["L1"]["walls"][0].__setitem__(1, 999), "levels.L1.walls[0][1]", "no vertex 999"),
+        (lambda d: d["levels"]["L1"]["lanes"][0].__setitem__(0, -1), "levels.L1.lanes[0][0]", "no vertex -1"),
+        (
+            lambda d: d["levels"]["L1"]["measurements"][0][2].__setitem__("distance", [3, -1.0]),
+            "levels.L1.measurements[0][2].distance[1]",
+            "above zero",
+        ),
+        (lambda d: d["lifts"]["lift"].pop("x"), "lifts.lift", "'x' is missing"),
+        (
+            lambda d: d["lifts"]["lift"].__setitem__("reference_floor_name", "L9"),
+            "lifts.lift.reference_floor_name",
+            "no level 'L9'",
+        ),
+        (lambda d: d.__setitem__("coordinate_system", "wgs84"), "coordinate_system", "not supported"),
+        (lambda d: d.__setitem__("levels", []), "levels", "a mapping"),
+        (lambda d: d.__setitem__("levels", {}), "levels", "no level"),
+        (lambda d: d.__setitem__("reference_level_name", "X"), "reference_level_name", "no level 'X'"),
+    ],
+)
+def test_errors_name_line_and_key(change: Any, line_key: str, reason: str) -> None:
+    data = small()
+    change(data)
+    with pytest.raises(MapFileError, match=reason) as caught:
+        imported(data)
+    assert caught.value.key == line_key
+    assert caught.value.line > 0
+
+
+def _graph(building: Building, name: str) -> nx.Graph:
+    """The part of a building that one navigation graph covers, floors joined by elevators."""
+    graph: nx.Graph = nx.Graph()
+    for floor, entry in building.floors.items():
+        for edge in entry.topological.edges.values():
+            if name in edge.graphs:
+                graph.add_edge((floor, edge.a), (floor, edge.b))
+        for node in entry.topological.nodes.values():
+            if node.elevator and (floor, node.name) in graph:
+                graph.add_edge((floor, node.name), node.elevator)
+    return graph
+
+
+def test_the_hotel() -> None:
+    result = read_map(real_file("hotel"))
+    building = result.building
+    assert validation.problems(building) == []
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert list(building.floors) == ["L1", "L2", "L3"]
+    assert [entry.floor.elevation for entry in building.floors.values()] == [0.0, 8.0, 16.0]
+    assert {name: len(entry.geometrical.doors) for name, entry in building.floors.items()} == {
+        "L1": 5,
+        "L2": 7,
+        "L3": 7,
+    }
+    assert building.floors["L1"].geometrical.doors["L1_door5"].kind is DoorKind.DOUBLE_SLIDING
+    assert len(building.floors["L1"].topological.nodes) == 41
+    assert len(building.floors["L1"].topological.edges) == 40
+    for lift in ("Lift1", "Lift2"):
+        cabins = [
+            node.at
+            for entry in building.floors.values()
+            for node in entry.topological.nodes.values()
+            if node.elevator == lift
+        ]
+        assert len(cabins) == 3
+        assert all(math.dist(at, building.elevators[lift].at) < 0.1 for at in cabins)
+    assert nx.is_connected(_graph(building, "0"))
+    assert {floor for floor, *_ in (node for node in _graph(building, "0") if isinstance(node, tuple))} == {
+        "L1",
+        "L2",
+        "L3",
+    }
+
+
+def test_the_hotels_scale_is_that_of_its_measurement() -> None:
+    """3.4 m between (403.349, 408.257) and (403.379, 469.32) on L1's drawing; the lobby lies at (349.99, 530.733)."""
+    scale = 3.4 / math.hypot(403.349 - 403.379, 408.257 - 469.32)
+    lobby = read_map(real_file("hotel")).building.floors["L1"].topological.nodes["lobby"]
+    assert lobby.at == pytest.approx((349.99 * scale, -530.733 * scale), abs=1e-6)
+
+
+def test_the_office() -> None:
+    result = read_map(real_file("office"))
+    floor = result.building.floors["L1"]
+    assert validation.problems(result.building) == []
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert list(floor.geometrical.doors) == ["main_door", "coe_door", "hardware_door"]
+    assert {"pantry", "lounge", "supplies", "coe"} <= floor.topological.nodes.keys()
+    assert (len(floor.topological.nodes), len(floor.topological.edges)) == (29, 30)
+    assert nx.is_connected(_graph(result.building, "0"))

@@ -1,0 +1,157 @@
+"""A map file of any kind is recognised by what it holds; a hostile one is refused with a typed error, nothing else."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robocorba.errors import MapFileError
+from robocorba.maps import validation
+from robocorba.maps.formats import read_map, write_map
+from robocorba.maps.formats.losses import NAMES_SHOWN, Losses
+from robocorba.maps.model import Building, Floor, FloorMap
+from tests.formats.rmf_files import small, written
+
+HOSTILE: list[Any] = [
+    None,
+    True,
+    -1,
+    0,
+    10**18,
+    1e308,
+    -1e-320,
+    float("nan"),
+    float("inf"),
+    "",
+    "x" * 300,
+    "a\x07b",
+    "1e-05",
+    [],
+    [[]],
+    [1, 2, 3, 4, 5, 6],
+    {},
+    {"a": {"b": []}},
+    {1: 2},
+]
+
+
+def test_each_format_is_recognised(tmp_path: Path) -> None:
+    building = Building("b", {"G": FloorMap(Floor(name="G", level=0, elevation=0.0))})
+    for format in ("native", "openrmf", "ros"):
+        write_map(building, tmp_path / f"{format}.yaml", format)
+        result = read_map(tmp_path / f"{format}.yaml")
+        assert result.format == format
+        assert len(result.building.floors) == 1
+    assert read_map(tmp_path / "native.yaml").building == building
+    assert read_map(tmp_path / "openrmf.yaml").building == building
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (b"a: 1\n", 1),
+        (b"[1, 2]\n", 1),
+        (b"", 1),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 1),
+        (b"levels: {L1: {}}\nname: [\n", 3),
+        (b"levels:\n  L1: &a {vertices: []}\n  L2: *a\n", 3),
+        (b"levels: " + b"[" * 100_000, 1),
+        (b"levels: 3\n", 1),
+        (b"image: x.png\nresolution: much\norigin: [0, 0, 0]\n", 2),
+    ],
+)
+def test_what_is_no_map_is_refused(content: bytes, line: int, tmp_path: Path) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_bytes(content)
+    with pytest.raises(MapFileError) as caught:
+        read_map(path)
+    assert caught.value.file == str(path)
+    assert caught.value.line == line
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(MapFileError, match=r"absent\.yaml"):
+        read_map(tmp_path / "absent.yaml")
+
+
+def _places(data: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Every place in nested data, as the keys and indices that lead to it."""
+    if at:
+        yield at
+    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in entries:
+        yield from _places(value, (*at, key))
+
+
+PLACES = list(_places(small()))
+
+
+def _changed(place: tuple[Any, ...], change: Any) -> dict[str, Any]:
+    """The small file with a value replaced, or taken out where `change` is a marker for that."""
+    data = copy.deepcopy(small())
+    *way, last = place
+    holder: Any = data
+    for key in way:
+        holder = holder[key]
+    if change is _MISSING:
+        del holder[last]
+    else:
+        holder[last] = change
+    return data
+
+
+_MISSING = object()
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(PLACES), st.sampled_from([*HOSTILE, _MISSING]))
+def test_a_hostile_value_anywhere(
+    tmp_path_factory: pytest.TempPathFactory, place: tuple[Any, ...], change: Any
+) -> None:
+    path = tmp_path_factory.mktemp("hostile") / "b.yaml"
+    path.write_bytes(written(_changed(place, change)))
+    try:
+        result = read_map(path)
+    except MapFileError as wrong:
+        assert wrong.file == str(path)
+        assert wrong.line >= 1
+        assert len(str(wrong)) < 2_000
+    else:
+        assert validation.problems(result.building) == []
+        assert all(len(loss) < 5_000 for loss in result.losses)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        ("name",),
+        ("levels", "L1", "vertices", 8, 3),
+        ("levels", "L1", "vertices", 8, 0),
+        ("levels", "L1", "doors", 0, 2, "type", 1),
+        ("levels", "L1", "models", 0, "model_name"),
+        ("lifts", "lift", "reference_floor_name"),
+    ],
+)
+def test_a_text_of_a_megabyte(place: tuple[Any, ...], tmp_path: Path) -> None:
+    path = tmp_path / "b.yaml"
+    path.write_bytes(written(_changed(place, "x" * 1_000_000)))
+    with pytest.raises(MapFileError) as caught:
+        read_map(path)
+    assert caught.value.line > 0
+    assert len(str(caught.value)) < 1_000
+
+
+def test_equal_losses_become_one_sentence() -> None:
+    losses = Losses()
+    for i in range(NAMES_SHOWN + 3):
+        losses.add("things: {n} left out: {names}", f"t{i}")
+    losses.add("things: {n} left out: {names}", "t0")
+    losses.add("once")
+    shown = ", ".join(["t0 (x2)", *(f"t{i}" for i in range(1, NAMES_SHOWN))])
+    assert losses.sentences() == (f"things: {NAMES_SHOWN + 4} left out: {shown} and 3 more", "once")
