@@ -1,0 +1,1 @@
+"""Path planning agent domain: from a building and a request to a path. No CORBA here."""

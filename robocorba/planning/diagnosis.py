@@ -1,0 +1,142 @@
+"""Why a place is not free, and what stands in the way where there is no path."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import shapely
+
+from robocorba.errors import Blocker
+from robocorba.maps.model import XY, Building
+from robocorba.planning import geometric, topological
+from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.snapshot import Snapshot
+from robocorba.planning.space import FloorSpace
+
+#: A robot of this radius shows whether the walls leave any way at all, m.
+THIN_M = 0.02
+#: A way that passes this near to a doorway leads through it, m.
+DOORWAY_M = 0.3
+
+
+def what_stands_at(space: FloorSpace, x: float, y: float, radius: float) -> tuple[str, float]:
+    """What keeps a robot of `radius` from standing at a point, and how near it is (m, 0 within it)."""
+    point = shapely.Point(x, y)
+    for item in space.owners:
+        if item.geometry.geom_type == "Polygon" and item.geometry.contains(point):
+            return f"{item.kind} {item.name}", 0.0
+    if not space.is_ground(x, y):
+        return f"the outside of floor {space.floor}", 0.0
+    distance, item_near = space.nearest(x, y, radius + 1e-6)
+    return (f"{item_near.kind} {item_near.name}" if item_near else "nothing"), distance
+
+
+def why_no_path(snapshot: Snapshot, request: PathRequest) -> tuple[str, list[Blocker]]:
+    """A sentence, and the things that would have to change for a path to exist."""
+    building = snapshot.building
+    start, goal = request.start, request.goal
+    if start.floor != goal.floor:
+        unserved = _unserved(building, request)
+        if unserved:
+            return f"no elevator leads from {start.floor} to {goal.floor}", unserved
+    if request.mode is not RouteMode.GEOMETRIC:
+        for which, place, outbound in (("start", start, True), ("goal", goal, False)):
+            if not len(topological.around_corners(snapshot, place, request.radius, outbound).nodes):
+                return f"the {which} reaches no path node", _around(snapshot, request, place)
+    thin = request._replace(radius=min(THIN_M, request.radius), avoid_elevators=frozenset(), graph="", alternatives=0)
+    find = geometric.ways if request.mode is RouteMode.GEOMETRIC else topological.ways
+    found = find(snapshot, thin)
+    if found:
+        path = Path(found[0].tolist(), snapshot.roads.names, snapshot.version)
+        return f"no path for a robot of radius {request.radius:g} m", _narrow(snapshot, request, path)
+    return "start and goal are not connected", _unconnected(snapshot, request)
+
+
+def _unserved(building: Building, request: PathRequest) -> list[Blocker]:
+    """The floor that no elevator serves, or the elevators that are avoided, where that is the reason."""
+    for place in (request.start, request.goal):
+        serving = [name for name, lift in building.elevators.items() if place.floor in lift.floors()]
+        if not serving:
+            return [Blocker("floor", "", place.floor, "no elevator serves it")]
+        if all(name in request.avoid_elevators for name in serving):
+            return [Blocker("elevator", "", name, f"serves {place.floor}, but is to be avoided") for name in serving]
+    return []
+
+
+def _narrow(snapshot: Snapshot, request: PathRequest, path: Path) -> list[Blocker]:
+    """What a thin robot's path passes that the robot itself can't."""
+    blockers: dict[tuple[str, str, str], Blocker] = {}
+    for here, there in pairwise(path.points):
+        if here.kind is PointKind.ELEVATOR_ENTRY:
+            avoided = here.elevator in request.avoid_elevators
+            found = [Blocker("elevator", "", here.elevator, "is to be avoided")] if avoided else []
+        else:
+            found = _narrow_places(
+                snapshot, request, here.floor, {here.node, there.node}, (here.x, here.y), (there.x, there.y)
+            )
+        for blocker in found:
+            blockers.setdefault((blocker.kind, blocker.floor, blocker.name), blocker)
+    return list(blockers.values())
+
+
+def _narrow_places(
+    snapshot: Snapshot, request: PathRequest, floor: str, nodes: set[str], a: XY, b: XY
+) -> list[Blocker]:
+    """What keeps the robot from driving from a to b; `nodes` are those at the ends."""
+    space, needed = snapshot.spaces[floor], 2 * request.radius
+    entry = snapshot.building.floors[floor]
+    found = []
+    for edge in entry.topological.edges.values():
+        if {edge.a, edge.b} != nodes:
+            continue
+        if edge.clearance and edge.clearance < request.radius:
+            found.append(Blocker("edge", floor, edge.name, f"is for robots of at most {edge.clearance:g} m radius"))
+        if request.graph and edge.graphs and request.graph not in edge.graphs:
+            found.append(Blocker("edge", floor, edge.name, f"is not of graph {request.graph}"))
+    if space.line_is_free(*a, *b, request.radius):
+        return found
+    line = shapely.LineString([a, b])
+    narrow_doors = [
+        Blocker("door", floor, door.name, f"is {math.dist(door.a, door.b):.2f} m wide, {needed:.2f} m needed")
+        for door in entry.geometrical.doors.values()
+        if math.dist(door.a, door.b) < needed and line.distance(shapely.LineString([door.a, door.b])) < DOORWAY_M
+    ]
+    if narrow_doors:
+        return found + narrow_doors
+    clearance, item = space.nearest_to_line(*a, *b, request.radius)
+    if item is not None:
+        reason = f"is {clearance:.2f} m from the way, {request.radius:.2f} m needed"
+        found.append(Blocker(item.kind, "" if item.kind in ("elevator", "floor") else floor, item.name, reason))
+    return found
+
+
+def _around(snapshot: Snapshot, request: PathRequest, place: Place) -> list[Blocker]:
+    """Why a place reaches no node: the narrow spot on a thin robot's way, or the map without nodes."""
+    entry = snapshot.building.floors[place.floor]
+    if not entry.topological.nodes:
+        return [Blocker("floor", "", place.floor, "has no path nodes; build its topological map")]
+    nodes = sorted(entry.topological.nodes.values(), key=lambda node: math.dist(node.at, place[1:]))
+    freeways = snapshot.freeways(place.floor, min(THIN_M, request.radius))
+    legs = freeways.legs(place[1:], [node.at for node in nodes[:16]])
+    best = min(legs, key=lambda leg: leg.length)
+    if not math.isfinite(best.length):
+        return [Blocker("floor", "", place.floor, "its walls close the place off")]
+    found = [_narrow_places(snapshot, request, place.floor, {""}, a, b) for a, b in pairwise(best.points)]
+    return list({blocker.name: blocker for blockers in found for blocker in blockers}.values())
+
+
+def _unconnected(snapshot: Snapshot, request: PathRequest) -> list[Blocker]:
+    """One-way edges where they are the reason, else the maps that end before the goal."""
+    entry = snapshot.building.floors
+    floors = dict.fromkeys((request.start.floor, request.goal.floor))
+    one_way = [
+        Blocker("edge", floor, edge.name, "is one-way")
+        for floor in floors
+        for edge in entry[floor].topological.edges.values()
+        if edge.one_way
+    ]
+    if request.mode is RouteMode.GEOMETRIC:
+        return [Blocker("floor", "", floor, "its walls leave no way") for floor in floors]
+    gaps = [Blocker("floor", "", floor, "its topological map does not connect the two") for floor in floors]
+    return gaps + one_way[:16]

@@ -1,0 +1,143 @@
+"""Routes through free space: the shortest there are for a round robot, over elevators where need be."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from robocorba.maps.model import XY, Building
+from robocorba.planning.elevators import Ride, ride
+from robocorba.planning.freeway import Leg
+from robocorba.planning.request import Criterion, PathRequest
+from robocorba.planning.route import ELEVATOR, measure
+from robocorba.planning.snapshot import Snapshot
+from robocorba.planning.space import Floats
+
+#: A place that matters to the search: floor, and the elevator whose cabin it is; start and goal have own names.
+_Stop = tuple[str, str]
+
+
+def ways(snapshot: Snapshot, request: PathRequest) -> list[Floats]:
+    """The points of the shortest way and, as alternatives, of those by other elevators; empty where there is none."""
+    return [measure(way, snapshot.roads.elevations, request.speed) for way in _ways(snapshot, request)]
+
+
+def _ways(snapshot: Snapshot, request: PathRequest) -> list[Floats]:
+    for place in (request.start, request.goal):
+        if not snapshot.spaces[place.floor].stands_free(place.x, place.y, request.radius):
+            return []
+    best = _way(snapshot, request, request.avoid_elevators)
+    if best is None:
+        return []
+    used = _elevators(snapshot, best)
+    found, seen = [best], {used}
+    for count in range(1, len(used) + 1):
+        for shut in combinations(sorted(used), count):
+            if len(found) > request.alternatives:
+                return found
+            other = _way(snapshot, request, request.avoid_elevators | set(shut))
+            if other is not None and _elevators(snapshot, other) not in seen:
+                seen.add(_elevators(snapshot, other))
+                found.append(other)
+    return found
+
+
+def _elevators(snapshot: Snapshot, way: Floats) -> frozenset[str]:
+    return frozenset(snapshot.roads.elevators[int(index)] for index in way[:, ELEVATOR] if index >= 0)
+
+
+def _way(snapshot: Snapshot, request: PathRequest, avoid: frozenset[str]) -> Floats | None:
+    """Dijkstra over start, cabins and goal. Legs between them are found as the search comes to need them."""
+    start, goal = request.start, request.goal
+    by_time = request.best is Criterion.SHORTEST_TIME
+    pace = request.speed if by_time else 1.0
+    origin, destination = (start.floor, " start"), (goal.floor, " goal")
+    at: dict[_Stop, XY] = _cabins(snapshot, request.radius, avoid)
+    cabins = list(at)
+    at |= {origin: start[1:], destination: goal[1:]}
+
+    cost = {origin: 0.0}
+    came: dict[_Stop, tuple[_Stop, Leg | None]] = {}
+    done: set[_Stop] = set()
+    queue = [(0.0, origin)]
+    while queue:
+        so_far, here = heapq.heappop(queue)
+        if here in done:
+            continue
+        done.add(here)
+        if here == destination:
+            return _assemble(snapshot, at, came, origin, destination)
+        steps: list[tuple[_Stop, float, Leg | None]]
+        if here != origin and came[here][1] is not None:  # driven into a cabin: now ride
+            steps = [
+                (stop, _cost(_ride(snapshot.building, here, stop), by_time), None)
+                for stop in cabins
+                if stop[1] == here[1] and stop not in done
+            ]
+        else:
+            targets = [stop for stop in at if stop[0] == here[0] and stop not in done]
+            legs = snapshot.freeways(here[0], request.radius).legs(at[here], [at[stop] for stop in targets])
+            steps = [(stop, leg.length / pace, leg) for stop, leg in zip(targets, legs, strict=True)]
+        for stop, step, leg in steps:
+            if so_far + step < cost.get(stop, math.inf):
+                cost[stop] = so_far + step
+                came[stop] = (here, leg)
+                heapq.heappush(queue, (cost[stop], stop))
+    return None
+
+
+def _cabins(snapshot: Snapshot, radius: float, avoid: frozenset[str]) -> dict[_Stop, XY]:
+    """Where a robot stands in each cabin on each floor served: the cabin's node, else its middle."""
+    found: dict[_Stop, XY] = {}
+    for name, elevator in snapshot.building.elevators.items():
+        if name in avoid:
+            continue
+        for floor in elevator.floors():
+            nodes = snapshot.building.floors[floor].topological.nodes.values()
+            place = next((node.at for node in nodes if node.elevator == name), elevator.at)
+            if snapshot.spaces[floor].stands_free(*place, radius):
+                found[floor, name] = place
+    return found
+
+
+def _ride(building: Building, here: _Stop, there: _Stop) -> Ride:
+    return ride(building, building.elevators[here[1]], here[0], there[0])
+
+
+def _cost(found: Ride, by_time: bool) -> float:
+    return found.wait + found.travel if by_time else found.climb
+
+
+def _assemble(
+    snapshot: Snapshot,
+    at: dict[_Stop, XY],
+    came: dict[_Stop, tuple[_Stop, Leg | None]],
+    origin: _Stop,
+    destination: _Stop,
+) -> Floats:
+    """The rows of the way; see route.py."""
+    stops = [destination]
+    while stops[-1] != origin:
+        stops.append(came[stops[-1]][0])
+    roads = snapshot.roads
+    rows: list[tuple[float, ...]] = []
+    for here, there in pairwise(reversed(stops)):
+        floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here), came[there][1]
+        if leg is None:
+            wait, travel, _ = _ride(snapshot.building, here, there)
+            rows.append((floor, *at[here], node, roads.elevators.index(here[1]), math.inf, wait, travel))
+        else:
+            for i, point in enumerate(leg.points[:-1]):
+                rows.append((floor, *point, -1 if i else node, -1, math.inf, 0.0, 0.0))
+    rows.append((roads.floor_index[destination[0]], *at[destination], -1, -1, math.inf, 0.0, 0.0))
+    return np.array(rows, float)
+
+
+def _node(snapshot: Snapshot, stop: _Stop) -> int:
+    """Index of the node in a cabin, -1 where there is none."""
+    roads, (floor, elevator) = snapshot.roads, stop
+    cabins = {name: node for node, name in reversed(roads.parts[floor].cabins)}
+    return int(roads.offset[roads.floor_index[floor]]) + cabins[elevator] if elevator in cabins else -1

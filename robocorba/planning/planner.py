@@ -1,0 +1,116 @@
+"""The path planning agent: requests in, paths out."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import NoReturn
+
+from robocorba.errors import NoPath, NotFree
+from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
+from robocorba.planning import diagnosis, geometric, topological
+from robocorba.planning.request import (
+    SMARTPAL_RADIUS_M,
+    SMARTPAL_SPEED,
+    Criterion,
+    Path,
+    PathRequest,
+    Place,
+    RouteMode,
+    check_request,
+    is_near,
+)
+from robocorba.planning.search import find_path
+from robocorba.planning.snapshot import Snapshot
+
+
+class PathPlanner:
+    """Plans on the building it was last given. Queries run in parallel and never wait for an update."""
+
+    def __init__(self, building: Building, version: int = 0) -> None:
+        self._snapshot = Snapshot(building, version)
+
+    @property
+    def version(self) -> int:
+        """Version of the building that queries are planned on."""
+        return self._snapshot.version
+
+    def update(self, building: Building, version: int) -> None:
+        """Plan on another building from now on; queries under way end on the one before."""
+        self._snapshot = Snapshot(building, version, self._snapshot)
+
+    def warm_up(self) -> None:
+        """Compile or load every kernel, so that the first query is as fast as the next. May take half a minute once."""
+        outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
+        floor = Floor(name="warm-up", level=0, elevation=0.0, outline=outline)
+        building = Building("warm-up").with_element("", floor)
+        for element in (
+            Wall(name="lid", a=(1.0, 2.0), b=(3.0, 2.0)),
+            Wall(name="side", a=(3.0, 2.0), b=(3.0, 1.0)),
+            PathNode(name="a", at=(7.0, 5.0)),
+            PathNode(name="b", at=(9.0, 5.0)),
+            PathEdge(name="a-b", a="a", b="b", one_way=True),
+        ):
+            building = building.with_element(floor.name, element)
+        planner = PathPlanner(building)
+        start, goal = Place(floor.name, 1.6, 1.4), Place(floor.name, 9.0, 1.0)  # start sees no node
+        for _ in building.floors[floor.name].topological.nodes:  # the last one makes the table of all costs
+            planner.shortest(Place(floor.name, 5.0, 5.0), goal)
+        planner.shortest(goal, start)
+        planner.shortest(start, goal)
+        for mode in RouteMode:
+            planner.paths(PathRequest(start, goal, mode=mode))
+        with contextlib.suppress(NotFree):
+            planner.shortest(start, Place(floor.name, 3.0, 1.5))
+
+    def shortest(self, start: Place, goal: Place) -> Path:
+        """The paper's getPath: the shortest path for a SmartPal, smoothed.
+
+        Raises InvalidPoint, UnknownFloor, NotFree or NoPath."""
+        snapshot = self._snapshot
+        roads = snapshot.roads
+        floors = roads.floor_index
+        if start.floor in floors and goal.floor in floors and is_near(start) and is_near(goal):
+            snapshot.count_query()
+            # What nearly every query needs and nothing else: half of the time of a call is Python.
+            points = find_path(
+                *snapshot.world,
+                *snapshot.guide,
+                floors[start.floor],
+                start.x,
+                start.y,
+                floors[goal.floor],
+                goal.x,
+                goal.y,
+                SMARTPAL_RADIUS_M,
+                SMARTPAL_SPEED,
+            ).tolist()
+            if points:
+                return Path(points, roads.names, snapshot.version)
+        return self.paths(PathRequest(start, goal))[0]
+
+    def paths(self, request: PathRequest) -> list[Path]:
+        """The best path and up to `request.alternatives` others, best first.
+
+        Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree or NoPath."""
+        snapshot = self._snapshot
+        check_request(snapshot.building, request)
+        snapshot = snapshot.without_areas(request)
+        find = geometric.ways if request.mode is RouteMode.GEOMETRIC else topological.ways
+        names, version = snapshot.roads.names, snapshot.version
+        paths = [Path(points.tolist(), names, version) for points in find(snapshot, request)]
+        if not paths:
+            _explain(snapshot, request)
+        if len(paths) > 1:
+            by_time = request.best is Criterion.SHORTEST_TIME
+            paths.sort(key=lambda path: path.duration if by_time else path.distance)
+        return paths
+
+
+def _explain(snapshot: Snapshot, request: PathRequest) -> NoReturn:
+    """Raise what says why there is no path."""
+    for which, place in (("start", request.start), ("goal", request.goal)):
+        space = snapshot.spaces[place.floor]
+        if not space.stands_free(place.x, place.y, request.radius):
+            obstacle, clearance = diagnosis.what_stands_at(space, place.x, place.y, request.radius)
+            raise NotFree(which, *place, obstacle, clearance, request.radius)
+    raise NoPath(*diagnosis.why_no_path(snapshot, request))

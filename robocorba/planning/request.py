@@ -1,0 +1,185 @@
+"""What is asked of the path planning agent, and what it answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+from typing import NamedTuple
+
+import shapely
+
+from robocorba.errors import InvalidPoint, InvalidRequest, UnknownFloor
+from robocorba.maps.model import XY, Building
+
+#: Planners in SmartPal's laboratory take its base for a disc of this radius, m.
+SMARTPAL_RADIUS_M = 0.40
+#: The base's greatest speed, m/s.
+SMARTPAL_SPEED = 1.0
+
+#: Larger robots are not planned for; clearances are computed up to here, m.
+LARGEST_RADIUS_M = 3.0
+MOST_ALTERNATIVES = 9
+MOST_AREAS = 64
+MOST_CORNERS = 1000
+FARTHEST_M = 1e6
+
+
+class PointKind(Enum):
+    """What a point of a path is."""
+
+    START = 0
+    NODE = 1
+    WAYPOINT = 2
+    ELEVATOR_ENTRY = 3
+    ELEVATOR_EXIT = 4
+    GOAL = 5
+
+
+class RouteMode(Enum):
+    """Along the topological map; the same with corners cut; or the shortest way through free space."""
+
+    TOPOLOGICAL = 0
+    SMOOTHED = 1
+    GEOMETRIC = 2
+
+
+class Criterion(Enum):
+    """What the best path has least of."""
+
+    SHORTEST_DISTANCE = 0
+    SHORTEST_TIME = 1
+
+
+class Place(NamedTuple):
+    """A point on a floor, m."""
+
+    floor: str
+    x: float
+    y: float
+
+
+class PathPoint(NamedTuple):
+    """A point of a path: see the IDL's PathPoint for each member's meaning and unit."""
+
+    kind: PointKind
+    node: str
+    floor: str
+    x: float
+    y: float
+    heading: float
+    distance: float
+    time: float
+    elevator: str
+
+
+class Names(NamedTuple):
+    """Names of floors, nodes and elevators by index, with an empty one last: that of index -1."""
+
+    floors: Sequence[str]
+    nodes: Sequence[str]
+    elevators: Sequence[str]
+
+
+class Path(NamedTuple):
+    """A path as its compiled search left it: a row a point of kind, node, floor, x, y, heading, distance,
+    time, elevator, the kind as PointKind's value and things with names by their index. Map version `version`."""
+
+    rows: list[list[float]]
+    names: Names
+    version: int
+
+    @property
+    def points(self) -> list[PathPoint]:
+        """The points of the path."""
+        floors, nodes, lifts = self.names
+        return [
+            PathPoint(
+                PointKind(kind), nodes[int(node)], floors[int(floor)], x, y, heading, distance, time, lifts[int(lift)]
+            )
+            for kind, node, floor, x, y, heading, distance, time, lift in self.rows
+        ]
+
+    @property
+    def distance(self) -> float:
+        """How far a robot drives and rides, m; rides count their height."""
+        return self.rows[-1][6]
+
+    @property
+    def duration(self) -> float:
+        """How long it takes, s."""
+        return self.rows[-1][7]
+
+
+class PathRequest(NamedTuple):
+    """A query. Radius in m, speed in m/s; the defaults are SmartPal's.
+
+    `avoid_areas` are (floor, area name), `forbidden_areas` (floor, polygon)."""
+
+    start: Place
+    goal: Place
+    radius: float = SMARTPAL_RADIUS_M
+    speed: float = SMARTPAL_SPEED
+    mode: RouteMode = RouteMode.SMOOTHED
+    best: Criterion = Criterion.SHORTEST_DISTANCE
+    avoid_elevators: frozenset[str] = frozenset()
+    avoid_areas: tuple[tuple[str, str], ...] = ()
+    forbidden_areas: tuple[tuple[str, tuple[XY, ...]], ...] = ()
+    graph: str = ""
+    alternatives: int = 0
+
+
+def is_near(place: Place) -> bool:
+    """Whether both coordinates are numbers within FARTHEST_M."""
+    return -FARTHEST_M <= place.x <= FARTHEST_M and -FARTHEST_M <= place.y <= FARTHEST_M
+
+
+def check_place(building: Building, which: str, place: Place) -> None:
+    """Raise InvalidPoint or UnknownFloor unless the place could be in the building."""
+    if not abs(place.x) <= FARTHEST_M:
+        raise InvalidPoint(which, "x", f"{place.x!r} is not a number within {FARTHEST_M:g} m")
+    if not abs(place.y) <= FARTHEST_M:
+        raise InvalidPoint(which, "y", f"{place.y!r} is not a number within {FARTHEST_M:g} m")
+    if place.floor not in building.floors:
+        raise UnknownFloor(which, place.floor[:200], tuple(building.floors))
+
+
+def check_request(building: Building, request: PathRequest) -> None:
+    """Raise InvalidPoint, InvalidRequest or UnknownFloor unless the request makes sense for the building."""
+    check_place(building, "start", request.start)
+    check_place(building, "goal", request.goal)
+    if not 0.0 <= request.radius <= LARGEST_RADIUS_M:
+        raise InvalidRequest("robotRadius", f"{request.radius!r} is not between 0 and {LARGEST_RADIUS_M:g} m")
+    if not 0.001 <= request.speed <= 100.0:
+        raise InvalidRequest("robotSpeed", f"{request.speed!r} is not between 0.001 and 100 m/s")
+    if not 0 <= request.alternatives <= MOST_ALTERNATIVES:
+        raise InvalidRequest("alternatives", f"{request.alternatives} is not between 0 and {MOST_ALTERNATIVES}")
+    for name in sorted(request.avoid_elevators):
+        if name not in building.elevators:
+            raise InvalidRequest("avoidElevators", f"there is no elevator {name[:80]!r}")
+    for floor, area in request.avoid_areas:
+        if floor not in building.floors:
+            raise UnknownFloor("avoidAreas", floor[:200], tuple(building.floors))
+        if area not in building.floors[floor].geometrical.areas:
+            raise InvalidRequest("avoidAreas", f"there is no area {area[:80]!r} on {floor}")
+    if len(request.avoid_areas) + len(request.forbidden_areas) > MOST_AREAS:
+        raise InvalidRequest("forbiddenAreas", f"more than {MOST_AREAS} areas")
+    for i, (floor, polygon) in enumerate(request.forbidden_areas):
+        if floor not in building.floors:
+            raise UnknownFloor(f"forbiddenAreas[{i}]", floor[:200], tuple(building.floors))
+        _check_polygon(f"forbiddenAreas[{i}].polygon", polygon)
+    if request.graph and not any(
+        request.graph in edge.graphs for entry in building.floors.values() for edge in entry.topological.edges.values()
+    ):
+        raise InvalidRequest("navigationGraph", f"no edge belongs to a graph {request.graph[:80]!r}")
+
+
+def _check_polygon(field: str, polygon: Sequence[XY]) -> None:
+    if not 3 <= len(polygon) <= MOST_CORNERS:
+        raise InvalidRequest(field, f"{len(polygon)} corners are not between 3 and {MOST_CORNERS}")
+    for i, corner in enumerate(polygon):
+        if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in corner):
+            raise InvalidRequest(f"{field}[{i}]", f"{corner} is not a point within {FARTHEST_M:g} m")
+    shape = shapely.Polygon(polygon)
+    if not shape.is_valid or shape.area == 0:
+        raise InvalidRequest(field, f"not a simple polygon: {shapely.is_valid_reason(shape)}")

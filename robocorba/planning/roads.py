@@ -1,0 +1,141 @@
+"""The topological maps of a whole building, compiled into arrays for the search.
+
+Only floors that an edit touched are compiled anew; the rest is taken over from the
+road map before.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from robocorba.maps.model import Building, FloorMap, PathEdge
+from robocorba.planning.elevators import ride
+from robocorba.planning.request import LARGEST_RADIUS_M, Names
+from robocorba.planning.space import Floats, FloorSpace, Grid, Longs, line_clearance
+
+#: Columns of Roads.measures: what an edge is like. A drive waits and travels 0 s; a ride's length is its climb.
+LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)
+
+
+class Roads(NamedTuple):
+    """Nodes by index, sorted by floor: xy (n, 2), floor (n,). Edges of node i are
+    first[i]:first[i + 1]: to (m,), elevator (m,) or -1 for a drive, measures (m, 5) in m,
+    m/s and s. fixed (m,) is 1 for edges that must be driven as drawn: one-way or under a limit."""
+
+    xy: Floats
+    floor: Longs
+    first: Longs
+    to: Longs
+    elevator: Longs
+    measures: Floats
+    fixed: Longs
+
+
+class FloorRoads:
+    """Nodes and edges of one floor, indices counted on the floor."""
+
+    def __init__(self, entry: FloorMap, space: FloorSpace) -> None:
+        self.topological, self.space = entry.topological, space
+        nodes = entry.topological.nodes
+        self.names = list(nodes)
+        self.cabins = [(i, node.elevator) for i, node in enumerate(nodes.values()) if node.elevator]
+        self.xy = np.array([node.at for node in nodes.values()], float).reshape(-1, 2)
+        index = {name: i for i, name in enumerate(self.names)}
+        edges = list(entry.topological.edges.values())
+        ends = np.array([(index[edge.a], index[edge.b]) for edge in edges], np.int64).reshape(-1, 2)
+        clear = _clearances(space.grid, self.xy, ends, LARGEST_RADIUS_M)
+        declared = np.array([edge.clearance or np.inf for edge in edges])
+        limits = np.array([edge.speed_limit or np.inf for edge in edges])
+        lengths = np.hypot(*(self.xy[ends[:, 0]] - self.xy[ends[:, 1]]).T) if edges else np.empty(0)
+        no_wait = np.zeros((len(edges), 2))
+        there = np.column_stack([lengths, np.minimum(clear, declared), limits, no_wait])
+        directed = np.array([edge.one_way for edge in edges], bool)
+        back = ~directed
+        self.origin = np.concatenate([ends[:, 0], ends[back, 1]])
+        self.to = np.concatenate([ends[:, 1], ends[back, 0]])
+        self.measures = np.concatenate([there, there[back]])
+        self.edges: list[PathEdge] = edges + [edge for edge in edges if not edge.one_way]
+        self.directed = np.concatenate([directed, np.zeros(back.sum(), bool)])
+        self.lanes = np.hstack([self.xy[ends[directed, 0]], self.xy[ends[directed, 1]]]).reshape(-1, 4)
+        self.lanes = self.lanes[np.hypot(*(self.lanes[:, 2:] - self.lanes[:, :2]).T) > 0]
+
+
+@njit(nogil=True, cache=True)
+def _clearances(grid: Grid, xy: Floats, ends: Longs, reach: float) -> Floats:
+    found = np.empty(ends.shape[0])
+    for i in range(ends.shape[0]):
+        a, b = ends[i]
+        found[i] = line_clearance(grid, xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], reach)[0]
+    return found
+
+
+class RoadMap:
+    """The road map of a building: `roads` for the search, and the way back from its indices to names."""
+
+    def __init__(self, building: Building, spaces: dict[str, FloorSpace], before: RoadMap | None = None) -> None:
+        self.building = building
+        self.floors = list(building.floors)
+        self.floor_index = {name: i for i, name in enumerate(self.floors)}
+        self.parts: dict[str, FloorRoads] = {}
+        for name, entry in building.floors.items():
+            known = before.parts.get(name) if before else None
+            if known and known.topological is entry.topological and known.space is spaces[name]:
+                self.parts[name] = known
+            else:
+                self.parts[name] = FloorRoads(entry, spaces[name])
+        parts = list(self.parts.values())
+        self.offset = np.concatenate([[0], np.cumsum([len(part.names) for part in parts])]).astype(np.int64)
+        self.elevators = list(building.elevators)
+        nodes = [name for part in parts for name in part.names]
+        self.names = Names([*self.floors, ""], [*nodes, ""], [*self.elevators, ""])
+        self.elevations = np.array([entry.floor.elevation for entry in building.floors.values()])
+        self._join(parts)
+
+    def _join(self, parts: list[FloorRoads]) -> None:
+        count = int(self.offset[-1])
+        origins = [part.origin + shift for part, shift in zip(parts, self.offset, strict=False)]
+        targets = [part.to + shift for part, shift in zip(parts, self.offset, strict=False)]
+        links, rides = self._links(parts)
+        origin = np.concatenate([*origins, links[:, 0]])
+        to = np.concatenate([*targets, links[:, 1]])
+        measures = np.concatenate([np.empty((0, 5)), *(part.measures for part in parts), rides])
+        drives = len(origin) - len(links)
+        elevator = np.concatenate([np.full(drives, -1, np.int64), links[:, 2]])
+        directed = np.concatenate([np.empty(0, bool), *(part.directed for part in parts), np.ones(len(links), bool)])
+        order = np.argsort(origin, kind="stable")
+        first = np.searchsorted(origin[order], np.arange(count + 1)).astype(np.int64)
+        floor = np.repeat(np.arange(len(parts)), np.diff(self.offset)).astype(np.int64)
+        xy = np.concatenate([np.empty((0, 2)), *(part.xy for part in parts)])
+        fixed = (directed[order] | np.isfinite(measures[order, SPEED_LIMIT])).astype(np.int64)
+        self.roads = Roads(xy, floor, first, to[order], elevator[order], measures[order], fixed)
+        self._order = order
+
+    @cached_property
+    def edges(self) -> list[PathEdge | None]:
+        """The edge of the map behind each index of `roads`; None for a ride."""
+        flat: list[PathEdge | None] = [edge for part in self.parts.values() for edge in part.edges]
+        flat += [None] * (len(self._order) - len(flat))
+        return [flat[i] for i in self._order.tolist()]
+
+    def _links(self, parts: list[FloorRoads]) -> tuple[Longs, Floats]:
+        """Rides between any two floors of an elevator: (from, to, elevator) and measures."""
+        building = self.building
+        stops: dict[str, list[tuple[str, int]]] = {}
+        for floor, part, shift in zip(self.floors, parts, self.offset, strict=False):
+            for node, elevator in part.cabins:
+                served = building.elevators.get(elevator)
+                if served and floor in served.floors():
+                    stops.setdefault(elevator, []).append((floor, node + int(shift)))
+        links, rides = [], []
+        for name, places in stops.items():
+            for (origin, a), (destination, b) in permutations(places, 2):
+                if origin != destination:
+                    wait, travel, climb = ride(building, building.elevators[name], origin, destination)
+                    links.append((a, b, self.elevators.index(name)))
+                    rides.append((climb, np.inf, np.inf, wait, travel))
+        return np.array(links, np.int64).reshape(-1, 3), np.array(rides, float).reshape(-1, 5)

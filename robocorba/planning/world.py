@@ -1,0 +1,117 @@
+"""All floors and roads of a building as the compiled search reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from robocorba.planning.packing import Packed, numbers, pack, rows
+from robocorba.planning.roads import Roads
+from robocorba.planning.space import Floats, FloorSpace, Grid, Longs, stands_free
+
+
+class Ground(NamedTuple):
+    """All floors in one: what grid, region and one-way edges of each hold, one behind the other.
+
+    Floor f has frames[f], start[first_cell[f]:first_cell[f + 1]], borders[first_border[f]:first_border[f + 1]],
+    lanes[first_lane[f]:first_lane[f + 1]], and the nodes first_node[f]:first_node[f + 1]."""
+
+    segments: Floats
+    start: Longs
+    items: Longs
+    frames: Floats
+    first_cell: Longs
+    borders: Floats
+    first_border: Longs
+    inside: Longs
+    lanes: Floats
+    first_lane: Longs
+    elevations: Floats
+    first_node: Longs
+
+
+def pack_world(spaces: Sequence[FloorSpace], lanes: Sequence[Floats], elevations: Floats, roads: Roads) -> Packed:
+    """The world of a building: its floors' spaces, one-way edges (n, 4) and heights in floor order, and its roads."""
+    grids = [space.grid for space in spaces]
+    first_segment = _firsts([grid.segments for grid in grids])
+    first_item = _firsts([grid.items for grid in grids])
+    floats = [
+        _joined([grid.segments for grid in grids]),
+        _joined([grid.frame for grid in grids]),
+        _joined([space.region for space in spaces]),
+        _joined(lanes),
+        roads.xy,
+        roads.measures,
+        elevations,
+    ]
+    longs = [
+        _joined([grid.start + first for grid, first in zip(grids, first_item, strict=False)]),
+        _joined([grid.items + first for grid, first in zip(grids, first_segment, strict=False)]),
+        _firsts([grid.start for grid in grids]),
+        _firsts([space.region for space in spaces]),
+        np.array([space.inside for space in spaces]),
+        _firsts(lanes),
+        *(roads.floor, roads.first, roads.to, roads.elevator, roads.fixed),
+        np.searchsorted(roads.floor, np.arange(len(spaces) + 1)),
+    ]
+    return pack(floats, longs)
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    return np.concatenate([np.empty(0), *(part.ravel() for part in parts)])
+
+
+def _firsts(parts: Sequence[Any]) -> Longs:
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum([len(part) for part in parts], dtype=np.int64)])
+
+
+@njit(nogil=True, cache=True)
+def unpack(world: Packed) -> tuple[Ground, Roads]:
+    """The parts of a world, as views."""
+    ground = Ground(
+        rows(world, 0, 4),
+        numbers(world, 7),
+        numbers(world, 8),
+        rows(world, 1, 5),
+        numbers(world, 9),
+        rows(world, 2, 4),
+        numbers(world, 10),
+        numbers(world, 11),
+        rows(world, 3, 4),
+        numbers(world, 12),
+        rows(world, 6, 1)[:, 0],
+        numbers(world, 18),
+    )
+    roads = Roads(
+        rows(world, 4, 2),
+        numbers(world, 13),
+        numbers(world, 14),
+        numbers(world, 15),
+        numbers(world, 16),
+        rows(world, 5, 5),
+        numbers(world, 17),
+    )
+    return ground, roads
+
+
+@njit(nogil=True, cache=True)
+def floor_grid(ground: Ground, floor: int) -> Grid:
+    """The grid of one floor."""
+    cells = ground.start[ground.first_cell[floor] : ground.first_cell[floor + 1]]
+    return Grid(ground.segments, cells, ground.items, ground.frames[floor])
+
+
+@njit(nogil=True, cache=True)
+def floor_lanes(ground: Ground, floor: int) -> Floats:
+    """The one-way edges of one floor."""
+    return ground.lanes[ground.first_lane[floor] : ground.first_lane[floor + 1]]
+
+
+@njit(nogil=True, cache=True)
+def floor_stands_free(ground: Ground, floor: int, x: float, y: float, radius: float) -> bool:
+    """Whether a robot of that radius can stand at a point of a floor."""
+    region = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]
+    return stands_free(floor_grid(ground, floor), region, ground.inside[floor], x, y, radius)

@@ -1,0 +1,294 @@
+"""What the path planning agent promises: kinds, times, refusals that name what blocks."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robocorba.errors import InvalidPoint, InvalidRequest, NoPath, NotFree, PathError, UnknownFloor
+from robocorba.maps.geometry import free_space
+from robocorba.maps.model import Area, Building, Door, ElementKind
+from robocorba.maps.samples import load_sample
+from robocorba.planning.checking import faults
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import Criterion, PathRequest, Place, PointKind, RouteMode
+from tests.planning.reference import random_places, shortest_by_visibility
+from tests.planning.scenes import edge, node, random_room, room, tower, two_rooms, wall
+
+#: Length of the way round the post in `bent_ring`, m.
+BENT = 2 * math.hypot(4.0, 0.2)
+WEST, EAST = Place("L1", 1.0, 1.0), Place("L1", 9.0, 5.0)
+
+
+def bent_ring(**south: object) -> Building:
+    """A ring of nodes a, m, b, c, d; a post hides a and b from each other; `south` is how a-m and m-b are."""
+    nodes = [node("a", 1, 1), node("m", 5, 1.2), node("b", 9, 1), node("c", 9, 5), node("d", 1, 5)]
+    ways = [edge("a", "m", **south), edge("m", "b", **south), edge("b", "c"), edge("c", "d"), edge("d", "a")]
+    return room(10.0, 6.0, wall("post", 5.0, 0.0, 5.0, 0.7), wall("w", 4.0, 1.8, 6.0, 1.8), *nodes, *ways)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_geometric_path_is_the_shortest_within_two_percent(seed: int) -> None:
+    building, radius = random_room(seed), 0.4
+    space = free_space(building, "L1", radius, arc_sides=6)
+    parts = shapely.get_parts(space)
+    compared = 0
+    for start, goal in zip(*[iter(random_places(building, radius, 6, seed))] * 2, strict=True):
+        shape = next((p for p in parts if p.contains(shapely.MultiPoint([start[1:], goal[1:]]))), None)
+        if shape is None:
+            continue
+        path = PathPlanner(building).paths(PathRequest(start, goal, mode=RouteMode.GEOMETRIC))[0]
+        exact = shortest_by_visibility(shape, start[1:], goal[1:])
+        assert path.distance <= 1.02 * exact
+        assert path.distance >= 0.98 * exact
+        assert faults(building, path, radius) == []
+        compared += 1
+    assert compared
+
+
+def test_a_path_over_floors() -> None:
+    building = tower()
+    path = PathPlanner(building).shortest(Place("L1", 1.0, 1.0), Place("L3", 1.0, 5.0))
+    kinds = [point.kind for point in path.points]
+    entry = kinds.index(PointKind.ELEVATOR_ENTRY)
+    assert kinds[0] is PointKind.START and kinds[-1] is PointKind.GOAL
+    assert kinds[entry + 1] is PointKind.ELEVATOR_EXIT
+    before, on, off = path.points[entry - 1 : entry + 2]
+    assert (on.floor, off.floor, on.elevator, on.node) == ("L1", "L3", "E1", "cabin")
+    # Wait: the cabin comes from L1, L2 or L3 (0, 4 or 8 m at 1 m/s: 4 s on average), doors open (3 s).
+    assert on.time == pytest.approx(before.time + math.dist(before[3:5], on[3:5]) + 4.0 + 3.0)
+    # Ride: doors close, 8 m, doors open.
+    assert off.time == pytest.approx(on.time + 3.0 + 8.0 + 3.0)
+    assert off.distance == pytest.approx(on.distance + 8.0)
+    assert faults(building, path, 0.4) == []
+
+
+def test_headings_point_to_the_next_point() -> None:
+    path = PathPlanner(two_rooms(1.2)).shortest(WEST, EAST)
+    for a, b in zip(path.points[:-1], path.points[1:], strict=True):
+        assert a.heading == pytest.approx(math.atan2(b.y - a.y, b.x - a.x))
+    assert path.points[-1].heading == path.points[-2].heading
+
+
+def test_the_same_place_twice() -> None:
+    for mode in RouteMode:
+        path = PathPlanner(two_rooms(1.2)).paths(PathRequest(WEST, WEST, mode=mode))[0]
+        assert path.points[0].kind is PointKind.START and path.points[-1].kind is PointKind.GOAL
+        assert mode is RouteMode.TOPOLOGICAL or path.distance == 0.0
+
+
+def test_a_straight_line_where_nothing_is_in_the_way() -> None:
+    path = PathPlanner(room()).shortest(WEST, EAST)
+    assert [point.kind for point in path.points] == [PointKind.START, PointKind.GOAL]
+    assert path.distance == pytest.approx(math.dist(WEST[1:], EAST[1:]))
+
+
+def test_a_place_behind_a_corner_joins_the_map_by_a_detour() -> None:
+    niche = [wall("a", 1.0, 2.0, 3.0, 2.0), wall("b", 3.0, 2.0, 3.0, 1.0)]
+    building = room(10.0, 6.0, *niche, node("n", 7.0, 5.0), node("m", 9.0, 5.0), edge("n", "m"))
+    start, goal = Place("L1", 1.6, 1.4), Place("L1", 9.0, 1.0)
+    for mode in RouteMode:
+        path = PathPlanner(building).paths(PathRequest(start, goal, mode=mode))[0]
+        assert faults(building, path, 0.4) == []
+        back = PathPlanner(building).paths(PathRequest(goal, start, mode=mode))[0]
+        assert faults(building, back, 0.4) == []
+        assert back.distance == pytest.approx(path.distance)
+
+
+def test_one_way_edges_are_obeyed() -> None:
+    ring = [node("a", 1, 1), node("b", 9, 1), node("c", 9, 5), node("d", 1, 5)]
+    ways = [edge("a", "b", one_way=True), edge("b", "c"), edge("c", "d", one_way=True), edge("d", "a")]
+    block = [wall("south", 2.0, 2.0, 8.0, 2.0), wall("north", 2.0, 4.0, 8.0, 4.0)]
+    block += [wall("west", 2.0, 2.0, 2.0, 4.0), wall("east", 8.0, 2.0, 8.0, 4.0)]
+    planner = PathPlanner(room(10.0, 6.0, *block, *ring, *ways))
+    there = planner.shortest(Place("L1", 3.0, 1.0), Place("L1", 7.0, 1.0))
+    back = planner.shortest(Place("L1", 7.0, 1.0), Place("L1", 3.0, 1.0))
+    assert there.distance == pytest.approx(4.0)
+    assert back.distance > 12.0
+
+
+def test_speed_limits_count_for_the_fastest_path_only() -> None:
+    planner = PathPlanner(bent_ring(speed_limit=0.1))
+    ends = (Place("L1", 1.0, 1.0), Place("L1", 9.0, 1.0))
+    short = planner.paths(PathRequest(*ends, mode=RouteMode.TOPOLOGICAL))[0]
+    fast = planner.paths(PathRequest(*ends, mode=RouteMode.TOPOLOGICAL, best=Criterion.SHORTEST_TIME))[0]
+    assert (short.distance, short.duration) == pytest.approx((BENT, 10 * BENT))
+    assert (fast.distance, fast.duration) == pytest.approx((16.0, 16.0))
+
+
+@pytest.mark.parametrize("mode", RouteMode)
+def test_a_narrow_door_is_named(mode: RouteMode) -> None:
+    planner = PathPlanner(two_rooms(0.7))
+    with pytest.raises(NoPath) as refusal:
+        planner.paths(PathRequest(WEST, EAST, mode=mode))
+    (blocker,) = refusal.value.blockers
+    assert (blocker.kind, blocker.floor, blocker.name) == ("door", "L1", "door")
+    assert "0.70 m wide, 0.80 m needed" in blocker.reason
+    assert planner.paths(PathRequest(WEST, EAST, radius=0.3, mode=mode))
+
+
+def test_a_floor_without_an_elevator_is_named() -> None:
+    planner = PathPlanner(tower(3, served=("L1", "L2")))
+    with pytest.raises(NoPath) as refusal:
+        planner.shortest(Place("L1", 1.0, 1.0), Place("L3", 1.0, 1.0))
+    assert [(b.kind, b.name) for b in refusal.value.blockers] == [("floor", "L3")]
+
+
+def test_an_avoided_elevator_is_named() -> None:
+    request = PathRequest(Place("L1", 1.0, 1.0), Place("L3", 1.0, 1.0), avoid_elevators=frozenset({"E1"}))
+    with pytest.raises(NoPath) as refusal:
+        PathPlanner(tower()).paths(request)
+    assert [(b.kind, b.name) for b in refusal.value.blockers] == [("elevator", "E1")]
+
+
+def test_a_floor_without_a_map_is_named() -> None:
+    with pytest.raises(NoPath) as refusal:
+        PathPlanner(room(10.0, 6.0, wall("w", 5.0, 0.0, 5.0, 5.0))).shortest(WEST, Place("L1", 9.0, 1.0))
+    assert "topological map" in refusal.value.blockers[0].reason
+
+
+def test_a_closed_wall_is_no_path() -> None:
+    building = two_rooms(1.2).without(ElementKind.DOOR, "L1", "door")
+    for mode in RouteMode:
+        with pytest.raises(NoPath) as refusal:
+            PathPlanner(building).paths(PathRequest(WEST, EAST, mode=mode))
+        assert refusal.value.blockers
+
+
+def test_a_locked_door_blocks() -> None:
+    locked = two_rooms(1.2).with_element("L1", Door(name="door", a=(5.0, 2.4), b=(5.0, 3.6), locked=True))
+    with pytest.raises(NoPath):
+        PathPlanner(locked).shortest(WEST, EAST)
+
+
+def test_areas_are_avoided() -> None:
+    ring = [node("a", 1, 1), node("b", 9, 1), node("c", 9, 5), node("d", 1, 5)]
+    building = room(
+        10.0,
+        6.0,
+        *ring,
+        edge("a", "b"),
+        edge("b", "c"),
+        edge("c", "d"),
+        edge("d", "a"),
+        Area(name="kitchen", polygon=((4.0, 0.0), (6.0, 0.0), (6.0, 3.0), (4.0, 3.0))),
+    )
+    planner = PathPlanner(building)
+    ends = (Place("L1", 1.0, 1.0), Place("L1", 9.0, 1.0))
+    for mode in RouteMode:
+        free = planner.paths(PathRequest(*ends, mode=mode))[0]
+        avoiding = planner.paths(PathRequest(*ends, mode=mode, avoid_areas=(("L1", "kitchen"),)))[0]
+        polygon = building.floors["L1"].geometrical.areas["kitchen"].polygon
+        forbidden = planner.paths(PathRequest(*ends, mode=mode, forbidden_areas=(("L1", polygon),)))[0]
+        assert free.distance == pytest.approx(8.0)
+        assert avoiding.distance == pytest.approx(forbidden.distance)
+        assert avoiding.distance > 8.5
+    with pytest.raises(NotFree) as refusal:
+        planner.paths(PathRequest(ends[0], Place("L1", 5.0, 1.0), avoid_areas=(("L1", "kitchen"),)))
+    assert refusal.value.obstacle == "object area kitchen"
+
+
+def test_alternatives_differ_and_come_in_order() -> None:
+    building = load_sample("five-floors")
+    start, goal = random_places(building, 0.4, 2, seed=5)
+    for mode in RouteMode:
+        paths = PathPlanner(building).paths(PathRequest(start, goal, mode=mode, alternatives=3))
+        assert [path.distance for path in paths] == sorted(path.distance for path in paths)
+        assert len({tuple(point[1:5] for point in path.points) for path in paths}) == len(paths)
+        assert all(faults(building, path, 0.4) == [] for path in paths)
+    best = PathPlanner(building).shortest(start, goal)
+    assert best.distance == pytest.approx(
+        PathPlanner(building).paths(PathRequest(start, goal, alternatives=2))[0].distance, rel=0.05
+    )
+
+
+def test_only_edges_of_the_graph() -> None:
+    planner = PathPlanner(bent_ring(graphs=("small",)).with_element("L1", edge("d", "b", graphs=("x",))))
+    ends = (Place("L1", 1.0, 1.0), Place("L1", 9.0, 1.0))
+    assert planner.paths(PathRequest(*ends, mode=RouteMode.TOPOLOGICAL, graph="small"))[0].distance == pytest.approx(
+        BENT
+    )
+    other = planner.paths(PathRequest(*ends, mode=RouteMode.TOPOLOGICAL, graph="x"))[0]
+    assert other.distance == pytest.approx(4.0 + math.hypot(8.0, 4.0))
+    with pytest.raises(InvalidRequest):
+        planner.paths(PathRequest(*ends, graph="none"))
+
+
+def test_an_edit_is_seen_by_the_next_query() -> None:
+    building = two_rooms(1.2)
+    planner = PathPlanner(building, 1)
+    assert planner.shortest(WEST, EAST).version == 1
+    planner.update(building.with_element("L1", wall("shut", 4.0, 0.0, 4.0, 6.0)), 2)
+    with pytest.raises(NoPath):
+        planner.shortest(WEST, EAST)
+    planner.update(building, 3)
+    assert planner.shortest(WEST, EAST).version == 3
+
+
+def test_not_free_names_the_obstacle() -> None:
+    planner = PathPlanner(two_rooms(1.2))
+    with pytest.raises(NotFree) as refusal:
+        planner.shortest(Place("L1", 4.9, 1.0), EAST)
+    assert (refusal.value.which, refusal.value.obstacle) == ("start", "wall between")
+    assert refusal.value.clearance_m == pytest.approx(0.1)
+    with pytest.raises(NotFree):
+        planner.shortest(WEST, Place("L1", 40.0, 1.0))
+
+
+def test_an_unknown_floor_lists_the_known() -> None:
+    with pytest.raises(UnknownFloor) as refusal:
+        PathPlanner(tower()).shortest(WEST, Place("L9", 1.0, 1.0))
+    assert (refusal.value.which, refusal.value.known) == ("goal", ("L1", "L2", "L3"))
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from([1e308, -1e308, 5e-324, 0.0])
+places = st.builds(Place, st.sampled_from(["L1", "L2", "L3", "", "L9", "x" * 10_000]), anything, anything)
+polygons = st.lists(st.tuples(anything, anything), max_size=6).map(tuple)
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    st.builds(
+        PathRequest,
+        places,
+        places,
+        radius=anything | st.just(0.4),
+        speed=anything | st.just(1.0),
+        mode=st.sampled_from(RouteMode),
+        best=st.sampled_from(Criterion),
+        avoid_elevators=st.frozensets(st.sampled_from(["E1", "E7", ""]), max_size=2),
+        avoid_areas=st.lists(st.tuples(st.sampled_from(["L1", "?"]), st.text(max_size=3)), max_size=2).map(tuple),
+        forbidden_areas=st.lists(st.tuples(st.sampled_from(["L1", "?"]), polygons), max_size=2).map(tuple),
+        graph=st.sampled_from(["", "0", "y" * 1_000_000]),
+        alternatives=st.integers(-1, 12),
+    )
+)
+def test_hostile_requests_get_a_typed_error(request: PathRequest) -> None:
+    try:
+        paths = _TOWER.paths(request)
+    except PathError as refusal:
+        assert len(str(refusal)) < 2000
+    else:
+        assert paths and faults(tower(), paths[0], request.radius) == []
+
+
+_TOWER = PathPlanner(tower())
+
+
+def test_invalid_fields_are_named() -> None:
+    with pytest.raises(InvalidPoint) as wrong:
+        _TOWER.shortest(Place("L1", math.nan, 1.0), WEST)
+    assert (wrong.value.which, wrong.value.field) == ("start", "x")
+    for field, request in {
+        "robotRadius": PathRequest(WEST, WEST, radius=-0.1),
+        "robotSpeed": PathRequest(WEST, WEST, speed=0.0),
+        "alternatives": PathRequest(WEST, WEST, alternatives=10),
+        "forbiddenAreas[0].polygon": PathRequest(WEST, WEST, forbidden_areas=(("L1", ((0, 0), (1, 1))),)),
+    }.items():
+        with pytest.raises(InvalidRequest) as refusal:
+            _TOWER.paths(request)
+        assert refusal.value.field == field
