@@ -1,0 +1,92 @@
+"""robocorba up: start the naming service and all servers, stop them on Ctrl-C or SIGTERM."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from robocorba.errors import RoboCorbaError
+from robocorba.orb import corbaname
+from robocorba.settings import Address, InvalidSetting, Settings
+from robocorba.supervision.folder import StateFolder, SystemRecord
+from robocorba.supervision.system import NAMING_SERVICE, System
+
+
+def up(
+    building: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The map to serve; else the stored one, else the sample.")
+    ] = None,
+    state: Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")] = None,
+    naming_port: Annotated[
+        int | None, typer.Option(metavar="N", help="Port of the naming service [ROBOCORBA_NAMING, 2809].")
+    ] = None,
+    host: Annotated[
+        str | None,
+        typer.Option(metavar="H", help="Address of this machine to listen on and to tell clients [127.0.0.1]."),
+    ] = None,
+    start_limit: Annotated[float, typer.Option(metavar="S", help="Seconds for each process to answer a call.")] = 180.0,
+) -> None:
+    """Start the naming service and all servers, each a process of its own; print `ready` when all answer.
+
+    A server that dies is started again. Ctrl-C or SIGTERM stops everything."""
+    try:
+        settings = Settings.read(state=state)
+        naming = Address.checked(
+            host or settings.naming.host,
+            settings.naming.port if naming_port is None else naming_port,
+            "--host or --naming-port",
+        )
+        if building is not None and not building.is_file():
+            raise InvalidSetting("--building", str(building), "there is no such file")
+        system = System(
+            folder=StateFolder(settings.state),
+            naming=naming,
+            building=building.absolute() if building else None,
+            start_limit_s=start_limit,
+        )
+        run(system)
+    except RoboCorbaError as wrong:
+        typer.echo(f"robocorba up: {wrong}", err=True)
+        raise typer.Exit(1) from None
+
+
+def run(system: System) -> None:
+    """Run `system` to its end and print the table and `ready` in between. Raises what System.run does."""
+    waiting = Console(stderr=True).status("starting the naming service and the servers ...")
+    if Console(stderr=True).is_terminal:
+        waiting.start()
+
+    def ready(record: SystemRecord) -> None:
+        waiting.stop()
+        console = Console()
+        if console.is_terminal:
+            console.print(_table(record))
+        else:
+            for cells in _rows(record):
+                print(*cells, sep="\t")
+        print("ready", flush=True)
+
+    try:
+        system.run(ready)
+    finally:
+        waiting.stop()
+
+
+def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
+    naming = Address.parse(record.naming)
+    rows = []
+    for process in record.processes:
+        names = process.names or ("",) if process.name == NAMING_SERVICE else process.names
+        rows += [(process.name, str(process.pid), corbaname(naming, name)) for name in names]
+    return rows
+
+
+def _table(record: SystemRecord) -> Table:
+    table = Table("process", "process id", "object")
+    for cells in _rows(record):
+        table.add_row(*cells)
+    return table

@@ -1,0 +1,104 @@
+"""Logs: a rotating file for each process in STATE/logs, one line an event.
+
+    2026-03-01T12:00:00.123+01:00 WARNING map_editor the naming service does not answer
+
+Whatever could break a line (newlines in messages, tracebacks) is escaped. Warnings and
+worse also go to stderr, in short and without tracebacks.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from datetime import datetime
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
+from types import TracebackType
+
+from robocorba.errors import RoboCorbaError, ServiceError
+
+#: A process's logs take at most MAX_BYTES * (1 + OLD_FILES) on disk.
+MAX_BYTES = 5 * 1024 * 1024
+OLD_FILES = 3
+
+#: Everything that some reader takes for the end of a line, and the other control characters of ASCII.
+_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), 127, 0x85)} | {0x2028: "\\u2028", 0x2029: "\\u2029"}
+_ESCAPES |= {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
+
+
+def setup(name: str, folder: Path) -> None:
+    """Send this process's log to `folder`/`name`.log from INFO up, and to stderr from WARNING up.
+
+    What ends the process or a thread of it unexpectedly is logged too. Raises ServiceError."""
+    root = logging.getLogger()
+    for old in root.handlers[:]:
+        root.removeHandler(old)
+        old.close()
+    root.setLevel(logging.INFO)
+    root.addHandler(_file(name, folder))
+    stderr = logging.StreamHandler()
+    stderr.setLevel(logging.WARNING)
+    stderr.setFormatter(_Short())
+    root.addHandler(stderr)
+    logging.captureWarnings(True)
+    sys.excepthook = _log_uncaught
+    threading.excepthook = lambda args: _log_uncaught(args.exc_type, args.exc_value, args.exc_traceback)
+
+
+def open_log(name: str, folder: Path) -> logging.Logger:
+    """A log of its own for a process that can't write one, such as omniNames. Raises ServiceError."""
+    log = logging.getLogger(f"process.{name}")
+    for old in log.handlers[:]:
+        log.removeHandler(old)
+        old.close()
+    log.addHandler(_file(name, folder))
+    log.propagate = False
+    return log
+
+
+def one_line(text: str) -> str:
+    """`text` with every character escaped that could end a line."""
+    return text.translate(_ESCAPES)
+
+
+def _file(name: str, folder: Path) -> logging.Handler:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handler = RotatingFileHandler(
+            folder / f"{name}.log",
+            maxBytes=MAX_BYTES,
+            backupCount=OLD_FILES,
+            encoding="utf-8",
+            errors="backslashreplace",
+        )
+    except OSError as wrong:
+        raise ServiceError(f"can't write {folder / name}.log: {wrong.strerror}") from None
+    handler.setFormatter(_OneLine(name))
+    return handler
+
+
+class _OneLine(logging.Formatter):
+    def __init__(self, process: str) -> None:
+        super().__init__("%(message)s")
+        self.process = process
+
+    def format(self, record: logging.LogRecord) -> str:
+        time = datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds")
+        return f"{time} {record.levelname} {self.process} {one_line(super().format(record))}"
+
+
+class _Short(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return f"{record.levelname} {one_line(record.getMessage())}"
+
+
+def _log_uncaught(
+    kind: type[BaseException], error: BaseException | None, traceback: TracebackType | None = None
+) -> None:
+    if error is None or not issubclass(kind, Exception):
+        sys.__excepthook__(kind, error or kind(), traceback)
+    elif isinstance(error, RoboCorbaError):
+        logging.getLogger().critical("%s", error)
+    else:
+        logging.getLogger().critical("%s: %s", kind.__name__, error, exc_info=(kind, error, traceback))

@@ -1,0 +1,141 @@
+"""Where the naming service listens and where state is kept: the one place that reads the environment.
+
+What a command line gives wins over the environment, the environment over the defaults.
+
+| variable | meaning | default |
+|---|---|---|
+| ROBOCORBA_NAMING | the naming service as HOST:PORT | 127.0.0.1:2809 |
+| ROBOCORBA_STATE | the state folder | the user's state folder, ~/.local/state/robocorba |
+"""
+
+from __future__ import annotations
+
+import argparse
+import ipaddress
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import platformdirs
+
+from robocorba.errors import ServiceError
+
+DEFAULT_HOST = "127.0.0.1"
+#: The port that CORBA reserves for naming services.
+DEFAULT_NAMING_PORT = 2809
+
+
+class InvalidSetting(ServiceError):
+    """`setting` (a variable or an option) has a `value` that can't be used."""
+
+    def __init__(self, setting: str, value: str, reason: str) -> None:
+        self.setting, self.value, self.reason = setting, value, reason
+        super().__init__(f"{setting} is {value[:100]!r}: {reason}")
+
+
+@dataclass(frozen=True)
+class Address:
+    """A host name or IP address and a TCP port, 1 to 65535."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    @classmethod
+    def parse(cls, text: str, setting: str = "address") -> Address:
+        """HOST:PORT, [IPV6]:PORT. `setting` is what errors call it. Raises InvalidSetting."""
+        match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^:\[\]]+)):([0-9]{1,5})", text.strip(), re.ASCII)
+        if match is None:
+            raise InvalidSetting(setting, text, "not of the form HOST:PORT")
+        return cls.checked(match[1] or match[2], int(match[3]), setting)
+
+    @classmethod
+    def checked(cls, host: str, port: int, setting: str = "address") -> Address:
+        """An address that others can be told. Raises InvalidSetting."""
+        if not 1 <= port <= 65535:
+            raise InvalidSetting(setting, str(port), "a port is a number from 1 to 65535")
+        try:
+            wildcard = ipaddress.ip_address(host).is_unspecified
+        except ValueError:
+            wildcard = False
+            if len(host) > 253 or not re.fullmatch(r"[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?", host):
+                raise InvalidSetting(setting, host, "neither a host name nor an IP address") from None
+        if wildcard:
+            raise InvalidSetting(setting, host, "clients can't call a wildcard; give the address that they use")
+        return cls(host, port)
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What every command needs to know."""
+
+    naming: Address
+    state: Path
+
+    @classmethod
+    def read(
+        cls,
+        naming: str | None = None,
+        state: Path | None = None,
+        environment: Mapping[str, str] = os.environ,
+    ) -> Settings:
+        """Settings from arguments, environment and defaults. Raises InvalidSetting."""
+        address = naming or environment.get("ROBOCORBA_NAMING") or f"{DEFAULT_HOST}:{DEFAULT_NAMING_PORT}"
+        folder = state or environment.get("ROBOCORBA_STATE") or platformdirs.user_state_dir("robocorba", False)
+        return cls(
+            naming=Address.parse(address, "--naming" if naming else "ROBOCORBA_NAMING"),
+            state=_folder(Path(folder), "--state" if state else "ROBOCORBA_STATE"),
+        )
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """What `robocorba up` hands to each server: its state folder, where it listens, whom it tells its names to."""
+
+    state: Path
+    endpoint: Address
+    naming: Address
+    building: Path | None
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ServerSettings:
+        """From `--state DIR --endpoint HOST:PORT [--naming HOST:PORT] [--building FILE]`.
+
+        Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
+        parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
+        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="where to listen")
+        parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
+        parser.add_argument("--building", type=Path, metavar="FILE", help="the map to serve")
+        given = parser.parse_args(arguments)
+        common = Settings.read(given.naming, given.state)
+        return cls(
+            state=common.state,
+            endpoint=Address.parse(given.endpoint, "--endpoint"),
+            naming=common.naming,
+            building=given.building.absolute() if given.building else None,
+        )
+
+
+def _folder(path: Path, setting: str) -> Path:
+    if "\0" in str(path):
+        raise InvalidSetting(setting, str(path), "not a path")
+    try:
+        absolute = path.expanduser().absolute()
+        if absolute.exists() and not absolute.is_dir():
+            raise InvalidSetting(setting, str(path), "not a folder")
+    except (OSError, RuntimeError) as wrong:
+        raise InvalidSetting(setting, str(path), str(wrong)) from None
+    return absolute

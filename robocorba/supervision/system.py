@@ -1,0 +1,174 @@
+"""The whole system: the naming service first, then every server, until told to stop; then in reverse."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib.util
+import logging
+import os
+import re
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from robocorba import logs
+from robocorba.errors import PortInUse, ServiceError
+from robocorba.orb import CONTEXT, Orb
+from robocorba.settings import Address
+from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
+from robocorba.supervision.process import ProcessSpec, Supervised
+from robocorba.supervision.servers import SERVERS, Server
+
+NAMING_SERVICE = "omniNames"
+_log = logging.getLogger(__name__)
+_LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
+
+
+@dataclass(frozen=True)
+class System:
+    """What shall run: `servers`, on ports of the host of `naming`, with everything they keep in `folder`.
+
+    building: absolute path handed to the servers, or None. start_limit_s: for each process to answer a call."""
+
+    folder: StateFolder
+    naming: Address
+    servers: Sequence[Server] = SERVERS
+    building: Path | None = None
+    start_limit_s: float = 60.0
+
+    def run(self, ready: Callable[[SystemRecord], None]) -> None:
+        """Run until SIGINT, SIGTERM or SIGHUP; `ready` is told once every server has answered a real call.
+
+        Raises AlreadyRunning, PortInUse, StartFailed and other ServiceErrors; nothing runs any more then."""
+        with self.folder.locked():
+            logs.setup("up", self.folder.logs)
+            if not is_free(self.naming.host, self.naming.port):
+                raise PortInUse(self.naming.host, self.naming.port, "the naming service")
+            ports = self.folder.ports([server.name for server in self.servers], self.naming)
+            try:
+                with Orb(self.naming) as orb:
+                    asyncio.run(self._run(orb, ports, ready))
+            finally:
+                self.folder.remove_record()
+
+    async def _run(self, orb: Orb, ports: dict[str, int], ready: Callable[[SystemRecord], None]) -> None:
+        told_to_stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().add_signal_handler(number, told_to_stop.set)
+        stop = asyncio.create_task(told_to_stop.wait())
+        created = psutil.Process().create_time()
+        processes: list[Supervised] = []
+
+        def record() -> SystemRecord:
+            rows = tuple(self._row(process, ports) for process in processes)
+            return SystemRecord(str(self.naming), os.getpid(), created, rows)
+
+        def changed() -> None:
+            try:
+                self.folder.write_record(record())
+            except ServiceError as wrong:  # a full disk is no reason to stop what runs
+                _log.error("%s", wrong)
+
+        names = Supervised(self._naming_service(orb), changed)
+        servers = [Supervised(self._server(server, ports[server.name], orb), changed) for server in self.servers]
+        processes += [names, *servers]
+        tasks: list[asyncio.Task[None]] = []
+        try:
+            for group in ([names], servers):  # servers want a naming service, so they come second and go first
+                tasks += [asyncio.create_task(process.supervise()) for process in group]
+                await _first(asyncio.create_task(_all_ready(group)), stop, *tasks)
+                if stop.done():
+                    return
+            _log.info("ready")
+            ready(record())
+            await _first(stop, *tasks)
+        finally:
+            await _cancel(tasks[1:])
+            await _cancel(tasks[:1])
+            _log.info("stopped")
+
+    def _row(self, process: Supervised, ports: dict[str, int]) -> ProcessRecord:
+        name = process.spec.name
+        objects = next((server.objects for server in self.servers if server.name == name), {})
+        return ProcessRecord(
+            name=name,
+            state=process.state,
+            pid=process.pid,
+            endpoint=str(Address(self.naming.host, ports[name]) if name in ports else self.naming),
+            names=tuple(f"{CONTEXT}/{bound}" for bound in objects),
+            started=process.started,
+            restarts=process.restarts,
+        )
+
+    def _naming_service(self, orb: Orb) -> ProcessSpec:
+        # Without -nohostname the data would be lost to a machine that is renamed.
+        own = ("-start", str(self.naming.port), "-always", "-nohostname", "-datadir", str(self.folder.names))
+        command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{self.naming}")
+        log = logs.open_log(NAMING_SERVICE, self.folder.logs)
+
+        def keep(line: str) -> None:
+            log.info("%s", re.sub(r"^omniNames: \(\d+\) [\d-]+ [\d:.]+: ", "", line))  # without its own time
+
+        return ProcessSpec(
+            NAMING_SERVICE, command, self.folder.path, orb.check_naming, keep, start_limit_s=self.start_limit_s
+        )
+
+    def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
+        command = [sys.executable, "-m", server.module, "--state", str(self.folder.path)]
+        command += ["--endpoint", str(Address(self.naming.host, port)), "--naming", str(self.naming)]
+        if self.building:
+            command += ["--building", str(self.building)]
+
+        def probe() -> None:
+            for name, question in server.objects.items():
+                question.ask(orb, name)
+
+        def relay(line: str) -> None:
+            level, _, text = line.partition(" ")
+            text = text if level in _LEVELS else line
+            _log.log(_LEVELS.get(level, logging.WARNING), "%s: %s", server.name, text)
+
+        # In the state folder, so that nothing in the user's folder is taken for one of our modules.
+        return ProcessSpec(
+            server.name, tuple(command), self.folder.path, probe, relay, start_limit_s=self.start_limit_s
+        )
+
+
+def find_omninames() -> str:
+    """The program of the omniORB that is installed beside us, else the one on PATH. Raises ServiceError."""
+    package = importlib.util.find_spec("jeteve_omniorb")
+    for folder in package.submodule_search_locations or () if package else ():
+        # Not the command of that name in the environment: it wraps this one, and a kill would hit the wrapper only.
+        program = Path(folder) / "bin" / "omniNames"
+        if program.is_file():
+            return str(program)
+    found = shutil.which("omniNames")
+    if found is None:
+        raise ServiceError("omniNames is missing: install jeteve-omniorb, or omniORB 4.2 or later")
+    return found
+
+
+async def _all_ready(processes: Sequence[Supervised]) -> None:
+    for process in processes:
+        await process.ready.wait()
+
+
+async def _first(*awaited: asyncio.Future) -> None:
+    """Wait for the first one to be done; raise what any of them raised."""
+    done, _ = await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
+    for future in done:
+        future.result()
+
+
+async def _cancel(tasks: Sequence[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    for task in tasks:
+        with contextlib.suppress(asyncio.CancelledError, ServiceError):
+            await task

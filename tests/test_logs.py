@@ -1,0 +1,64 @@
+"""Log files keep one event to a line, whatever the message is."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robocorba import logs
+from robocorba.errors import ServiceError
+
+
+def run(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
+    """`code` in a process that logs to folder/test.log; logging belongs to a process as a whole."""
+    begin = f"import logging; from pathlib import Path; from robocorba import logs; folder = Path({str(folder)!r})"
+    return subprocess.run(
+        [sys.executable, "-c", f"{begin}\nlogs.setup('test', folder)\n{code}"],
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+
+
+@given(st.text())
+@settings(deadline=None)
+def test_any_text_becomes_one_line(text: str) -> None:
+    assert len(logs.one_line(text).splitlines()) <= 1
+
+
+def test_an_event_is_a_line_with_time_level_and_process(tmp_path: Path) -> None:
+    message = "first\nsecond\r\u2028third \ud800"
+    result = run(tmp_path / "logs", f"logging.info({json.dumps(message)}); logging.warning('careful')")
+    lines = (tmp_path / "logs" / "test.log").read_text().splitlines()
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d INFO test first.*third \S+", lines[0])
+    assert lines[1].endswith(" WARNING test careful")
+    assert result.stderr == "WARNING careful\n"
+
+
+def test_what_ends_the_process_is_logged_with_its_traceback(tmp_path: Path) -> None:
+    result = run(tmp_path, "1 / 0")
+    assert result.returncode == 1
+    assert result.stderr == "CRITICAL ZeroDivisionError: division by zero\n"
+    (line,) = (tmp_path / "test.log").read_text().splitlines()
+    assert "CRITICAL test ZeroDivisionError: division by zero\\nTraceback" in line
+
+
+def test_files_stay_bounded(tmp_path: Path) -> None:
+    run(tmp_path, "logs.MAX_BYTES = 1000; logs.setup('test', folder)\nfor n in range(200): logging.info('%d', n)")
+    files = sorted(tmp_path.iterdir())
+    assert len(files) == 1 + logs.OLD_FILES
+    assert all(file.stat().st_size <= 1000 for file in files)
+    assert files[0].read_text().endswith(" 199\n")
+
+
+def test_a_folder_that_cant_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ServiceError, match=r"file/x\.log"):
+        logs.open_log("x", tmp_path / "file")
