@@ -1,0 +1,1 @@
+"""Programs that call the servers: examples to begin from, and the demo."""

@@ -1,0 +1,150 @@
+"""robocorba map: read, write, check and show map files.
+
+What reads, writes and draws them is imported where it is used: it takes most of a second
+to load, and every other subcommand would wait for it."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robocorba.errors import RoboCorbaError
+
+if TYPE_CHECKING:
+    from robocorba.maps.formats import Imported
+    from robocorba.maps.model import Building
+
+app = typer.Typer(help="Read, write, check and show map files.", no_args_is_help=True)
+
+_FILE = typer.Argument(
+    metavar="FILE", help="A native map, an Open-RMF building.yaml, a ROS map YAML, or the name of a sample building."
+)
+
+
+class Format(str, Enum):
+    """What `export` writes."""
+
+    NATIVE = "native"
+    OPENRMF = "openrmf"
+    ROS = "ros"
+    NAV2 = "nav2"
+
+
+@app.command("import")
+def import_(
+    file: Annotated[str, _FILE],
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
+    topology: Annotated[
+        bool, typer.Option("--topology", help="Draw a topological map for every floor that has none.")
+    ] = False,
+    radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = 0.40,
+) -> None:
+    """Turn a foreign map into a native map file and list what was lost on the way."""
+    from robocorba.maps import native
+
+    with _telling("map import"):
+        imported = _read(file)
+        building = imported.building
+        _tell_losses(imported.losses)
+        if topology:
+            from robocorba.maps.topology import topological_map
+
+            for name, entry in building.floors.items():
+                if not entry.topological.nodes:
+                    drawn = topological_map(building, name, radius)
+                    for node in drawn.nodes.values():
+                        building = building.with_element(name, node)
+                    for edge in drawn.edges.values():
+                        building = building.with_element(name, edge)
+        native.save(building, output)
+        typer.echo(f"wrote {output}: {_summary(building)}")
+
+
+@app.command()
+def export(
+    file: Annotated[str, _FILE],
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The file to write.")],
+    format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")],
+    resolution: Annotated[float, typer.Option(metavar="M", help="Side of a cell, for ros.")] = 0.05,
+    image: Annotated[str, typer.Option(metavar="KIND", help="pgm or png, for ros.")] = "pgm",
+) -> None:
+    """Write a map in another format and list what that format can't hold."""
+    from robocorba.maps.formats import write_map
+
+    with _telling("map export"):
+        building = _read(file).building
+        _tell_losses(write_map(building, output, format.value, resolution_m=resolution, image=image))
+        typer.echo(f"wrote {output}")
+
+
+@app.command()
+def show(
+    file: Annotated[str, _FILE],
+    picture: Annotated[Path, typer.Option(metavar="FILE", help="The PNG to write.")] = Path("map.png"),
+    floor: Annotated[str, typer.Option(metavar="NAME", help="Only this floor.")] = "",
+    width: Annotated[int, typer.Option(metavar="PIXELS", min=100, max=8000)] = 1200,
+) -> None:
+    """Draw the floors of a map as a picture."""
+    from robocorba.maps.drawing import draw_building, draw_floor
+
+    with _telling("map show"):
+        building = _read(file).building
+        if floor and floor not in building.floors:
+            raise typer.BadParameter(f"there is no floor {floor!r}; there are {', '.join(building.floors)}")
+        drawn = draw_floor(building, floor, width_px=width) if floor else draw_building(building, width_px=width)
+        drawn.save(picture)
+        typer.echo(f"wrote {picture}: {_summary(building)}")
+
+
+@app.command()
+def check(file: Annotated[str, _FILE]) -> None:
+    """Check a map: exit code 0 if it can be served as it is, 1 with the file, line and key that is wrong."""
+    with _telling("map check"):
+        imported = _read(file)
+        _tell_losses(imported.losses)
+        building = imported.building
+        for name, elevator in building.elevators.items():
+            if len(elevator.floors()) < 2:
+                typer.echo(f"note: elevator {name!r} serves only {', '.join(elevator.floors())}")
+        for name, entry in building.floors.items():
+            if not entry.topological.nodes:
+                typer.echo(f"note: floor {name!r} has no topological map; `robocorba map import --topology` draws one")
+        typer.echo(f"{file} is sound: {_summary(building)}")
+
+
+class _telling:
+    """Turns our errors into one line on stderr and exit code 1."""
+
+    def __init__(self, command: str) -> None:
+        self.command = command
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
+        if isinstance(error, RoboCorbaError | OSError):
+            typer.echo(f"robocorba {self.command}: {error}", err=True)
+            raise typer.Exit(1) from None
+
+
+def _read(file: str) -> Imported:
+    from robocorba.maps.formats import read_map
+    from robocorba.maps.samples import SAMPLES, sample_path
+
+    return read_map(sample_path(file) if file in SAMPLES else file)
+
+
+def _tell_losses(losses: tuple[str, ...]) -> None:
+    for loss in losses:
+        typer.echo(f"lost: {loss}")
+
+
+def _summary(building: Building) -> str:
+    floors = building.floors.values()
+    walls = sum(len(entry.geometrical.walls) for entry in floors)
+    nodes = sum(len(entry.topological.nodes) for entry in floors)
+    edges = sum(len(entry.topological.edges) for entry in floors)
+    return f"{len(floors)} floors, {walls} walls, {nodes} nodes, {edges} edges, {len(building.elevators)} elevators"

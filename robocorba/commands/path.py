@@ -1,0 +1,149 @@
+"""robocorba path: ask a running path planning agent, print the path as a table, draw it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path as File
+from typing import Annotated
+
+import typer
+from omniORB import CORBA
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from robocorba import conversion
+from robocorba.errors import InvalidRequest, RoboCorbaError
+from robocorba.maps.model import Building
+from robocorba.orb import Orb, describe
+from robocorba.planning.request import (
+    SMARTPAL_RADIUS_M,
+    SMARTPAL_SPEED,
+    Criterion,
+    Path,
+    PathRequest,
+    Place,
+    RouteMode,
+)
+from robocorba.settings import Settings
+from robocorba.stubs import RoboCorba
+
+
+class Mode(str, Enum):
+    """How to go."""
+
+    SMOOTHED = "smoothed"
+    TOPOLOGICAL = "topological"
+    GEOMETRIC = "geometric"
+
+
+def path(
+    start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Where to start, in metres.")],
+    goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Where to go.")],
+    picture: Annotated[File | None, typer.Option(metavar="FILE", help="Draw the floors crossed into this PNG.")] = None,
+    mode: Annotated[
+        Mode, typer.Option(help="Along the map with corners cut, along it exactly, or through free space.")
+    ] = (Mode.SMOOTHED),
+    time: Annotated[bool, typer.Option("--time", help="The fastest rather than the shortest path.")] = False,
+    radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot.")] = SMARTPAL_RADIUS_M,
+    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot.")] = SMARTPAL_SPEED,
+    avoid: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),
+    ] = None,
+    alternatives: Annotated[int, typer.Option(metavar="N", help="How many other paths to show.")] = 0,
+    naming: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+    ] = None,
+) -> None:
+    """Plan a path with the running path planning agent."""
+    try:
+        wanted = PathRequest(
+            parse_place(start, "start"),
+            parse_place(goal, "goal"),
+            radius=radius,
+            speed=speed,
+            mode=RouteMode[mode.name],
+            best=Criterion.SHORTEST_TIME if time else Criterion.SHORTEST_DISTANCE,
+            avoid_elevators=frozenset(name for name in avoid or () if "/" not in name),
+            avoid_areas=tuple((name.partition("/")[0], name.partition("/")[2]) for name in avoid or () if "/" in name),
+            alternatives=alternatives,
+        )
+        with Orb(Settings.read(naming=naming).naming) as orb:
+            planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+            found = [conversion.path_of(struct) for struct in planner.findPaths(conversion.request(wanted))]
+            for one in found:
+                Console().print(as_table(one))
+            if picture:
+                from robocorba.maps import native  # here and below: what pictures need takes a second to load
+
+                editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+                draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
+                typer.echo(f"drew {picture}")
+    except RoboCorbaError as wrong:
+        _fail(str(wrong))
+    except CORBA.UserException as wrong:
+        _fail(conversion.error_of(wrong))
+    except CORBA.SystemException as wrong:
+        _fail(f"the call failed ({describe(wrong)})")
+
+
+def _fail(reason: str) -> None:
+    typer.echo(f"robocorba path: {reason}", err=True)
+    raise typer.Exit(1)
+
+
+def parse_place(text: str, which: str) -> Place:
+    """The place that FLOOR:X,Y names. Raises InvalidRequest."""
+    match = re.fullmatch(r"(.+):([^,:]+),([^,:]+)", text)
+    try:
+        if match:
+            return Place(match[1], float(match[2]), float(match[3]))
+    except ValueError:
+        pass
+    raise InvalidRequest(which, f"{text[:80]!r} is not of the form FLOOR:X,Y, such as L1:3,4")
+
+
+def as_table(found: Path) -> Table:
+    """A path for the terminal: metres, degrees, seconds."""
+    summary = f"{found.distance:.2f} m, {found.duration:.1f} s, {len(found.rows)} points"
+    table = Table(title=f"{summary} (map version {found.version})")
+    for column in ("kind", "node", "floor", "x [m]", "y [m]", "heading [°]", "distance [m]", "time [s]"):
+        table.add_column(escape(column), justify="right" if "[" in column else "left")
+    for point in found.points:
+        kind = point.kind.name.lower().replace("_", " ")
+        table.add_row(
+            escape(f"{kind} {point.elevator}".strip()),  # a name may be any text, such as [/]
+            escape(point.node),
+            escape(point.floor),
+            f"{point.x:.2f}",
+            f"{point.y:.2f}",
+            f"{math.degrees(point.heading):.0f}",
+            f"{point.distance:.2f}",
+            f"{point.time:.1f}",
+        )
+    return table
+
+
+def draw(building: Building, found: Path, file: File) -> None:
+    """Draw every floor that a path crosses into one PNG."""
+    from robocorba.maps.drawing import draw_building
+
+    crossed = {point.floor for point in found.points}
+    floors = {name: entry for name, entry in building.floors.items() if name in crossed}
+    paths = {floor: marks(found, floor) for floor in floors}
+    draw_building(Building(building.name, floors, building.elevators), paths=paths).save(file)
+
+
+def marks(found: Path, floor: str) -> Sequence:
+    """The points of a path on one floor as the drawing wants them."""
+    from robocorba.maps.drawing import PathMark
+
+    return [
+        PathMark(point.x, point.y, point.kind.name.lower(), point.elevator or point.node)
+        for point in found.points
+        if point.floor == floor
+    ]

@@ -1,0 +1,31 @@
+"""The map editor server: the map building agent and the path planning agent on one building."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robocorba import logs
+from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.opening import open_store
+from robocorba.orb import Orb
+from robocorba.planning.planner import PathPlanner
+from robocorba.servants.map_editor import MapEditorServant
+from robocorba.servants.path_planner import PathPlannerServant
+from robocorba.settings import ServerSettings
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = ServerSettings.read(arguments, __doc__ or "")
+    logs.setup("map_editor", settings.state / "logs")
+    with open_store(settings.state / "map.sqlite", settings.building) as store:
+        editor = BuildingEditor(store)
+        planner = PathPlanner(*editor.snapshot)
+        planner.warm_up()
+        editor.subscribe(lambda building, version, changes: planner.update(building, version))
+        with Orb(settings.naming, settings.endpoint) as orb:
+            orb.serve({"MapEditor": MapEditorServant(editor, orb), "PathPlanner": PathPlannerServant(planner)})
+            orb.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,164 @@
+"""robocorba map: import, export, show and check, with what they print, write and refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner, Result
+
+from robocorba.commands import app
+from robocorba.maps import native
+from robocorba.maps.formats import read_map
+from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, TopologicalMap
+from robocorba.maps.samples import SAMPLES
+from tests.formats.rmf_files import small, written
+from tests.maps.buildings import two_floors
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    native.save(two_floors(), "two.yaml")
+    Path("small.building.yaml").write_bytes(written(small()))
+
+
+def robocorba_map(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["map", *arguments])
+
+
+def lines(result: Result) -> list[str]:
+    assert result.exit_code == 0, result.output
+    return result.output.splitlines()
+
+
+def refusal(*arguments: str) -> str:
+    """The one line of a command that refuses."""
+    result = robocorba_map(*arguments)
+    assert result.exit_code == 1
+    assert isinstance(result.exception, SystemExit)
+    (line,) = result.output.splitlines()
+    return line
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_samples_are_sound(sample: str) -> None:
+    (line,) = lines(robocorba_map("check", sample))
+    assert line.startswith(f"{sample} is sound: ")
+
+
+def test_check_says_what_there_is_and_what_to_mind() -> None:
+    assert lines(robocorba_map("check", "two.yaml")) == [
+        "two.yaml is sound: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators"
+    ]
+    odd = two_floors().with_element("", Floor(name="roof", level=3, elevation=8.0))
+    doors = (ElevatorDoor(floor="roof"),)
+    native.save(odd.with_element("", Elevator(name="E2", at=(30.0, 0.0), size=(2.0, 2.0), doors=doors)), "odd.yaml")
+    notes = lines(robocorba_map("check", "odd.yaml"))
+    assert notes[0] == "note: elevator 'E2' serves only roof"
+    assert notes[1].startswith("note: floor 'roof' has no topological map")
+    assert len(notes) == 3
+
+
+@pytest.mark.parametrize("command", [("check",), ("import",), ("export",), ("show",)])
+def test_a_wrong_file_is_named_with_line_and_key(command: tuple[str]) -> None:
+    text = "robocorba: 1\nname: x\nfloors:\n- name: L1\n  level: 1\n  elevation: 0\n  walls:\n"
+    Path("wrong.yaml").write_text(text + "  - {name: w, from: [0, 0], to: [0, 0]}\n")
+    more = {"check": (), "import": ("out",), "export": ("out", "-f", "nav2"), "show": ("--picture", "out")}[command[0]]
+    assert refusal(command[0], "wrong.yaml", *more) == (
+        f"robocorba map {command[0]}: wrong.yaml:8: floors[0].walls[0]: wall 'w' on L1: it has no length"
+    )
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "file.yaml:1: empty file"),
+        (b"\x89PNG\r\n\x1a\n\0", "file.yaml:1: not UTF-8 text"),
+        (b"a: &a [x]\nb: [*a, *a]\n", "file.yaml:2: b[0]: aliases are not accepted"),
+        (b"a: 1\n", "file.yaml:1: neither a RoboCorba map"),
+    ],
+)
+def test_what_is_no_map_is_refused(content: bytes, reason: str) -> None:
+    Path("file.yaml").write_bytes(content)
+    assert refusal("check", "file.yaml").startswith(f"robocorba map check: {reason}")
+
+
+def test_a_missing_file_is_named() -> None:
+    assert refusal("check", "nowhere.yaml") == "robocorba map check: nowhere.yaml: No such file or directory"
+
+
+def test_import_writes_a_native_map_and_lists_what_is_lost() -> None:
+    *losses, last = lines(robocorba_map("import", "small.building.yaml", "out.yaml"))
+    imported = read_map("small.building.yaml")
+    assert losses == [f"lost: {loss}" for loss in imported.losses] != []
+    assert last.startswith("wrote out.yaml: 2 floors, ")
+    assert native.load("out.yaml") == imported.building
+
+
+def test_import_draws_roads_where_there_are_none() -> None:
+    bare = two_floors()
+    for kind in (ElementKind.EDGE, ElementKind.NODE):
+        for name in bare.elements(kind, "L1"):
+            bare = bare.without(kind, "L1", name)
+    native.save(bare, "bare.yaml")
+    lines(robocorba_map("import", "bare.yaml", "as-it-is.yaml"))
+    assert native.load("as-it-is.yaml").floors["L1"].topological == TopologicalMap()
+    lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology", "--radius", "0.45"))
+    drawn = native.load("drawn.yaml")
+    assert len(drawn.floors["L1"].topological.nodes) > 2 and drawn.floors["L1"].topological.edges
+    assert drawn.floors["L2"] == bare.floors["L2"]
+    assert refusal("import", "bare.yaml", "x.yaml", "--topology", "--radius", "40").endswith(
+        "no free space for a robot of radius 40 m"
+    )
+
+
+@pytest.mark.parametrize("format", ["native", "openrmf", "ros"])
+def test_what_is_exported_can_be_imported(format: str) -> None:
+    one = two_floors()
+    for kind, floor, name in (
+        (ElementKind.ELEVATOR, "", "E1"),
+        (ElementKind.EDGE, "L1", "in"),
+        (ElementKind.NODE, "L1", "lift1"),
+        (ElementKind.FLOOR, "", "L2"),
+    ):
+        one = one.without(kind, floor, name)
+    native.save(one, "one.yaml")
+    *losses, last = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
+    assert last == "wrote out.yaml"
+    assert all(loss.startswith("lost: ") for loss in losses)
+    assert bool(losses) == (format != "native")
+    again = read_map("out.yaml")
+    assert again.format == format
+    if format == "native":
+        assert again.building == one
+    else:
+        assert len(again.building.floors) == 1
+
+
+def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
+    lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1"))
+    lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
+    for name in ("out-L1.yaml", "out-L2.yaml", "out-L1.geojson", "out-L2.geojson"):
+        assert Path(name).is_file(), sorted(Path().iterdir())
+    with Image.open("out-L1.png") as picture:
+        assert picture.size[0] >= 200  # 20 m
+
+
+def test_export_says_what_it_cant_write() -> None:
+    assert "No such file or directory" in refusal("export", "two.yaml", "no/folder/out.yaml", "-f", "openrmf")
+    result = robocorba_map("export", "two.yaml", "out.yaml", "-f", "dxf")
+    assert result.exit_code == 2 and "dxf" in result.output
+
+
+def test_show_draws_all_floors_or_one() -> None:
+    (line,) = lines(robocorba_map("show", "two.yaml", "--picture", "all.png", "--width", "400"))
+    assert line.startswith("wrote all.png: 2 floors, ")
+    lines(robocorba_map("show", "two.yaml", "--picture", "one.png", "--width", "400", "--floor", "L1"))
+    with Image.open("all.png") as everything, Image.open("one.png") as one:
+        assert everything.size[0] == one.size[0] == 400
+        assert everything.size[1] > one.size[1]
+    result = robocorba_map("show", "two.yaml", "--floor", "L9")
+    assert result.exit_code == 2 and "there are L1, L2" in " ".join(result.output.split())

@@ -1,0 +1,14 @@
+"""What the whole suite shares."""
+
+from __future__ import annotations
+
+import pytest
+
+from robocorba.maps.model import Building
+from robocorba.planning.planner import PathPlanner
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernels() -> None:
+    """Compile the planner once, before any test's clock runs and before servers would each do it."""
+    PathPlanner(Building("none")).warm_up()

@@ -1,0 +1,69 @@
+"""Real processes, each ended with its test or module; several runs of the suite can go on at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from robocorba.maps import native
+from robocorba.orb import Orb
+from robocorba.settings import Address
+from tests.maps.buildings import two_floors
+from tests.system.processes import ECHO_UP, Launcher, Running, claimed_ports, real_system
+
+
+@pytest.fixture
+def naming_port() -> Iterator[int]:
+    """A port for a naming service; the 14 after it are free as well."""
+    with claimed_ports() as port:
+        yield port
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Iterator[Launcher]:
+    """Starts a command in a folder of the test; what it starts is killed, with all its children, at the test's end."""
+    with Launcher(tmp_path) as launcher:
+        yield launcher
+
+
+@pytest.fixture
+def echo_up(launch: Launcher, tmp_path: Path, naming_port: int) -> Callable[..., Running]:
+    """Starts a system whose only server is the echo server; several times in one test it is the same system."""
+
+    def start(limit_s: float = 20.0, port: int = naming_port, **environment: str) -> Running:
+        naming = Address("127.0.0.1", port)
+        process = launch(*ECHO_UP, str(tmp_path / "state"), str(naming), str(limit_s), **environment)
+        return Running(process, tmp_path / "state", naming)
+
+    return start
+
+
+@pytest.fixture
+def robocorba_up(launch: Launcher, tmp_path: Path, naming_port: int) -> Callable[..., Running]:
+    """Starts `robocorba up` with the real servers; more arguments may follow."""
+    return lambda *arguments: real_system(launch, tmp_path / "state", naming_port, *arguments)
+
+
+@pytest.fixture
+def client(naming_port: int) -> Iterator[Orb]:
+    """This test's ORB, for the naming service of its port."""
+    with Orb(Address("127.0.0.1", naming_port), call_timeout_s=3.0) as orb:
+        yield orb
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """The real servers on the building of tests.maps.buildings.two_floors, one system for a module."""
+    folder = tmp_path_factory.mktemp("system")
+    native.save(two_floors(), folder / "two-floors.yaml")
+    with claimed_ports() as port, Launcher(folder) as launch:
+        yield real_system(launch, folder / "state", port, "--building", "two-floors.yaml").wait_ready()
+
+
+@pytest.fixture(scope="module")
+def system_orb(system: Running) -> Iterator[Orb]:
+    """The ORB of a module that uses `system`; such a module can't use `client`, a process has one ORB."""
+    with Orb(system.naming) as orb:
+        yield orb

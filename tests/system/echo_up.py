@@ -1,0 +1,25 @@
+"""robocorba up with the echo server in place of the real ones: python echo_up.py STATE NAMING_HOST:PORT [LIMIT_S]."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from robocorba.commands.up import run
+from robocorba.errors import RoboCorbaError
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.folder import StateFolder
+from robocorba.supervision.servers import Probe, Server
+from robocorba.supervision.system import System
+
+ECHO = Server(
+    "echo", "echo_server", {"PathPlanner": Probe(RoboCorba.PathPlanner, lambda planner: planner._get_mapVersion())}
+)
+
+if __name__ == "__main__":
+    state, naming, limit_s = Path(sys.argv[1]).absolute(), Address.parse(sys.argv[2]), float((*sys.argv, "20")[3])
+    try:
+        run(System(StateFolder(state), naming, [ECHO], start_limit_s=limit_s))
+    except RoboCorbaError as wrong:
+        sys.exit(f"robocorba up: {wrong}")

@@ -1,0 +1,78 @@
+"""`robocorba up --building FILE`: which building the servers begin with, and when they refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from robocorba.maps import native
+from robocorba.orb import Orb
+from robocorba.stubs import RoboCorba
+from tests.formats.rmf_files import small, written
+from tests.maps.buildings import two_floors
+from tests.system.elements import wall
+from tests.system.processes import Running, refusal
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Running]
+
+
+def served(orb: Orb) -> tuple[str, int]:
+    """Name and version of the building that is served."""
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+    return editor._get_buildingName(), editor._get_currentVersion()
+
+
+def test_a_foreign_file_gives_way_to_another_until_it_is_edited(
+    robocorba_up: Start, client: Orb, tmp_path: Path
+) -> None:
+    (tmp_path / "small.building.yaml").write_bytes(written(small()))
+    native.save(two_floors(), tmp_path / "two-floors.yaml")
+
+    running = robocorba_up("--building", "small.building.yaml").wait_ready()
+    assert served(client) == ("small", 1)
+    assert " WARNING map_editor " in (running.state / "logs" / "map_editor.log").read_text()  # what the import lost
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    assert planner.getPath(RoboCorba.Point("L1", 2.5, -2.5), RoboCorba.Point("L1", 7.5, -2.5))
+    assert running.stop() == 0
+
+    running = robocorba_up("--building", "two-floors.yaml").wait_ready()
+    assert served(client) == ("two floors", 1)
+    client.resolve("MapEditor", RoboCorba.MapEditor).create("L2", wall("mine"))
+    assert running.stop() == 0
+
+    running = robocorba_up("--building", "small.building.yaml")
+    said = refusal(running.process, 60)
+    assert said.startswith("robocorba up: map_editor ended with exit code 1")
+    assert f"{running.state} holds edits of the map 'two floors', which was not made from" in said
+    assert "small.building.yaml as it is now; give another --state, or no --building" in said
+
+    for arguments in ((), ("--building", "two-floors.yaml")):
+        running = robocorba_up(*arguments).wait_ready()
+        assert served(client) == ("two floors", 2)
+        assert running.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("robocorba: 1\nname: x\nfloors:\n- name: L1\n  level: one\n  elevation: 0\n", ":5: floors[0].level: "),
+        ("a: &a [1]\nb: *a\n", ":2: b: aliases are not accepted"),
+    ],
+)
+def test_a_wrong_file_is_one_line(robocorba_up: Start, tmp_path: Path, text: str, where: str) -> None:
+    (tmp_path / "wrong.yaml").write_text(text)
+    running = robocorba_up("--building", "wrong.yaml")
+    said = refusal(running.process, 60)
+    assert said.startswith("robocorba up: map_editor ended with exit code 1")
+    assert f"{tmp_path / 'wrong.yaml'}{where}" in said
+    assert sorted(path.name for path in running.state.iterdir() if "map" in path.name and "lock" not in path.name) == []
+    assert not (running.state / "up.json").exists()
+
+
+def test_a_missing_file_is_one_line(robocorba_up: Start) -> None:
+    said = refusal(robocorba_up("--building", "nowhere.yaml").process)
+    assert said == "robocorba up: --building is 'nowhere.yaml': there is no such file"

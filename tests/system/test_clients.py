@@ -1,0 +1,147 @@
+"""Clients of every kind against running servers: our commands, a bare CORBA client, one in C++, the demo."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from omniORB import CORBA
+from PIL import Image
+
+from robocorba.orb import Orb, corbaname
+from robocorba.stubs import RoboCorba
+from tests.system.processes import ROBOCORBA, Launcher, Running
+
+pytestmark = pytest.mark.system
+
+ROOT = Path(__file__).resolve().parents[2]
+WEST, EAST = ("L1", "3", "3"), ("L1", "15", "3")
+#: A spot within the wall between them.
+WALLED = ("L1", "10", "2")
+
+
+def run(launch: Launcher, *command: str, timeout_s: float = 60.0) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a command that finds our programs."""
+    process = launch(*command, PYTHONPATH=str(ROOT), COLUMNS="200")
+    out, err = process.communicate(timeout=timeout_s)
+    return process.returncode, out, err
+
+
+def place(words: tuple[str, str, str]) -> str:
+    return f"{words[0]}:{words[1]},{words[2]}"
+
+
+def test_the_small_client(system: Running, launch: Launcher) -> None:
+    module = (sys.executable, "-m", "clients.get_path")
+    code, out, err = run(launch, *module, *WEST, *EAST, str(system.naming))
+    assert (code, err) == (0, "")
+    first, *_, last = out.splitlines()
+    assert first.startswith("   0.0 s  L1:3.00,3.00  START")
+    assert "L1:15.00,3.00  GOAL" in last
+    code, out, err = run(launch, *module, *WEST, *WALLED, str(system.naming))
+    assert (code, out) == (1, "")
+    assert err.startswith("no path: ") and "NotFree" in err and "Traceback" not in err
+
+
+def test_the_command_prints_and_draws(system: Running, launch: Launcher, tmp_path: Path) -> None:
+    naming = ("--naming", str(system.naming))
+    code, out, err = run(launch, ROBOCORBA, "path", place(WEST), "L2:14,3", "--picture", "path.png", *naming)
+    assert (code, err) == (0, "")
+    assert "map version 1" in out
+    for word in ("start", "goal", "elevator entry E1", "elevator exit E1", "15.00", "distance [m]"):
+        assert word in out
+    assert "drew path.png" in out
+    with Image.open(tmp_path / "path.png") as picture:
+        assert min(picture.size) > 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ((place(WEST), place(WALLED)), "goal L1:10,2 is not free: 0.000 m to wall w, 0.400 m needed"),
+        ((place(WEST), "L9:1,1"), "goal: there is no floor 'L9'; known are L1, L2"),
+        ((place(WEST), "L1:nan,1"), "goal.x: nan is not a number within 1e+06 m"),
+        ((place(WEST), "L1"), "goal: 'L1' is not of the form FLOOR:X,Y, such as L1:3,4"),
+        ((place(WEST), place(EAST), "--radius", "5"), "robotRadius: 5.0 is not between 0 and 3 m"),
+        ((place(WEST), "L2:14,3", "--avoid", "E1"), "no elevator leads from L1 to L2; elevator 'E1'"),
+    ],
+)
+def test_the_command_says_why_there_is_no_path(
+    system: Running, launch: Launcher, arguments: tuple[str, ...], reason: str
+) -> None:
+    code, out, err = run(launch, ROBOCORBA, "path", *arguments, "--naming", str(system.naming))
+    assert (code, out) == (1, "")
+    assert err.startswith(f"robocorba path: {reason}"), err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_bare_uri_and_the_stubs_suffice(system: Running, system_orb: Orb) -> None:
+    uri = corbaname(system.naming, "RoboCorba/PathPlanner")
+    assert f"map_editor\t{system.pid('map_editor')}\t{uri}" in system.printed
+    planner = CORBA.ORB_init([], CORBA.ORB_ID).string_to_object(uri)._narrow(RoboCorba.PathPlanner)
+    path = planner.getPath(RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L1", 15.0, 3.0))
+    assert [str(path[0].kind), str(path[-1].kind)] == ["START", "GOAL"]
+
+
+def has_cpp() -> bool:
+    """Whether a program for C++ and omniORB can be built here."""
+    if not (shutil.which("make") and shutil.which("g++") and OMNIIDL):
+        return False
+    includes = subprocess.run(
+        ["g++", "-E", "-x", "c++", "-"], input="#include <omniORB4/CORBA.h>", capture_output=True, text=True
+    )
+    back_end = subprocess.run(
+        [OMNIIDL, "-bcxx", "-u"], capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"}, timeout=30
+    )
+    return includes.returncode == 0 and "-Wb" in back_end.stdout + back_end.stderr
+
+
+#: The system's one: that of a virtual environment comes first on PATH and has no back-end for C++.
+OMNIIDL = shutil.which("omniidl", path="/usr/local/bin:/usr/bin:/bin")
+
+
+def test_a_client_in_cpp(system: Running, tmp_path: Path) -> None:
+    if not has_cpp():
+        pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
+    # A clean environment: Debian's omniidl must not find the Python modules of another one.
+    clean = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
+    made = subprocess.run(
+        ["make", "-C", str(ROOT / "clients" / "cpp"), f"OUT={tmp_path}", f"OMNIIDL={OMNIIDL}"],
+        capture_output=True,
+        text=True,
+        env=clean,
+        timeout=110,
+    )
+    assert made.returncode == 0, made.stderr
+    client = (str(tmp_path / "get_path"), corbaname(system.naming, "RoboCorba/PathPlanner"))
+
+    found = subprocess.run([*client, *WEST, *EAST], capture_output=True, text=True, env=clean, timeout=30)
+    assert (found.returncode, found.stderr) == (0, "")
+    lines = found.stdout.splitlines()
+    assert lines[0].split() == ["0", "s", "L1:3,3"]
+    assert lines[-1].split()[2] == "L1:15,3"
+    refused = subprocess.run([*client, *WEST, *WALLED], capture_output=True, text=True, env=clean, timeout=30)
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert refused.stderr == "goal is too near to wall w\n"
+
+
+def test_the_demo_runs_to_its_end(launch: Launcher, tmp_path: Path) -> None:
+    process = launch(sys.executable, "-m", "clients.demo", "pictures", PYTHONPATH=str(ROOT), TMPDIR=str(tmp_path))
+    out, err = process.communicate(timeout=110)
+    assert process.returncode == 0, err
+    assert out.splitlines()[-1].endswith("paths planned over CORBA, checked against the walls: no collision.")
+    pictures = sorted((tmp_path / "pictures").glob("*.png"))
+    assert len(pictures) >= 6
+    for file in pictures:
+        with Image.open(file) as picture:
+            picture.verify()
+    mine = [
+        child for child in psutil.process_iter(["cmdline"]) if str(tmp_path) in " ".join(child.info["cmdline"] or [])
+    ]
+    assert [child.info["cmdline"] for child in mine if child.pid != os.getpid()] == []
+    assert list(tmp_path.glob("robocorba-demo-*")) == []

@@ -1,0 +1,167 @@
+"""One server, one naming service and a client: what references and names do when a process stops, hangs or dies."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.errors import NotReachable
+from robocorba.orb import Orb, corbaname
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.system import find_omninames
+from tests.system.processes import HERE, eventually
+
+pytestmark = pytest.mark.system
+
+Launch = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def names(launch: Launch, tmp_path: Path, naming_port: int, client: Orb) -> subprocess.Popen[str]:
+    """A naming service that answers."""
+    endpoint = ("-ORBendPoint", f"giop:tcp:127.0.0.1:{naming_port}")
+    process = launch(find_omninames(), "-start", str(naming_port), "-always", "-datadir", str(tmp_path), *endpoint)
+    eventually(lambda: is_there(client), what="a naming service")
+    return process
+
+
+def is_there(orb: Orb) -> bool:
+    try:
+        orb.check_naming()
+    except NotReachable:
+        return False
+    return True
+
+
+@pytest.fixture
+def serve(launch: Launch, tmp_path: Path, naming_port: int) -> Callable[..., subprocess.Popen[str]]:
+    """Starts an echo server on the port that lies so far after the naming service's."""
+
+    def start(offset: int = 1, **environment: str) -> subprocess.Popen[str]:
+        arguments = ("--endpoint", f"127.0.0.1:{naming_port + offset}", "--naming", f"127.0.0.1:{naming_port}")
+        server = str(HERE / "echo_server.py")
+        return launch(sys.executable, server, "--state", str(tmp_path / str(offset)), *arguments, **environment)
+
+    return start
+
+
+def resolve(client: Orb, timeout_s: float = 10.0) -> RoboCorba.PathPlanner:
+    return client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s)
+
+
+def pid_behind(client: Orb) -> int:
+    return resolve(client)._get_mapVersion()
+
+
+@pytest.mark.parametrize("floor", ["Erdgeschoß 一階 🛗", "x" * 3 * 1024 * 1024])
+def test_any_text_of_any_size_arrives(names: object, serve: Callable, client: Orb, floor: str) -> None:
+    serve()
+    with pytest.raises(RoboCorba.UnknownFloor) as unknown:
+        resolve(client).getPath(RoboCorba.Point(floor, 1.0, 2.0), RoboCorba.Point("", 0.0, 0.0))
+    assert unknown.value.floorName == floor
+
+
+def test_a_server_that_was_there_before_the_naming_service_is_bound(
+    serve: Callable, client: Orb, request: pytest.FixtureRequest
+) -> None:
+    server = serve()
+    with pytest.raises(NotReachable):
+        resolve(client, 0.5)
+    request.getfixturevalue("names")
+    assert pid_behind(client) == server.pid
+
+
+def test_a_stopped_server_takes_its_name_along(names: object, serve: Callable, client: Orb) -> None:
+    server = serve()
+    assert pid_behind(client) == server.pid
+    server.send_signal(signal.SIGTERM)
+    assert server.wait(10) == 0
+    with pytest.raises(NotReachable, match="does not know it"):
+        resolve(client, 0.1)
+
+
+def test_a_name_that_another_server_took_over_stays(names: object, serve: Callable, client: Orb) -> None:
+    first = serve(1)
+    assert pid_behind(client) == first.pid
+    second = serve(2)
+    eventually(lambda: pid_behind(client) == second.pid, what="the second server has the name")
+    first.send_signal(signal.SIGTERM)
+    first.wait(10)
+    assert pid_behind(client) == second.pid
+
+
+def test_a_reference_works_again_after_kill_9_and_a_start_by_hand(names: object, serve: Callable, client: Orb) -> None:
+    server = serve()
+    planner = resolve(client)
+    assert planner._get_mapVersion() == server.pid
+    server.kill()
+    server.wait()
+    with pytest.raises((CORBA.COMM_FAILURE, CORBA.TRANSIENT)):
+        planner._get_mapVersion()
+    with pytest.raises(NotReachable, match="its server does not answer"):
+        resolve(client, 0.2)
+    again = serve()
+    assert pid_behind(client) == again.pid
+    assert planner._get_mapVersion() == again.pid
+
+
+def test_a_kept_reference_is_never_told_that_its_object_is_gone(names: object, serve: Callable, client: Orb) -> None:
+    """Not even between the moments when the new process listens and when its servants are there."""
+    first = serve()
+    planner = resolve(client)
+    first.kill()
+    first.wait()
+    again = serve(ECHO_MODE="slow")
+
+    def answer() -> int:
+        try:
+            return planner._get_mapVersion()
+        except (CORBA.TRANSIENT, CORBA.COMM_FAILURE):
+            return 0
+
+    assert eventually(answer, what="answers again") == again.pid
+
+
+def test_calls_to_a_server_that_hangs_end(names: object, serve: Callable, client: Orb) -> None:
+    server = serve()
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner, call_timeout_s=0.3)
+    os.kill(server.pid, signal.SIGSTOP)
+    with pytest.raises(CORBA.TIMEOUT):
+        planner._get_mapVersion()
+    with pytest.raises(NotReachable, match="TIMEOUT"):
+        resolve(client, 0.3)
+    os.kill(server.pid, signal.SIGCONT)
+    assert planner._get_mapVersion() == server.pid
+
+
+def test_a_naming_service_that_hangs_is_told(names: subprocess.Popen[str], client: Orb) -> None:
+    os.kill(names.pid, signal.SIGSTOP)
+    with pytest.raises(NotReachable, match="TIMEOUT"):
+        resolve(client, 0.3)
+    os.kill(names.pid, signal.SIGCONT)
+
+
+def test_a_name_of_another_interface_is_refused(names: object, serve: Callable, client: Orb) -> None:
+    serve()
+    resolve(client)
+    with pytest.raises(NotReachable, match="is not a IDL:RoboCorba/MapEditor"):
+        client.resolve("PathPlanner", RoboCorba.MapEditor, timeout_s=60.0)
+
+
+def test_a_bare_uri_suffices(names: object, serve: Callable, client: Orb, naming_port: int) -> None:
+    """What a client does that has omniORB and the IDL, and nothing of ours."""
+    server = serve()
+    resolve(client)
+    uri = corbaname(Address("127.0.0.1", naming_port), "RoboCorba/PathPlanner")
+    orb = CORBA.ORB_init([], CORBA.ORB_ID)
+    without_naming = f"corbaloc:iiop:127.0.0.1:{naming_port + 1}/PathPlanner"
+    for text in (uri, without_naming):
+        assert orb.string_to_object(text)._narrow(RoboCorba.PathPlanner)._get_mapVersion() == server.pid

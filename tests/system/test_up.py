@@ -1,0 +1,229 @@
+"""robocorba up and status with real processes, killed in every way there is."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import psutil
+import pytest
+from omniORB import CORBA
+
+from robocorba.orb import Orb
+from robocorba.stubs import RoboCorba
+from tests.system.processes import ROBOCORBA, Running, eventually, is_running, read_json, refusal
+
+pytestmark = pytest.mark.system
+
+Launch = Callable[..., subprocess.Popen[str]]
+Start = Callable[..., Running]
+
+
+def answers(planner: object) -> int:
+    """The process id of the echo server that answers, 0 where none does."""
+    try:
+        return planner._get_mapVersion()  # type: ignore[attr-defined]
+    except (CORBA.TRANSIENT, CORBA.COMM_FAILURE):
+        return 0
+
+
+def test_ready_means_that_every_object_answers(echo_up: Start, client: Orb) -> None:
+    running = echo_up().wait_ready()
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=1.0)
+    assert planner._get_mapVersion() == running.pid("echo")
+    assert running.printed == [
+        f"omniNames\t{running.pid('omniNames')}\tcorbaname::{running.naming}",
+        f"echo\t{running.pid('echo')}\tcorbaname::{running.naming}#RoboCorba/PathPlanner",
+    ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_stops_everything(echo_up: Start, number: signal.Signals) -> None:
+    running = echo_up().wait_ready()
+    assert running.stop(number) == 0
+    assert running.left_behind() == []
+    assert len(running.descendants) == 2
+    assert not (running.state / "up.json").exists()
+
+
+def test_kill_9_of_the_supervisor_ends_its_children(echo_up: Start) -> None:
+    running = echo_up().wait_ready()
+    running.stop(signal.SIGKILL)
+    eventually(lambda: not running.left_behind(), 2.0, "all children ended")
+    assert len(running.descendants) == 2
+    again = echo_up().wait_ready()  # same folder, same ports
+    assert again.stop() == 0
+
+
+def test_ctrl_c_in_the_middle_of_the_start(echo_up: Start) -> None:
+    running = echo_up(ECHO_MODE="mute")
+    eventually(lambda: len(psutil.Process(running.process.pid).children(recursive=True)) == 2, what="both started")
+    running.note_descendants()
+    assert running.stop(signal.SIGINT) == 0
+    assert running.left_behind() == []
+
+
+def test_what_a_server_started_ends_with_it(echo_up: Start) -> None:
+    running = echo_up(ECHO_MODE="parent").wait_ready()
+    assert len(running.descendants) == 3
+    first, orphans = running.pid("echo"), psutil.Process(running.pid("echo")).children()
+    os.kill(first, signal.SIGKILL)
+    eventually(lambda: not any(map(is_running, orphans)), 3.0, "the killed server's child ended")
+    eventually(lambda: running.pid("echo") not in (0, first), what="started again")
+    running.note_descendants()
+    assert running.stop() == 0
+    assert running.left_behind() == []
+
+
+def test_a_server_that_ignores_sigterm_is_killed(echo_up: Start) -> None:
+    running = echo_up(ECHO_MODE="stubborn").wait_ready()
+    began = time.monotonic()
+    assert running.stop() == 0
+    assert time.monotonic() - began >= 5.0, "it had no time to end by itself"
+    assert running.left_behind() == []
+
+
+def test_a_reference_survives_kill_9_of_its_server(echo_up: Start, client: Orb) -> None:
+    running = echo_up().wait_ready()
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    for restarts in (1, 2, 3):
+        before = planner._get_mapVersion()
+        os.kill(before, signal.SIGKILL)
+        eventually(lambda: answers(planner) not in (0, before), 3.0, "answers again")  # noqa: B023
+        eventually(lambda: running.record().processes[1].state == "running", what="seen as running")
+        assert running.record().processes[1].restarts == restarts
+    assert running.stop() == 0
+
+
+def test_names_survive_kill_9_of_the_naming_service(echo_up: Start, client: Orb) -> None:
+    running = echo_up().wait_ready()
+    first = running.pid("omniNames")
+    os.kill(first, signal.SIGKILL)
+    eventually(lambda: running.pid("omniNames") not in (0, first), what="started again")
+    assert client.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == running.pid("echo")
+
+
+def test_servers_bind_again_when_the_naming_service_comes_back_empty(echo_up: Start, client: Orb) -> None:
+    running = echo_up().wait_ready()
+    for file in (running.state / "omninames").iterdir():
+        file.unlink()
+    os.kill(running.pid("omniNames"), signal.SIGKILL)
+    assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=6.0)._get_mapVersion() == running.pid("echo")
+
+
+def test_a_stopped_system_leaves_no_names(echo_up: Start) -> None:
+    running = echo_up().wait_ready()
+    running.stop()
+    assert b"unbind" in (running.state / "omninames" / "omninames.dat").read_bytes()
+
+
+def test_ports_are_remembered(echo_up: Start, client: Orb, naming_port: int) -> None:
+    """A client keeps its reference over a restart of the whole, even when the first free port has changed."""
+    with socket.create_server(("127.0.0.1", naming_port + 1)):
+        first = echo_up().wait_ready()
+        planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+        assert first.record().processes[1].endpoint == f"127.0.0.1:{naming_port + 2}"
+        first.stop()
+    second = echo_up().wait_ready()
+    assert eventually(lambda: answers(planner)) == second.pid("echo")
+
+
+def test_the_same_folder_on_another_naming_port(echo_up: Start, naming_port: int) -> None:
+    echo_up().wait_ready().stop(signal.SIGKILL)
+    moved = echo_up(port=naming_port + 5).wait_ready()
+    with Orb(moved.naming) as orb:
+        assert orb.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == moved.pid("echo")
+
+
+def test_a_naming_port_in_use_is_one_line(echo_up: Start, naming_port: int) -> None:
+    with socket.create_server(("127.0.0.1", naming_port)):
+        said = refusal(echo_up().process)
+    assert said.startswith(f"robocorba up: port {naming_port} on 127.0.0.1, wanted for the naming service, is in use")
+
+
+def test_a_servers_port_in_use_is_one_line(echo_up: Start, naming_port: int) -> None:
+    echo_up().wait_ready().stop()
+    with socket.create_server(("127.0.0.1", naming_port + 1)):
+        said = refusal(echo_up().process)
+    assert f"port {naming_port + 1} on 127.0.0.1, wanted for echo" in said
+
+
+def test_a_folder_serves_one_system(echo_up: Start) -> None:
+    running = echo_up().wait_ready()
+    said = refusal(echo_up().process)
+    assert f"another robocorba up (process id {running.process.pid}) uses the state folder" in said
+    assert running.process.poll() is None
+
+
+def test_a_server_that_fails_at_start_is_named_with_its_error(echo_up: Start) -> None:
+    running = echo_up(ECHO_MODE="broken")
+    said = refusal(running.process)
+    assert said.startswith("robocorba up: echo ended with exit code 1 before it answered a call")
+    assert said.endswith(r"CRITICAL ValueError: the echo is broken\non two lines")
+    log = (running.state / "logs" / "echo.log").read_text()
+    assert re.fullmatch(r"\S+ CRITICAL echo ValueError: the echo is broken\\non .*Traceback.*\n", log)
+
+
+def test_a_server_that_never_serves_is_named(echo_up: Start) -> None:
+    said = refusal(echo_up(limit_s=1.0, ECHO_MODE="mute").process)
+    assert said.startswith("robocorba up: echo did not answer within 1 s: RoboCorba/PathPlanner is not reachable")
+
+
+def status(launch: Launch, running: Running, *options: str) -> tuple[int, str]:
+    process = launch(sys.executable, "-c", STATUS, "--state", str(running.state), *options)
+    out, err = process.communicate(timeout=20)
+    assert err == ""
+    return process.returncode, out
+
+
+STATUS = "import typer; from robocorba.commands.status import status; typer.run(status)"
+
+
+def test_status_asks_every_object(echo_up: Start, launch: Launch) -> None:
+    running = echo_up().wait_ready()
+    code, out = status(launch, running, "--json")
+    names, echo = read_json(out)["processes"]
+    assert code == 0
+    assert (names["name"], echo["name"], echo["pid"]) == ("omniNames", "echo", running.pid("echo"))
+    assert echo["memory_mib"] > 1 and echo["uptime_s"] > 0 and echo["restarts"] == 0
+    assert [thing["name"] for thing in echo["objects"]] == ["RoboCorba/PathPlanner"]
+    assert 0 < echo["objects"][0]["answered_ms"] < 2000
+
+
+def test_status_tells_of_a_server_that_hangs(echo_up: Start, launch: Launch) -> None:
+    running = echo_up().wait_ready()
+    os.kill(running.pid("echo"), signal.SIGSTOP)
+    code, out = status(launch, running)
+    assert code == 1
+    assert "RoboCorba/PathPlanner\tRoboCorba/PathPlanner is not reachable" in out
+    os.kill(running.pid("echo"), signal.SIGCONT)
+    assert status(launch, running)[0] == 0
+
+
+def test_status_says_when_nothing_runs(echo_up: Start, launch: Launch) -> None:
+    running = echo_up().wait_ready()
+    running.stop(signal.SIGKILL)  # up.json is still there
+    assert status(launch, running) == (1, f"nothing runs in {running.state}\n")
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "no such host", "192.0.2.1"])
+def test_hosts_that_cant_be_served_on_are_refused(launch: Launch, host: str) -> None:
+    said = refusal(launch(ROBOCORBA, "up", "--state", "state", "--host", host))
+    assert said.startswith("robocorba up: ") and host in said
+
+
+def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> None:
+    running = robocorba_up().wait_ready()
+    assert client.resolve("MapEditor", RoboCorba.MapEditor)._get_currentVersion() >= 0
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(20) == 0
+    os.kill(running.pid("map_editor"), signal.SIGKILL)
+    eventually(lambda: answers(planner) > 0, 60.0, "answers again")
+    assert running.stop() == 0
+    assert running.left_behind() == []

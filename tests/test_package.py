@@ -1,0 +1,93 @@
+"""What a wheel holds, and that it works outside the checkout."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from robocorba import __version__
+from robocorba.settings import Address
+from tests.system.processes import Launcher, Running, claimed_ports, read_json
+
+pytestmark = pytest.mark.system
+
+ROOT = Path(__file__).resolve().parents[1]
+NOT_SOURCE = shutil.ignore_patterns(".*", "__pycache__", "build", "*.egg-info", "stubs", "results", "demo-output")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy without anything that was made before, as `pip install .` would do."""
+    folder = tmp_path_factory.mktemp("package")
+    shutil.copytree(ROOT, folder / "source", ignore=NOT_SOURCE)
+    # Without isolation, so that no network is needed; setuptools is among the `dev` dependencies.
+    own = ("--no-deps", "--no-build-isolation", "--disable-pip-version-check", "--wheel-dir", str(folder))
+    run(sys.executable, "-m", "pip", "wheel", *own, str(folder / "source"))
+    (made,) = folder.glob("*.whl")
+    return made
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The programs of an environment of its own with the wheel; dependencies are those of this one, without the
+    checkout, which only a .pth file leads to."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=False, symlinks=True)
+    python = str(folder / "bin" / "python")
+    run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", str(wheel))
+    found = subprocess.check_output([python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], text=True)
+    theirs = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    (Path(found.strip()) / "dependencies.pth").write_text("\n".join(theirs))
+    return folder / "bin"
+
+
+def run(*command: str, **more: str) -> str:
+    """What a command prints; it finds nothing by our environment."""
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(command, env={**clean, **more}, cwd="/", capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_wheel_holds_everything(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    for folder, pattern in (("robocorba", "*.py"), ("servers", "*.py"), ("clients", "*.py")):
+        sources = {file.relative_to(ROOT).as_posix() for file in (ROOT / folder).rglob(pattern)}
+        assert {name for name in sources if "/stubs/" not in name} - names == set()
+    assert {f"robocorba/idl/{file.name}" for file in (ROOT / "idl").glob("*.idl")} - names == set()
+    assert {f"robocorba/samples/{file.name}" for file in (ROOT / "robocorba" / "samples").iterdir()} - names == set()
+    for stub in ("RoboCorba/__init__.py", "RoboCorba__POA/__init__.py", "map_editor_idl.py", "path_planner_idl.py"):
+        assert f"robocorba/stubs/{stub}" in names
+    assert [name for name in names if name.startswith(("tests/", "bench/", "build/"))] == []
+    assert [name for name in names if name.endswith(".pyc")] == []
+
+
+def test_it_is_the_wheel_that_runs(installed: Path) -> None:
+    assert run(str(installed / "robocorba"), "version").strip() == __version__
+    where = run(str(installed / "python"), "-c", "import robocorba.stubs, servers; print(robocorba.__file__)")
+    assert Path(where.strip()).is_relative_to(installed.parent)
+
+
+def test_the_servers_run_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    """Not compiled: what the planner would compile at a new place takes half a minute."""
+    robocorba = str(installed / "robocorba")
+    with claimed_ports() as port, Launcher(tmp_path) as launch:
+        state, naming = str(tmp_path / "state"), f"127.0.0.1:{port}"
+        plain = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": ""}
+        up = launch(robocorba, "up", "--state", state, "--naming-port", str(port), **plain)
+        running = Running(up, tmp_path / "state", Address("127.0.0.1", port)).wait_ready()
+        (names, editor) = read_json(run(robocorba, "status", "--state", state, "--json"))["processes"]
+        assert editor["state"] == names["state"] == "running"
+        client = run(str(installed / "python"), "-m", "clients.get_path", *["L1", "3", "4", "L3", "10", "2"], naming)
+        assert "ELEVATOR_ENTRY E" in client and "GOAL" in client.splitlines()[-1]
+        assert running.stop() == 0
+        assert running.left_behind() == []
