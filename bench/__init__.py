@@ -1,0 +1,1 @@
+"""What produces the figures: `python -m bench` runs all, `python -m bench.NAME` one."""
