@@ -73,7 +73,7 @@ def path(
             alternatives=alternatives,
         )
         with Orb(Settings.read(naming=naming).naming) as orb:
-            planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+            planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=3.0)
             found = [conversion.path_of(struct) for struct in planner.findPaths(conversion.request(wanted))]
             for one in found:
                 Console().print(as_table(one))

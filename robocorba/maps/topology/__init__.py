@@ -9,8 +9,6 @@ is free, so a road never jumps to the other side of an obstacle.
 
 from __future__ import annotations
 
-import math
-
 import msgspec
 import shapely
 from shapely import LineString, Polygon
@@ -30,6 +28,9 @@ from robocorba.maps.topology.straightening import straighten
 
 __all__ = ["topological_map"]
 
+#: No robot is larger, and no geometry overflows below it, m.
+LARGEST_RADIUS_M = 1000.0
+
 
 def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> TopologicalMap:
     """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map alone.
@@ -40,13 +41,14 @@ def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> T
     if the robot fits, and one in front of it; the others are n1, n2, ... in reading order.
     The same map gives the same result.
 
-    Raises UnknownElement for an unknown floor, InvalidElement where the radius is not a
-    positive number or nowhere on the floor is room for the robot.
+    Raises UnknownElement for an unknown floor, InvalidElement where the radius is not
+    between 0 and LARGEST_RADIUS_M or nowhere on the floor is room for the robot.
     """
     if floor not in building.floors:
         raise UnknownElement("floor", "", floor)
-    if not (math.isfinite(radius_m) and radius_m > 0):
-        raise InvalidElement("floor", "", floor, f"no roads for a radius of {radius_m:g} m: it must be positive")
+    if not 0 < radius_m <= LARGEST_RADIUS_M:
+        reason = f"no roads for a radius of {radius_m:g} m: it must be above 0 and at most {LARGEST_RADIUS_M:g} m"
+        raise InvalidElement("floor", "", floor, reason)
     building = _without_roads(building, floor)
     space = _places(building, floor, radius_m)
     if space.is_empty:
