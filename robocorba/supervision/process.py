@@ -17,7 +17,7 @@ from pathlib import Path
 from robocorba.errors import RoboCorbaError, StartFailed
 
 #: A process that ran this long starts again at once; one that keeps ending waits longer each time.
-STEADY_S = 10.0
+STEADY_S = 2.0
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.1, 5.0
 #: From SIGTERM to SIGKILL.
 GRACE_S = 5.0
