@@ -22,6 +22,7 @@ RoboCorbaError
     ├── PortInUse             somebody else listens there
     ├── StateMismatch         the state folder holds another building
     ├── StartFailed           a process did not come up in time
+    ├── InvalidSetting        a variable or an option can't be used (in settings.py)
     └── NotReachable          a name could not be resolved or did not answer in time
 """
 
