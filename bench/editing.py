@@ -26,7 +26,8 @@ from omniORB import CORBA
 from bench.places import random_trips
 from bench.report import PROGRESS, quantile, timed_ms, write
 from clients.demo import servers
-from robocorba import conversion
+from robocorba.conversion import errors as idl_errors
+from robocorba.conversion import maps, paths
 from robocorba.maps import native
 from robocorba.maps.changes import Key, elements_of, key_of
 from robocorba.maps.model import XY, Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
@@ -84,7 +85,7 @@ def main() -> None:
     samples: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as state, servers(Path(state)) as naming, Orb(naming) as orb:
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
-        editor.create(TALLY_FLOOR, conversion.element(TALLY))
+        editor.create(TALLY_FLOOR, maps.element(TALLY))
         trips = _reachable(orb.resolve("PathPlanner", RoboCorba.PathPlanner))
         for round_ in range(1, ROUNDS + 1):
             before, version = _elements(editor), editor._get_currentVersion()
@@ -122,7 +123,7 @@ def _reachable(planner: Any) -> list[Trip]:
     found = []
     for start, goal in random_trips(load_sample("five-floors"), SMARTPAL_RADIUS_M, 500, seed=11):
         try:
-            planner.getPath(conversion.point(start), conversion.point(goal))
+            planner.getPath(paths.point(start), paths.point(goal))
         except RoboCorba.NoPath:
             continue
         found.append((start, goal))
@@ -185,7 +186,7 @@ def _lost(editor: Any, before: Elements, version: int, edits: Sequence[Accepted]
     made: dict[int, Elements] = {}
     replayed = dict(before)
     for change in editor.changesSince(version):
-        element = conversion.element_of(change.value)
+        element = maps.element_of(change.value)
         key = key_of(change.onFloor, element)
         made.setdefault(change.changedTo, {})[key] = None if change.kind == RoboCorba.REMOVED else element
     for _, after in sorted(made.items()):
@@ -223,7 +224,7 @@ def _remember(start: Any, done: Any) -> None:
 def plan(naming: Address, trips: Sequence[Trip]) -> list[Answer]:
     """Ask for one path after the other until the editors are done."""
     answers = []
-    points = [(conversion.point(start), conversion.point(goal)) for start, goal in trips]
+    points = [(paths.point(start), paths.point(goal)) for start, goal in trips]
     with Orb(naming) as orb:
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
         _start.wait()
@@ -254,7 +255,7 @@ def _told(call: Callable[..., T], *arguments: object) -> T:
     try:
         return call(*arguments)
     except CORBA.UserException as wrong:
-        raise RuntimeError(conversion.error_of(wrong)) from None
+        raise RuntimeError(idl_errors.error_of(wrong)) from None
     except CORBA.SystemException as wrong:
         raise RuntimeError(describe(wrong)) from None
 
@@ -294,38 +295,38 @@ class Editor:
         ]
 
     def _create(self, floor: str, element: Element) -> tuple[int, Elements]:
-        return self._made(self.editor.create(floor, conversion.element(element)), {key_of(floor, element): element})
+        return self._made(self.editor.create(floor, maps.element(element)), {key_of(floor, element): element})
 
     def _change(self, floor: str, element: Element) -> tuple[int, Elements]:
         key = key_of(floor, element)
-        version = self.editor.change(floor, conversion.element(element), self.versions[key])
+        version = self.editor.change(floor, maps.element(element), self.versions[key])
         return self._made(version, {key: element})
 
     def _remove(self, floor: str, element: Element) -> tuple[int, Elements]:
         key = key_of(floor, element)
-        return self._made(self.editor.remove(conversion.element_id(*key.words), self.versions[key]), {key: None})
+        return self._made(self.editor.remove(maps.element_id(*key.words), self.versions[key]), {key: None})
 
     def _create_together(self, floor: str, *elements: Element) -> tuple[int, Elements]:
         transaction = self.editor.begin()
         for element in elements:
-            transaction.create(floor, conversion.element(element))
+            transaction.create(floor, maps.element(element))
         return self._made(transaction.commit(), {key_of(floor, element): element for element in elements})
 
     def _remove_together(self, floor: str, *elements: Element) -> tuple[int, Elements]:
         transaction, keys = self.editor.begin(), [key_of(floor, element) for element in elements]
         for key in keys:
-            transaction.remove(conversion.element_id(*key.words), self.versions[key])
+            transaction.remove(maps.element_id(*key.words), self.versions[key])
         return self._made(transaction.commit(), dict.fromkeys(keys))
 
     def _count(self) -> tuple[int, Elements]:
         """Read the tally and write it one higher; once more where somebody else did so in between."""
         key = key_of(TALLY_FLOOR, TALLY)
         while True:
-            record = self.editor.read(conversion.element_id(*key.words))
-            read = conversion.element_of(record.value)
+            record = self.editor.read(maps.element_id(*key.words))
+            read = maps.element_of(record.value)
             higher = msgspec.structs.replace(TALLY, subnet=str(_count_of(read) + 1))
             try:
-                version = self.editor.change(TALLY_FLOOR, conversion.element(higher), record.changedAt)
+                version = self.editor.change(TALLY_FLOOR, maps.element(higher), record.changedAt)
             except RoboCorba.StaleEdit:
                 self.repeated += 1
                 continue

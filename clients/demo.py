@@ -19,8 +19,9 @@ from pathlib import Path
 from omniORB import CORBA
 from rich.console import Console
 
-from robocorba import conversion
 from robocorba.commands.path import as_table, marks
+from robocorba.conversion import errors as idl_errors
+from robocorba.conversion import paths
 from robocorba.errors import RoboCorbaError, StartFailed
 from robocorba.maps import native
 from robocorba.orb import Orb, corbaname
@@ -58,7 +59,7 @@ def main(folder: str = "demo-output") -> int:
             from robocorba.maps.drawing import draw_floor  # it takes a second to load; the table comes first
 
             for number, (title, request) in enumerate(TRIPS.items(), 1):
-                path = conversion.path_of(planner.findPaths(conversion.request(request))[0])
+                path = paths.path_of(planner.findPaths(paths.request(request))[0])
                 console.print(f"[bold]{number}. {title}[/bold]")
                 console.print(as_table(path))
                 found = faults(building, path, SMARTPAL_RADIUS_M)
@@ -110,4 +111,4 @@ if __name__ == "__main__":
     except RoboCorbaError as error:
         sys.exit(f"demo: {error}")
     except CORBA.UserException as error:
-        sys.exit(f"demo: {conversion.error_of(error)}")
+        sys.exit(f"demo: {idl_errors.error_of(error)}")

@@ -15,7 +15,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba import conversion
+from robocorba.conversion import errors as idl_errors
+from robocorba.conversion import paths
 from robocorba.errors import InvalidRequest, RoboCorbaError
 from robocorba.maps.model import Building
 from robocorba.orb import Orb, describe
@@ -74,7 +75,7 @@ def path(
         )
         with Orb(Settings.read(naming=naming).naming) as orb:
             planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=3.0)
-            found = [conversion.path_of(struct) for struct in planner.findPaths(conversion.request(wanted))]
+            found = [paths.path_of(struct) for struct in planner.findPaths(paths.request(wanted))]
             for one in found:
                 Console().print(as_table(one))
             if picture:
@@ -86,7 +87,7 @@ def path(
     except RoboCorbaError as wrong:
         _fail(str(wrong))
     except CORBA.UserException as wrong:
-        _fail(conversion.error_of(wrong))
+        _fail(idl_errors.error_of(wrong))
     except CORBA.SystemException as wrong:
         _fail(f"the call failed ({describe(wrong)})")
 

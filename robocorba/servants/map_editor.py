@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from typing import Any, Protocol
 
-from robocorba import conversion
-from robocorba.conversion import translating
+from robocorba.conversion import maps
+from robocorba.conversion.errors import translating
 from robocorba.errors import InvalidElement, MapFileError
 from robocorba.maps import native
 from robocorba.maps.editing import BuildingEditor, Transaction
@@ -39,15 +39,15 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
     @translating
     def create(self, onFloor: str, value: Any) -> None:
-        self._transaction.create(onFloor, conversion.element_of(value))
+        self._transaction.create(onFloor, maps.element_of(value))
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> None:
-        self._transaction.change(onFloor, conversion.element_of(value), expected)
+        self._transaction.change(onFloor, maps.element_of(value), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> None:
-        self._transaction.remove(*conversion.key_of(id), expected)
+        self._transaction.remove(*maps.key_of(id), expected)
 
     @translating
     def commit(self) -> int:
@@ -77,25 +77,25 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     @translating
     def elements(self, kind: Any, onFloor: str) -> list[Any]:
-        found = self._editor.elements(conversion.kind_of(kind), onFloor)
-        return [conversion.record(onFloor, value, changed_at) for value, changed_at in found]
+        found = self._editor.elements(maps.kind_of(kind), onFloor)
+        return [maps.record(onFloor, value, changed_at) for value, changed_at in found]
 
     @translating
     def read(self, id: Any) -> Any:
-        key = conversion.key_of(id)
-        return conversion.record(key.floor, *self._editor.read(*key))
+        key = maps.key_of(id)
+        return maps.record(key.floor, *self._editor.read(*key))
 
     @translating
     def create(self, onFloor: str, value: Any) -> int:
-        return self._editor.create(onFloor, conversion.element_of(value))
+        return self._editor.create(onFloor, maps.element_of(value))
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._editor.change(onFloor, conversion.element_of(value), expected)
+        return self._editor.change(onFloor, maps.element_of(value), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:
-        return self._editor.remove(*conversion.key_of(id), expected)
+        return self._editor.remove(*maps.key_of(id), expected)
 
     @translating
     def begin(self) -> Any:
@@ -118,7 +118,7 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     @translating
     def changesSince(self, since: int) -> list[Any]:
-        return conversion.changes(self._editor.changes_since(since))
+        return maps.changes(self._editor.changes_since(since))
 
     @translating
     def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:

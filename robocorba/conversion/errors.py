@@ -1,0 +1,109 @@
+"""Domain errors to IDL exceptions, and IDL exceptions to sentences for people."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import CosEventChannelAdmin
+import CosEventComm
+from omniORB import CORBA
+
+from robocorba import errors
+from robocorba.conversion import maps, paths
+from robocorba.stubs import RoboCorba
+
+
+def _raise_idl(error: errors.RoboCorbaError) -> NoReturn:
+    """Raise the IDL exception that says what a domain error says."""
+    make = _EXCEPTIONS.get(type(error))
+    if make is None:
+        # The store failed: nothing was changed. Anything else would be a fault of the servant.
+        raise CORBA.PERSIST_STORE(0, CORBA.COMPLETED_NO) from error
+    raise make(error) from error
+
+
+def _id(error: Any) -> Any:
+    return maps.element_id(error.kind, error.floor, error.name)
+
+
+_EXCEPTIONS: dict[type, Callable[[Any], Exception]] = {
+    errors.InvalidElement: lambda e: RoboCorba.InvalidElement(_id(e), e.reason),
+    errors.UnknownElement: lambda e: RoboCorba.UnknownElement(_id(e)),
+    errors.DuplicateElement: lambda e: RoboCorba.DuplicateElement(_id(e)),
+    errors.StaleEdit: lambda e: RoboCorba.StaleEdit(_id(e), e.expected, e.current),
+    errors.StaleVersion: lambda e: RoboCorba.StaleVersion(e.expected, e.current),
+    errors.NothingToUndo: lambda e: RoboCorba.NothingToUndo(),
+    errors.NothingToRedo: lambda e: RoboCorba.NothingToRedo(),
+    errors.VersionUnavailable: lambda e: RoboCorba.VersionUnavailable(e.version, e.oldest, e.current),
+    errors.TransactionClosed: lambda e: RoboCorba.TransactionClosed(),
+    errors.TooManyTransactions: lambda e: RoboCorba.TooManyTransactions(e.limit),
+    errors.InvalidPoint: lambda e: RoboCorba.InvalidPoint(e.which, e.field, e.reason),
+    errors.InvalidRequest: lambda e: RoboCorba.InvalidRequest(e.field, e.reason),
+    errors.UnknownFloor: lambda e: RoboCorba.UnknownFloor(e.which, e.floor, list(e.known)),
+    errors.NotFree: lambda e: RoboCorba.NotFree(
+        e.which, RoboCorba.Point(e.floor, e.x, e.y), e.obstacle, e.clearance_m, e.required_m
+    ),
+    errors.InvalidEvent: lambda e: RoboCorba.InvalidEvent(e.field, e.reason),
+    errors.InvalidSubscription: lambda e: RoboCorba.InvalidSubscription(e.where, e.reason),
+    errors.InvalidQueue: lambda e: RoboCorba.InvalidQueue(e.field, e.reason),
+    errors.TooManyProxies: lambda e: RoboCorba.TooManyProxies(e.limit),
+    errors.UnknownSubscription: lambda e: RoboCorba.UnknownSubscription(e.name),
+    errors.UnknownPeer: lambda e: RoboCorba.UnknownPeer(e.peer, list(e.known)),
+    errors.InvalidPeer: lambda e: RoboCorba.InvalidPeer(e.field, e.reason),
+    errors.SessionOver: lambda e: RoboCorba.SessionOver(),
+    errors.AlreadyConnected: lambda e: CosEventChannelAdmin.AlreadyConnected(),
+    errors.Disconnected: lambda e: CosEventComm.Disconnected(),
+    errors.ProxyGone: lambda e: CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO),
+    errors.NoPath: lambda e: RoboCorba.NoPath(
+        e.reason, [RoboCorba.Blocker(maps.element_id(b.kind, b.floor, b.name), b.reason) for b in e.blockers]
+    ),
+}
+
+
+def translating(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A servant's method whose domain errors reach the caller as IDL exceptions."""
+
+    @functools.wraps(method)
+    def call(*arguments: Any) -> Any:
+        try:
+            return method(*arguments)
+        except errors.RoboCorbaError as error:
+            _raise_idl(error)
+
+    return call
+
+
+def error_of(exception: Any) -> str:
+    """One sentence for a person about an IDL exception."""
+    make = _SENTENCES.get(type(exception))
+    return str(make(exception)) if make else f"{type(exception).__name__}: {exception}"
+
+
+_SENTENCES: dict[type, Callable[[Any], Exception]] = {
+    RoboCorba.InvalidElement: lambda e: errors.InvalidElement(*_words(e.id), e.reason),
+    RoboCorba.UnknownElement: lambda e: errors.UnknownElement(*_words(e.id)),
+    RoboCorba.DuplicateElement: lambda e: errors.DuplicateElement(*_words(e.id)),
+    RoboCorba.StaleEdit: lambda e: errors.StaleEdit(*_words(e.id), e.expected, e.current),
+    RoboCorba.StaleVersion: lambda e: errors.StaleVersion(e.expected, e.current),
+    RoboCorba.InvalidMap: lambda e: errors.MapFileError("map", e.line, e.key, e.reason),
+    RoboCorba.InvalidPoint: lambda e: errors.InvalidPoint(e.which, e.field, e.reason),
+    RoboCorba.InvalidRequest: lambda e: errors.InvalidRequest(e.field, e.reason),
+    RoboCorba.UnknownFloor: lambda e: errors.UnknownFloor(e.which, e.floorName, e.known),
+    RoboCorba.NotFree: lambda e: errors.NotFree(
+        e.which, *paths.place_of(e.position), e.obstacle, e.clearance, e.required
+    ),
+    RoboCorba.InvalidEvent: lambda e: errors.InvalidEvent(e.field, e.reason),
+    RoboCorba.InvalidSubscription: lambda e: errors.InvalidSubscription(e.where, e.reason),
+    RoboCorba.InvalidQueue: lambda e: errors.InvalidQueue(e.field, e.reason),
+    RoboCorba.TooManyProxies: lambda e: errors.TooManyProxies(e.limit),
+    RoboCorba.UnknownSubscription: lambda e: errors.UnknownSubscription(e.name),
+    RoboCorba.UnknownPeer: lambda e: errors.UnknownPeer(e.peer, e.known),
+    RoboCorba.InvalidPeer: lambda e: errors.InvalidPeer(e.field, e.reason),
+    RoboCorba.NoPath: lambda e: errors.NoPath(e.reason, [errors.Blocker(*_words(b.id), b.reason) for b in e.blockers]),
+}
+
+
+def _words(struct: Any) -> tuple[str, str, str]:
+    return maps.kind_of(struct.kind).value, struct.onFloor, struct.name
