@@ -13,6 +13,8 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+#: Modules of the OMG whose stubs come with omniORBpy.
+OMG = ("CosEventComm", "CosEventChannelAdmin")
 
 
 def make_stubs(folder: Path, idl: Path = HERE) -> None:
@@ -27,8 +29,9 @@ def make_stubs(folder: Path, idl: Path = HERE) -> None:
     fresh = folder.with_name(f".{folder.name}.new")
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
-    files = sorted(str(file) for file in idl.glob("*.idl"))
-    subprocess.run([*omniidl, "-bpython", "-C", str(fresh), f"-Wbpackage={package}", *files], check=True)
+    files = sorted(str(file) for file in idl.glob("*.idl") if not file.name.startswith("Cos"))
+    options = ["-bpython", "-C", str(fresh), f"-Wbpackage={package}", *(f"-Wbextern={module}" for module in OMG)]
+    subprocess.run([*omniidl, *options, *files], check=True)
     made = fresh / Path(*package.split("."))
     shutil.rmtree(folder, ignore_errors=True)
     made.rename(folder)

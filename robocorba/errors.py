@@ -17,6 +17,22 @@ RoboCorbaError
 │   ├── UnknownFloor          the building has no such floor
 │   ├── NotFree               start or goal is too near to an obstacle
 │   └── NoPath                nothing leads there: the blockers are named
+├── EventError
+│   ├── InvalidEvent          a field of an event is out of range
+│   ├── InvalidSubscription   a subscription can't be used: where in it, and why
+│   ├── InvalidQueue          a queue can't be made like this
+│   ├── TooManyProxies        the channel serves as many clients as it may
+│   ├── AlreadyConnected      the proxy has its client
+│   ├── Disconnected          the proxy has no client, or has none any more
+│   ├── ProxyGone             the proxy was disconnected, or its channel destroyed
+│   ├── UnknownSubscription   no durable subscription has this name
+│   ├── UnknownPeer           the channel has no such peer
+│   ├── InvalidPeer           a peer can't be linked
+│   ├── SessionOver           a gateway's session has ended; it has to join again
+│   ├── NotDelivered          a client did not get an event: try again
+│   ├── Unconfirmed           a client may have got an event: the answer did not come
+│   ├── Refused               a client answered an event with an exception, or could not take it
+│   └── ClientGone            a client ended its connection
 └── ServiceError
     ├── AlreadyRunning        another process uses this state folder
     ├── PortInUse             somebody else listens there
@@ -176,6 +192,98 @@ class NoPath(PathError):
     def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
         self.reason, self.blockers = reason, tuple(blockers)
         super().__init__("; ".join([reason, *map(str, self.blockers)]))
+
+
+class EventError(RoboCorbaError):
+    """The event channel refuses something, or could not reach a client of it."""
+
+
+class InvalidEvent(EventError):
+    """`field` of the event's header, or its payload, is out of range."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class InvalidSubscription(EventError):
+    """`where` is a path into the subscription, such as [1].patterns[0].type."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        self.where, self.reason = where, reason
+        super().__init__(f"{where}: {reason}" if where else reason)
+
+
+class InvalidQueue(EventError):
+    """`field` of the queue's policy is out of range."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class TooManyProxies(EventError):
+    """The channel has `limit` proxies already."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        super().__init__(f"the channel has {limit} proxies already")
+
+
+class AlreadyConnected(EventError):
+    """The proxy is connected already."""
+
+
+class Disconnected(EventError):
+    """The proxy is not connected."""
+
+
+class ProxyGone(EventError):
+    """The proxy was disconnected, or its channel was destroyed."""
+
+
+class UnknownSubscription(EventError):
+    """No durable subscription has this name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"there is no durable subscription {name[:80]!r}")
+
+
+class UnknownPeer(EventError):
+    """The channel is not linked with `peer`; `known` lists those that it is linked with."""
+
+    def __init__(self, peer: str, known: Sequence[str]) -> None:
+        self.peer, self.known = peer, tuple(known)
+        super().__init__(f"{peer[:80]!r} is not a peer; peers are {', '.join(self.known) or 'none'}")
+
+
+class InvalidPeer(EventError):
+    """`field` of a peer's address can't be used."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class SessionOver(EventError):
+    """Another join of the same gateway came later, or the feed was restarted."""
+
+
+class NotDelivered(EventError):
+    """It is certain that the client did not get the events."""
+
+
+class Unconfirmed(EventError):
+    """The events were sent, the answer did not come; the client may have them or not."""
+
+
+class Refused(EventError):
+    """The client answered with an exception, or the event can't be sent to it: another attempt would end likewise."""
+
+
+class ClientGone(EventError):
+    """The client says that it is disconnected, or that it does not exist."""
 
 
 class ServiceError(RoboCorbaError):

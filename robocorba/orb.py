@@ -18,6 +18,7 @@ naming context RoboCorba, and bound again when the naming service comes back wit
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import signal
 import threading
@@ -31,6 +32,7 @@ from urllib.parse import quote
 
 import CosNaming
 import omniORB
+import PortableServer
 from omniORB import CORBA, interceptors
 
 from robocorba.errors import NotReachable, PortInUse, ServiceError
@@ -139,7 +141,7 @@ class Orb:
         self._closing.set()
         if self._binder:
             self._binder.join()
-            self._unbind()
+            self._unbind(self._served)
         self._end_orb()
 
     def _end_orb(self) -> None:
@@ -163,15 +165,21 @@ class Orb:
         Calls are let in when all servants are there: whoever kept a reference over a restart waits, and is
         never told OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
         for name, servant in servants.items():
-            key = name.encode()
-            self._named_adapter.activate_object_with_id(key, servant)
-            self._served[name] = self._named_adapter.id_to_reference(key)
+            self._served[name] = self.activate(servant, name)
         self._let_calls_in()
         self._binder = threading.Thread(target=self._keep_bound, name="bindings", daemon=True)
         self._binder.start()
 
-    def activate(self, servant: Any) -> Any:
-        """A reference to an object that lives until `deactivate`, at most as long as this process."""
+    def activate(self, servant: Any, key: str = "") -> Any:
+        """A reference to an object that lives until `deactivate`, at most as long as this process.
+
+        With a `key`, other than any name that is served, it is valid again whenever the process has activated an
+        object under the same key at the same endpoint. What others may have kept has to be activated before `serve`.
+        To activate a servant under its key once more changes nothing."""
+        if key:
+            with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
+                self._named_adapter.activate_object_with_id(key.encode(), servant)
+            return self._named_adapter.id_to_reference(key.encode())
         if self.endpoint is None:
             self._let_calls_in()
         return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
@@ -179,6 +187,33 @@ class Orb:
     def deactivate(self, servant: Any) -> None:
         """End what `activate` began; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
         self._root_adapter.deactivate_object(self._root_adapter.servant_to_id(servant))
+
+    def deactivate_key(self, key: str) -> None:
+        """The same for an object with a key or a name; the name stays bound. Nothing happens where there is none."""
+        with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+            self._named_adapter.deactivate_object(key.encode())
+
+    def uri(self, reference: Any) -> str:
+        """What `reference` makes the reference of again, in any process."""
+        return str(self._orb.object_to_string(reference))
+
+    def reference(self, uri: str, interface: Any) -> Any:
+        """The object at an IOR, corbaloc or corbaname, taken for an `interface`; only the last one asks anybody.
+
+        Raises NotReachable for what is no such URI."""
+        try:
+            found = self._orb.string_to_object(uri)
+        except CORBA.SystemException as wrong:
+            raise NotReachable(f"{uri[:80]!r} leads to no object ({describe(wrong)})") from None
+        if found is None:
+            raise NotReachable(f"{uri[:80]!r} is a nil reference")
+        return found._unchecked_narrow(interface)
+
+    def withdraw(self, name: str) -> None:
+        """Stop serving one name, and unbind it."""
+        reference = self._served.pop(name)
+        self.deactivate_key(name)
+        self._unbind({name: reference})
 
     def run(self) -> None:
         """Serve until SIGTERM, SIGINT or `stop`. Only in the main thread."""
@@ -292,7 +327,7 @@ class Orb:
         told, pause = False, FIRST_PAUSE_S
         while True:
             try:
-                for name, reference in self._served.items():
+                for name, reference in list(self._served.items()):
                     if name not in bound or self._is_unbound(name):
                         self._bind(name, reference)
                         bound.add(name)
@@ -324,10 +359,10 @@ class Orb:
                     continue
             root.rebind(path, reference)
 
-    def _unbind(self) -> None:
+    def _unbind(self, served: Mapping[str, Any]) -> None:
         """A server that was stopped leaves no names behind; one that now belongs to another server stays."""
         try:
-            for name, reference in self._served.items():
+            for name, reference in served.items():
                 try:
                     if self._naming().resolve(self._components(name))._is_equivalent(reference):
                         self._naming().unbind(self._components(name))

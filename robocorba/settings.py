@@ -114,12 +114,21 @@ class ServerSettings:
         """From `--state DIR --endpoint HOST:PORT [--naming HOST:PORT] [--building FILE]`.
 
         Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
+        return cls.given(cls.parser(description).parse_args(arguments))
+
+    @staticmethod
+    def parser(description: str) -> argparse.ArgumentParser:
+        """For these arguments; a server may add its own."""
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="where to listen")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--building", type=Path, metavar="FILE", help="the map to serve")
-        given = parser.parse_args(arguments)
+        return parser
+
+    @classmethod
+    def given(cls, given: argparse.Namespace) -> ServerSettings:
+        """The settings in what the parser found. Raises InvalidSetting."""
         common = Settings.read(given.naming, given.state)
         return cls(
             state=common.state,
@@ -127,6 +136,48 @@ class ServerSettings:
             naming=common.naming,
             building=given.building.absolute() if given.building else None,
         )
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """What an event channel's server needs: those of every server, the channel's name, and whom to link it with.
+
+    A peer's address is empty where the naming service knows it, else HOST:PORT or a URI; that of a foreign channel, one
+    that knows CosEventChannelAdmin only, is always a URI."""
+
+    server: ServerSettings
+    name: str
+    peers: tuple[tuple[str, str], ...]
+    foreign: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ChannelSettings:
+        """From the arguments of ServerSettings and `--name NAME [--peer NAME[=ADDRESS]]... [--foreign NAME=URI]...`.
+
+        Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--name", required=True, metavar="NAME", help="of the channel: that of its sub-network")
+        parser.add_argument(
+            "--peer",
+            action="append",
+            default=[],
+            metavar="NAME[=ADDRESS]",
+            help="a channel to link with, HOST:PORT or a URI where the naming service does not know it; repeatable",
+        )
+        parser.add_argument(
+            "--foreign",
+            action="append",
+            default=[],
+            metavar="NAME=URI",
+            help="a channel that knows CosEventChannelAdmin only, such as omniEvents'; repeatable",
+        )
+        given = parser.parse_args(arguments)
+        peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
+        foreign = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
+        for name, uri in foreign:
+            if not uri:
+                raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
+        return cls(ServerSettings.given(given), given.name, peers, foreign)
 
 
 def _folder(path: Path, setting: str) -> Path:

@@ -10,16 +10,26 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-DOMAIN = ("robocorba/maps/", "robocorba/planning/", "robocorba/errors.py")
+DOMAIN = ("robocorba/maps/", "robocorba/planning/", "robocorba/events/", "robocorba/errors.py")
 SERVANTS = "robocorba/servants/"
 #: What knows the classes that omniidl made: to translate, to derive from them, or to narrow to them.
-STUBS_IN = (SERVANTS, "robocorba/conversion.py", "robocorba/commands/", "robocorba/supervision/")
+STUBS_IN = (
+    SERVANTS,
+    "robocorba/conversion/",
+    "robocorba/remote/",
+    "robocorba/event_client.py",
+    "robocorba/commands/",
+    "robocorba/supervision/",
+)
 #: The package imports none of the programs that are built from it.
 PROGRAMS = {"servers", "clients", "bench", "tests"}
-CORBA = {"omniORB", "CosNaming", "CORBA", "PortableServer"}
-ABOVE_DOMAIN = {f"robocorba.{name}" for name in ("stubs", "servants", "commands", "orb", "conversion", "supervision")}
+CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA", "PortableServer"}
+ABOVE_DOMAIN = {
+    f"robocorba.{name}"
+    for name in ("stubs", "servants", "commands", "orb", "conversion", "remote", "event_client", "supervision")
+}
 #: Servants get what they need handed over.
-AROUND_SERVANTS = {f"robocorba.{name}" for name in ("orb", "commands", "supervision", "settings", "logs")}
+AROUND_SERVANTS = {f"robocorba.{name}" for name in ("orb", "remote", "commands", "supervision", "settings", "logs")}
 #: Where the environment is read: our variables, and numba's own.
 ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/planning/kernel_cache.py")
 

@@ -1,0 +1,1 @@
+"""The event service: channels, subscriptions, queues, and the federation. Knows no CORBA."""

@@ -1,0 +1,122 @@
+"""The federation as one channel knows it: which channels there are, who is linked with whom, who wants what.
+
+Each channel tells a notice of itself, and passes on those of others. From them follows where an event goes:
+to those peers that lie on a shortest way from its origin to a channel that wants it. So a channel that nobody
+needs as a way, and that asked for nothing, gets nothing; and in a ring nothing goes round.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import networkx as nx
+
+from robocorba.errors import InvalidPeer
+from robocorba.events.subscription import MAX_UNION, Pattern
+
+#: Channels of one federation.
+MAX_CHANNELS = 256
+MAX_NAME = 60
+_FAR = 1 << 30
+
+
+class Notice(NamedTuple):
+    """What channel `name` tells of itself; the higher version is the newer one."""
+
+    name: str
+    version: int
+    peers: tuple[str, ...]
+    interest: tuple[Pattern, ...]
+
+
+def check_name(name: str, field: str = "name") -> str:
+    """The name of a channel: it stands in object keys, files and the naming service. Raises InvalidPeer."""
+    if not re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", name):
+        raise InvalidPeer(field, f"{name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ - (first: no . or -)")
+    return name
+
+
+class Federation:
+    """Notices by name, and the ways between channels. Guarded by the channel's lock."""
+
+    def __init__(self, name: str, known: Iterable[Notice] = ()) -> None:
+        self.name = name
+        self._notices = {notice.name: notice for notice in known}
+        own = self._notices.get(name)
+        self._notices[name] = Notice(name, _next_version(own), own.peers if own else (), own.interest if own else ())
+        self._find_ways()
+
+    @property
+    def own(self) -> Notice:
+        return self._notices[self.name]
+
+    @property
+    def notices(self) -> list[Notice]:
+        """Its own first, then the others by name."""
+        return sorted(self._notices.values(), key=lambda notice: (notice.name != self.name, notice.name))
+
+    def interest_of(self, channel: str) -> tuple[Pattern, ...]:
+        notice = self._notices.get(channel)
+        return notice.interest if notice else ()
+
+    def tell(self, peers: Iterable[str], interest: tuple[Pattern, ...]) -> bool:
+        """Make its own notice say this; whether it said something else before."""
+        own, peers = self.own, tuple(sorted(peers))
+        if (own.peers, own.interest) == (peers, interest):
+            return False
+        self._notices[self.name] = Notice(self.name, _next_version(own), peers, interest)
+        self._find_ways()
+        return True
+
+    def learn(self, notices: Iterable[Notice]) -> bool:
+        """Take in what another channel knows; whether any of it was new."""
+        changed = False
+        for notice in notices:
+            known = self._notices.get(notice.name)
+            if notice.name == self.name or (known and known.version >= notice.version):
+                continue
+            if known is None and len(self._notices) >= MAX_CHANNELS:
+                continue
+            self._notices[notice.name] = notice._replace(interest=notice.interest[:MAX_UNION])
+            changed = True
+        if changed:
+            self._find_ways()
+        return changed
+
+    def is_wanted(self, peer: str, type: str, source: str, origin: str) -> bool:
+        """Whether an event that is here has to go to `peer`."""
+        if origin == peer:
+            return False
+        return any(
+            self._leads(origin, peer, notice.name) and any(p.matches(type, source) for p in notice.interest)
+            for notice in self._notices.values()
+            if notice.name not in (self.name, origin)
+        )
+
+    def _leads(self, origin: str, peer: str, target: str) -> bool:
+        """Whether a shortest way from `origin` to `target` goes from here on to `peer`."""
+        rest = 1 + self._ways.get(peer, {}).get(target, _FAR)
+        if origin not in self._ways or origin == self.name:
+            return rest == self._ways[self.name].get(target, _FAR)
+        return self._ways[origin].get(self.name, _FAR) + rest == self._ways[origin].get(target, _FAR)
+
+    def _find_ways(self) -> None:
+        """Shortest ways over the links that both ends tell of; an end that tells nothing yet is believed."""
+        graph: nx.Graph[str] = nx.Graph()
+        graph.add_node(self.name)
+        for notice in self._notices.values():
+            for peer in notice.peers:
+                other = self._notices.get(peer)
+                if other is None or notice.name in other.peers:
+                    graph.add_edge(notice.name, peer)
+        self._ways: dict[str, dict[str, int]] = dict(nx.all_pairs_shortest_path_length(graph))
+        near = self._ways[self.name]
+        self._notices = {name: notice for name, notice in self._notices.items() if name in near}
+
+
+def _next_version(before: Notice | None) -> int:
+    """By the clock, so that a channel that lost its state is believed again."""
+    return max(before.version + 1 if before else 0, time.time_ns() // 1000)

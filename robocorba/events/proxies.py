@@ -1,0 +1,342 @@
+"""The proxies of a channel: obtained, connected, found again after a restart, disconnected, given up."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, NamedTuple
+
+from robocorba.errors import (
+    AlreadyConnected,
+    ProxyGone,
+    RoboCorbaError,
+    ServiceError,
+    TooManyProxies,
+    UnknownSubscription,
+)
+from robocorba.events.account import Totals
+from robocorba.events.channel import Channel
+from robocorba.events.clients import Client, Clients, Consumer
+from robocorba.events.inlet import Inlet, PolledInlet
+from robocorba.events.outlet import Condition, Outlet, PullOutlet
+from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.queue import QueuePolicy
+from robocorba.events.store import ProxyRecord, Store
+from robocorba.events.subscription import ALL, Subscription
+
+MAX_PROXIES = 10_000
+#: A proxy without a client that could be asked whether it lives goes after so long without use, where room is needed.
+UNUSED_S = 3600.0
+
+_log = logging.getLogger(__name__)
+
+
+class Kind(Enum):
+    """As OMG names them: a push supplier proxy serves a push consumer."""
+
+    PUSH_CONSUMER = "push consumer"
+    PULL_CONSUMER = "pull consumer"
+    PUSH_SUPPLIER = "push supplier"
+    PULL_SUPPLIER = "pull supplier"
+
+
+class ProxyState(NamedTuple):
+    """A proxy at one moment."""
+
+    id: str
+    kind: Kind
+    condition: Condition
+    name: str
+    client: str
+    subscription: Subscription
+    policy: QueuePolicy
+    failures: int
+    totals: Totals
+
+
+Proxy = Inlet | Outlet
+
+
+class Proxies:
+    """All proxies of `channel`, kept in `store`; policy: of the queues of those who can't choose.
+
+    on_interest is called where subscriptions have changed; on_removed with the id of a proxy that has ended, before its
+    client is told. Both without a lock."""
+
+    def __init__(
+        self,
+        channel: Channel,
+        store: Store,
+        policy: QueuePolicy,
+        on_interest: Callable[[], None],
+        on_removed: Callable[[str], None],
+    ) -> None:
+        self.evicted = 0
+        self._channel, self._store, self._policy = channel, store, policy
+        self._on_interest, self._on_removed = on_interest, on_removed
+        self._all: dict[str, Proxy] = {}
+        self._lock = threading.RLock()  # for changes of what there is; never held while clients are called
+        self._is_destroyed = False
+
+    # ---- from a client ----
+
+    def obtain(self, kind: Kind) -> Proxy:
+        """A proxy that nobody is connected to. Raises TooManyProxies, ProxyGone."""
+        with self._lock:
+            proxy = self._make(kind, self._new_id(), ALL, self._policy)
+            self._add(proxy)
+            self._save(proxy)
+        return proxy
+
+    def connect(self, proxy: Proxy, client: Any) -> None:
+        """Connect the client for this kind of proxy; None where it did not want to be known.
+
+        Raises AlreadyConnected, ProxyGone."""
+        with self._lock:
+            self._check(proxy)
+            if proxy.condition is not Condition.WAITING:
+                raise AlreadyConnected(f"proxy {proxy.id} is connected already")
+            with self._channel.lock:
+                proxy.connect(client)
+            self._save(proxy)
+        self._interest_changed()
+
+    def supply(self, name: str) -> Inlet:
+        """A proxy that is connected, to push to; the same one for the same name. Raises TooManyProxies, ProxyGone."""
+        with self._lock:
+            for proxy in self._all.values():
+                if name and isinstance(proxy, Inlet) and proxy.name == name:
+                    return proxy
+            inlet = self._make(Kind.PUSH_CONSUMER, self._new_id(), ALL, self._policy, name)
+            assert isinstance(inlet, Inlet)
+            with self._channel.lock:
+                inlet.connect(None)
+            self._add(inlet)
+            self._save(inlet)
+        return inlet
+
+    def subscribe(self, name: str, client: Consumer, subscription: Subscription, policy: QueuePolicy) -> PushOutlet:
+        """Connect a consumer; a name makes the subscription durable, or takes over the one that has it.
+
+        Raises InvalidQueue, TooManyProxies, ProxyGone."""
+        policy = policy.checked()
+        before: Client | None = None
+        with self._lock:
+            outlet = self._durable(name) if name else None
+            if outlet is None:
+                made = self._make(Kind.PUSH_SUPPLIER, self._new_id(), subscription, policy, name)
+                assert isinstance(made, PushOutlet)
+                outlet = made
+                self._add(outlet)
+            if outlet.client and outlet.client.reference != client.reference:
+                before = outlet.client
+            with self._channel.lock:
+                outlet.select(subscription)
+                outlet.resize(policy)
+                outlet.connect(client)
+            self._save(outlet)
+        self._interest_changed()
+        if before:
+            before.disconnect()
+        return outlet
+
+    def unsubscribe(self, name: str) -> None:
+        """End a durable subscription. Raises UnknownSubscription."""
+        with self._lock:
+            outlet = self._durable(name)
+        if outlet is None:
+            raise UnknownSubscription(name)
+        self._remove(outlet)
+
+    def change(self, outlet: Outlet, subscription: Subscription) -> None:
+        """Change what an outlet gets. Raises ProxyGone."""
+        with self._lock:
+            self._check(outlet)
+            with self._channel.lock:
+                outlet.select(subscription)
+            self._save(outlet)
+        self._interest_changed()
+
+    def suspend(self, outlet: PushOutlet, suspended: bool) -> None:
+        """Let events wait, or flow again. Raises ProxyGone."""
+        with self._lock:
+            self._check(outlet)
+            with self._channel.lock:
+                outlet.suspend() if suspended else outlet.resume()
+            self._save(outlet)
+
+    def disconnect(self, proxy: Proxy) -> None:
+        """The client leaves; it is told so, once. A durable subscription stays. Raises ProxyGone."""
+        if isinstance(proxy, PushOutlet) and proxy.name:
+            with self._lock:
+                self._check(proxy)
+                client = proxy.client
+                if client is None:
+                    raise ProxyGone(f"nobody is connected to {proxy.id}")
+                with self._channel.lock:
+                    proxy.leave()
+                self._save(proxy)
+            self._on_removed(proxy.id)
+            client.disconnect()
+        else:
+            self._remove(proxy)
+
+    def destroy(self) -> None:
+        """Disconnect everybody, for good. Raises ProxyGone the second time."""
+        with self._lock:
+            if self._is_destroyed:
+                raise ProxyGone(f"channel {self._channel.name} was destroyed")
+            self._is_destroyed = True
+            everything = list(self._all.values())
+            with self._channel.lock:
+                self._channel.is_destroyed = True
+        for proxy in everything:
+            try:
+                self._remove(proxy)
+            except ProxyGone:
+                continue  # it went by itself meanwhile
+
+    # ---- from the server ----
+
+    def restore(self, clients: Clients) -> list[Proxy]:
+        """Make the proxies that the channel had before it was killed, connected as they were."""
+        for record in self._store.proxies():
+            kind = Kind(record.kind)
+            proxy = self._make(kind, record.id, record.subscription, record.policy or self._policy, record.name)
+            self._all[record.id] = proxy
+            with self._channel.lock:
+                if isinstance(proxy, Outlet):
+                    self._channel.outlets[record.id] = proxy
+                if record.is_connected:
+                    client: Any = clients.find(record.kind, record.client) if record.client else None
+                    proxy.connect(client)
+                if record.is_suspended and isinstance(proxy, PushOutlet):
+                    proxy.suspend()
+        self._interest_changed()
+        return list(self._all.values())
+
+    def states(self) -> list[ProxyState]:
+        """All proxies, each at one moment."""
+        with self._lock:
+            everything = list(self._all.values())
+        return [self.state(proxy) for proxy in everything]
+
+    def state(self, proxy: Proxy) -> ProxyState:
+        with self._channel.lock:
+            outlet = proxy if isinstance(proxy, Outlet) else None
+            return ProxyState(
+                proxy.id,
+                _kind(proxy),
+                proxy.condition,
+                proxy.name,
+                proxy.client.address if proxy.client else "",
+                outlet.subscription if outlet else (),
+                outlet.policy if outlet else self._policy,
+                proxy.failures,
+                proxy.totals(),
+            )
+
+    # ---- inside ----
+
+    def _make(self, kind: Kind, id: str, subscription: Subscription, policy: QueuePolicy, name: str = "") -> Proxy:
+        lock, publish = self._channel.lock, self._channel.publish
+        if kind is Kind.PUSH_CONSUMER:
+            return Inlet(lock, id, publish, name)
+        if kind is Kind.PULL_CONSUMER:
+            return PolledInlet(lock, id, publish, self._give_up)
+        if kind is Kind.PULL_SUPPLIER:
+            return PullOutlet(lock, id, subscription, policy)
+        return PushOutlet(lock, id, subscription, policy, self._give_up, name)
+
+    def _add(self, proxy: Proxy) -> None:
+        self._all[proxy.id] = proxy
+        if isinstance(proxy, Outlet):
+            with self._channel.lock:
+                self._channel.outlets[proxy.id] = proxy
+
+    def _new_id(self) -> str:
+        if self._is_destroyed:
+            raise ProxyGone(f"channel {self._channel.name} was destroyed")
+        if len(self._all) >= MAX_PROXIES:
+            unused = [
+                proxy
+                for proxy in self._all.values()
+                if isinstance(proxy, Inlet) and not proxy.client and proxy.used_at < time.monotonic() - UNUSED_S
+            ]
+            if not unused:
+                raise TooManyProxies(MAX_PROXIES)
+            self._remove(min(unused, key=lambda proxy: proxy.used_at))
+        return str(self._store.next_id())
+
+    def _durable(self, name: str) -> PushOutlet | None:
+        found = (proxy for proxy in self._all.values() if isinstance(proxy, PushOutlet) and proxy.name == name)
+        return next(found, None)
+
+    def _check(self, proxy: Proxy) -> None:
+        if proxy.is_ended:
+            raise ProxyGone(f"proxy {proxy.id} was disconnected")
+
+    def _remove(self, proxy: Proxy) -> None:
+        """End a proxy; its object goes before its client is called, so that a mutual disconnect ends here."""
+        with self._lock:
+            self._check(proxy)
+            with self._channel.lock:
+                proxy.end()
+                self._channel.outlets.pop(proxy.id, None)
+            self._all.pop(proxy.id, None)
+            try:
+                self._store.forget_proxy(proxy.id)
+            except ServiceError as wrong:  # it ends all the same; after a restart it will be found dead
+                _log.error("%s", wrong)
+        self._on_removed(proxy.id)
+        self._interest_changed()
+        if proxy.client:
+            proxy.client.disconnect()
+
+    def _give_up(self, proxy: Proxy, reason: str) -> None:
+        """A client is gone. A durable subscription waits for its next one; everything else ends."""
+        _log.warning("gave up %s %s (%s)", _kind(proxy).value, proxy.id, reason)
+        try:
+            if isinstance(proxy, PushOutlet) and proxy.name:
+                with self._lock:
+                    self._check(proxy)
+                    with self._channel.lock:
+                        proxy.leave()
+                    self._save(proxy)
+            else:
+                self._remove(proxy)
+            self.evicted += 1
+        except ProxyGone:
+            return
+        except RoboCorbaError as wrong:
+            _log.error("%s", wrong)
+
+    def _save(self, proxy: Proxy) -> None:
+        record = ProxyRecord(
+            proxy.id,
+            _kind(proxy).value,
+            proxy.name,
+            proxy.condition is not Condition.WAITING,
+            proxy.condition is Condition.SUSPENDED,
+            proxy.client.reference if proxy.client else "",
+        )
+        if isinstance(proxy, Outlet):
+            record.subscription, record.policy = proxy.subscription, proxy.policy
+        self._store.save_proxy(record)
+
+    def _interest_changed(self) -> None:
+        with self._channel.lock:
+            changed = self._channel.changed()
+        if changed:
+            self._on_interest()
+
+
+def _kind(proxy: Proxy) -> Kind:
+    if isinstance(proxy, PolledInlet):
+        return Kind.PULL_CONSUMER
+    if isinstance(proxy, Inlet):
+        return Kind.PUSH_CONSUMER
+    return Kind.PULL_SUPPLIER if isinstance(proxy, PullOutlet) else Kind.PUSH_SUPPLIER

@@ -1,0 +1,232 @@
+"""Delivery to a consumer that is called.
+
+An event reaches it in one of two ways. Where nothing waits and the consumer is known to be quick, the
+supplier's own thread makes the call. Else the event waits in the queue, and the outlet's thread, which
+lives while there is work, takes it from there. Only one of them calls the client at any time.
+
+A consumer that does not answer is stalled: it is asked again and again, with growing pauses, whether it is there.
+When it answers, delivery goes on where it stopped. When it does not for MAX_FAILURES times, it is given up.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from robocorba.errors import ClientGone, NotDelivered, Refused, Unconfirmed
+from robocorba.events.clients import Consumer
+from robocorba.events.event import Run, merged
+from robocorba.events.outlet import Condition, Outlet
+from robocorba.events.queue import Item, QueuePolicy
+from robocorba.events.subscription import Subscription
+
+#: Longest call from a supplier's thread: what one consumer that hangs costs the others, once.
+INLINE_LIMIT_S = 0.05
+#: Longest call from an outlet's own thread.
+CALL_LIMIT_S = 10.0
+PING_LIMIT_S = 1.0
+#: A consumer is quick while its calls take less than this on average.
+QUICK_S = 0.002
+#: After a stall, time for the consumer to end what it had begun: the next event must not overtake it.
+SETTLE_S = 0.1
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
+#: An outlet's thread ends after so long without work.
+IDLE_S = 5.0
+#: What goes out in one call to a consumer that takes batches.
+BATCH_EVENTS, BATCH_BYTES = 1000, 2**20
+#: How often a consumer may fail in a row. With the pauses in between, one that died is given up after 17 s.
+MAX_FAILURES = 20
+
+_log = logging.getLogger(__name__)
+
+
+class PushOutlet(Outlet):
+    """on_given_up is told, without the lock, that the client is gone or has failed too often, and why."""
+
+    def __init__(
+        self,
+        lock: threading.Lock,
+        id: str,
+        subscription: Subscription,
+        policy: QueuePolicy,
+        on_given_up: Callable[[PushOutlet, str], None],
+        name: str = "",
+    ) -> None:
+        super().__init__(lock, id, subscription, policy, name)
+        self._on_given_up = on_given_up
+        self._busy = False
+        self._mean_s = 1.0
+        self._failed = 0
+        self._thread: threading.Thread | None = None
+
+    client: Consumer | None
+
+    @property
+    def failures(self) -> int:
+        return self._failed
+
+    def connect(self, client: Consumer) -> None:
+        """Begin to deliver to it."""
+        self.client, self.condition = client, Condition.CONNECTED
+        self._failed, self._mean_s = 0, 1.0
+        self._wake()
+
+    def leave(self) -> None:
+        """The consumer of a durable subscription went away; its events wait for the next one."""
+        self.client, self.condition = None, Condition.WAITING
+
+    def suspend(self) -> None:
+        """Let events wait; also those of a stalled consumer."""
+        if self.client:
+            self.condition = Condition.SUSPENDED
+
+    def resume(self) -> None:
+        if self.condition is Condition.SUSPENDED:
+            self.condition = Condition.CONNECTED
+            self._wake()
+
+    def deliver(self, run: Run) -> bool:
+        return self._call([run], INLINE_LIMIT_S)
+
+    def hand_over(self, run: Run) -> None:
+        with self._lock:
+            self._busy, self._in_flight = False, 0
+            self._take_back([run])
+            self._wake()
+
+    def _claim(self, run: Run) -> bool:
+        client = self.client
+        if (
+            self._busy
+            or self._queue
+            or self.condition is not Condition.CONNECTED
+            or client is None
+            or self._mean_s > QUICK_S
+            or len(run) > (BATCH_EVENTS if client.takes_batches else 1)
+        ):
+            return False
+        self._busy, self._in_flight = True, len(run)
+        return True
+
+    def _wake(self) -> None:
+        """Let the thread look for work, unless there is none, or whoever is busy will call this at its end."""
+        has_work = self.condition is Condition.STALLED or (self.condition is Condition.CONNECTED and bool(self._queue))
+        if self._busy or self.is_ended or not has_work:
+            return
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name=f"to {self.id}", daemon=True)
+            self._thread.start()
+        else:
+            self._changed.notify()
+
+    def _run(self) -> None:
+        while (items := self._next_task()) is not None:
+            if items:
+                self._call(items, CALL_LIMIT_S)
+            else:
+                self._probe()
+
+    def _next_task(self) -> list[Item] | None:
+        """What to deliver; nothing, where the client has to be asked whether it is there; None at the end of work."""
+        with self._lock:
+            idle_until = time.monotonic() + IDLE_S
+            while not self.is_ended:
+                if self.condition is Condition.STALLED and self._pause():
+                    return []
+                if self.condition is Condition.CONNECTED and self._queue and not self._busy:
+                    items = self._next_items()
+                    if items:
+                        self._busy, self._in_flight = True, sum(map(len, items))
+                        return items
+                    continue
+                left = idle_until - time.monotonic()
+                if left <= 0:
+                    break
+                self._changed.wait(left)
+            self._thread = None
+            return None
+
+    def _next_items(self) -> list[Item]:
+        if self.client and self.client.takes_batches:
+            items = self._take(BATCH_EVENTS, BATCH_BYTES)
+            runs = [item for item in items if isinstance(item, Run)]
+            return [*merged(runs)] if len(runs) == len(items) else items
+        run = self._take_one()
+        return [run] if run else []
+
+    def _pause(self) -> bool:
+        """Wait before the next question; False where there is nothing to ask any more."""
+        pause = min(FIRST_PAUSE_S * 2.0 ** min(max(self._failed - 1, 0), 10), LONGEST_PAUSE_S)
+        return not self._changed.wait_for(lambda: self.is_ended or self.condition is not Condition.STALLED, pause)
+
+    def _call(self, items: list[Item], limit_s: float) -> bool:
+        """Deliver what was taken, and account for it."""
+        client = self.client
+        count = sum(map(len, items))
+        failure: Exception | None = None
+        began = time.perf_counter()
+        try:
+            if client is None:
+                raise NotDelivered("the client has left")
+            client.deliver(items, limit_s)
+        except (NotDelivered, Unconfirmed, Refused, ClientGone) as error:
+            failure = error
+        took = time.perf_counter() - began
+        with self._lock:
+            self._busy, self._in_flight = False, 0
+            if failure is None:
+                self.account.delivered += count
+                self._failed = 0
+                self._mean_s = took if self._mean_s >= 1.0 else 0.9 * self._mean_s + 0.1 * took
+            else:
+                self._note(failure, client, items, count)
+            self._wake()
+        if isinstance(failure, ClientGone):
+            self._on_given_up(self, str(failure))
+        return failure is None and took < QUICK_S
+
+    def _note(self, failure: Exception, client: Consumer | None, items: list[Item], count: int) -> None:
+        if isinstance(failure, Unconfirmed):
+            self.account.delivered += count
+            self.account.unconfirmed += count
+        elif isinstance(failure, NotDelivered):
+            self._take_back(items)
+        else:
+            self.account.discarded += count
+        if isinstance(failure, Refused):  # it is there
+            _log.info("%s refused an event (%s)", self.id, failure)
+        elif client is not None and client is self.client:
+            self._failed += 1
+            if self.condition is Condition.CONNECTED and not isinstance(failure, ClientGone):
+                self.condition = Condition.STALLED
+                _log.info("%s at %s does not answer (%s)", self.id, client.address, failure)
+
+    def _take_back(self, items: list[Item]) -> None:
+        if self.is_ended:
+            self.account.discarded += sum(map(len, items))
+        else:
+            self.account.discarded += self._queue.put_back(items)
+
+    def _probe(self) -> None:
+        """Ask a stalled client whether it is there; go on, or give it up."""
+        client = self.client
+        gone = ""
+        try:
+            is_there = client is not None and client.answers(PING_LIMIT_S)
+        except ClientGone as error:
+            is_there, gone = False, str(error)
+        if is_there:
+            time.sleep(SETTLE_S)
+        with self._lock:
+            if client is not self.client or self.condition is not Condition.STALLED:
+                return
+            if is_there:
+                self.condition = Condition.CONNECTED
+                return
+            self._failed += 1
+            if not gone and self._failed >= MAX_FAILURES and not self.name:
+                gone = f"{self._failed} failures in a row"
+        if gone:
+            self._on_given_up(self, gone)

@@ -1,0 +1,80 @@
+"""The number of the last event seen of each channel: what keeps an event from being taken in twice.
+
+Numbers of an origin only rise, and every way through the federation keeps their order. So an event is
+new exactly if its number is higher than the last one seen of its origin. They are kept in a file that is
+mapped into memory: whatever this process knew when it was killed, its successor knows.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from pathlib import Path
+from types import TracebackType
+
+from robocorba.errors import ServiceError
+
+#: Origins that are remembered; one more, and the one that was silent for the longest is forgotten.
+MAX_ORIGINS = 256
+_NAME = 200
+_ENTRY = struct.Struct(f"<QQ{_NAME}s")
+_NUMBER = struct.Struct("<QQ")
+
+
+class Watermarks:
+    """Guarded by the channel's lock. Raises ServiceError where the file can't be used."""
+
+    def __init__(self, file: Path) -> None:
+        size = MAX_ORIGINS * _ENTRY.size
+        try:
+            descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                os.ftruncate(descriptor, size)
+                self._map = mmap.mmap(descriptor, size)
+            finally:
+                os.close(descriptor)
+        except (OSError, ValueError) as wrong:
+            raise ServiceError(f"can't use {file}: {wrong}") from None
+        self._last: dict[str, int] = {}
+        self._slots: dict[str, int] = {}
+        self._used: dict[str, int] = {}
+        self._clock = 0
+        for slot in range(MAX_ORIGINS):
+            number, used, name = _ENTRY.unpack_from(self._map, slot * _ENTRY.size)
+            origin = name.rstrip(b"\0").decode(errors="replace")
+            if origin:
+                self._last[origin], self._slots[origin], self._used[origin] = number, slot, used
+                self._clock = max(self._clock, used)
+
+    def __enter__(self) -> Watermarks:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._map.close()
+
+    def last(self, origin: str) -> int:
+        """The highest number seen of a channel, 0 for none."""
+        return self._last.get(origin, 0)
+
+    def raise_to(self, origin: str, number: int) -> None:
+        """Note that the events of a channel up to `number` were seen."""
+        slot = self._slots.get(origin)
+        if slot is None:
+            slot = self._new_slot(origin)
+        self._clock += 1
+        self._last[origin], self._used[origin] = number, self._clock
+        _NUMBER.pack_into(self._map, slot * _ENTRY.size, number, self._clock)
+
+    def _new_slot(self, origin: str) -> int:
+        if len(self._slots) < MAX_ORIGINS:
+            slot = min(set(range(MAX_ORIGINS)) - set(self._slots.values()))
+        else:
+            silent = min(self._used, key=self._used.__getitem__)
+            slot = self._slots.pop(silent)
+            del self._last[silent], self._used[silent]
+        _ENTRY.pack_into(self._map, slot * _ENTRY.size, 0, 0, origin.encode()[:_NAME])
+        self._slots[origin] = slot
+        return slot

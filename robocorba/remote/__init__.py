@@ -1,0 +1,1 @@
+"""What domain code calls, as CORBA objects: its ports, made of references."""

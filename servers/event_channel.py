@@ -1,0 +1,135 @@
+"""The event channel of one sub-network, with a gateway for each of its peers."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from robocorba import logs
+from robocorba.events.channel import Channel
+from robocorba.events.federation import Federation, check_name
+from robocorba.events.inlet import PolledInlet
+from robocorba.events.links import Links
+from robocorba.events.outlet import Outlet, PullOutlet
+from robocorba.events.proxies import Proxies, Proxy
+from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.queue import QueuePolicy
+from robocorba.events.store import PeerRecord, Store
+from robocorba.events.watermarks import Watermarks
+from robocorba.orb import Orb
+from robocorba.remote.event_clients import EventClients
+from robocorba.remote.event_peers import CHANNELS, Joining, RemoteGateway
+from robocorba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
+from robocorba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
+from robocorba.servants.event_proxies import (
+    PullConsumerServant,
+    PullSupplierServant,
+    PushConsumerServant,
+    PushSupplierServant,
+)
+from robocorba.settings import ChannelSettings
+
+
+class ChannelServer:
+    """A channel and its CORBA objects. Their keys begin with the name that the channel is bound to, and are the same
+    whenever it is started again: references to them stay valid."""
+
+    def __init__(self, name: str, orb: Orb, store: Store, watermarks: Watermarks) -> None:
+        self.path = f"{CHANNELS}/{check_name(name)}"
+        self._orb, self._store = orb, store
+        self._lock = threading.Lock()
+        self._active: dict[str, Any] = {}
+        self.clients = EventClients(orb)
+        channel = Channel(Federation(name, store.notices()), watermarks, store.first_number())
+        self.proxies = Proxies(channel, store, QueuePolicy(), self._tell_peers, self._deactivate)
+        self.links = Links(channel, store, self._join)
+        self.servant = EventChannelServant(channel, self.proxies, self.links, self, self._destroyed)
+        itself = orb.activate(self.servant, self.path)
+        self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self), "consumers")
+        self.supplier_admin = self._activate(SupplierAdminServant(self.proxies, self), "suppliers")
+        self.feed = self._activate(GatewayFeedServant(self.links), "feed")
+        gateway = self._activate(EventGatewayServant(self.links), "gateway")
+        self._joining = Joining(orb, name, itself, gateway)
+
+    def start(self, peers: Sequence[PeerRecord]) -> None:
+        """Go on where the process before stopped, link with `peers`, and let calls in."""
+        for proxy in self.proxies.restore(self.clients):
+            self.of(proxy)
+        self.links.restore()
+        for peer in peers:
+            self.links.add(peer)
+        self._orb.serve({self.path: self.servant})
+
+    # ---- what the servants ask for ----
+
+    def of(self, proxy: Proxy) -> Any:
+        """The reference of a proxy, which is activated where it is not."""
+        with self._lock:
+            if proxy.id not in self._active:
+                self._active[proxy.id] = self._activate(self._servant(proxy), f"proxies/{proxy.id}")
+            return self._active[proxy.id]
+
+    def event_consumer(self, reference: Any) -> Any:
+        return self.clients.event_consumer(reference)
+
+    def gateway(self, reference: Any) -> RemoteGateway:
+        return RemoteGateway(self._orb, reference)
+
+    def uri(self, reference: Any) -> str:
+        return self._orb.uri(reference)
+
+    # ---- inside ----
+
+    def _servant(self, proxy: Proxy) -> Any:
+        if isinstance(proxy, PushOutlet):
+            return PushSupplierServant(proxy, self.proxies, self.clients, self.links.is_in_force)
+        if isinstance(proxy, PullOutlet):
+            return PullSupplierServant(proxy, self.proxies, self.clients)
+        assert not isinstance(proxy, Outlet)
+        servant = PullConsumerServant if isinstance(proxy, PolledInlet) else PushConsumerServant
+        return servant(proxy, self.proxies, self.clients)
+
+    def _activate(self, servant: Any, key: str) -> Any:
+        return self._orb.activate(servant, f"{self.path}/{key}")
+
+    def _deactivate(self, id: str) -> None:
+        with self._lock:
+            self._active.pop(id, None)
+        self._orb.deactivate_key(f"{self.path}/proxies/{id}")
+
+    def _join(self, record: PeerRecord) -> Any:
+        return self._joining(record)
+
+    def _tell_peers(self) -> None:
+        self.links.interest_changed()
+
+    def _destroyed(self) -> None:
+        """Peers keep their links, and find a fresh channel when this process is started again."""
+        self.links.close()
+        self._store.clear()
+        for key in ("consumers", "suppliers", "feed", "gateway"):
+            self._orb.deactivate_key(f"{self.path}/{key}")
+        self._orb.withdraw(self.path)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = ChannelSettings.read(arguments, __doc__ or "")
+    process, folder = f"events_{check_name(settings.name)}", settings.server.state / "channels"
+    logs.setup(process, settings.server.state / "logs")
+    peers = [PeerRecord(name, address) for name, address in settings.peers]
+    peers += [PeerRecord(name, uri, foreign=True) for name, uri in settings.foreign]
+    with (
+        Store(folder / f"{settings.name}.sqlite") as store,
+        Watermarks(folder / f"{settings.name}.seen") as watermarks,
+        Orb(settings.server.naming, settings.server.endpoint) as orb,
+    ):
+        server = ChannelServer(settings.name, orb, store, watermarks)
+        with contextlib.closing(server.links):
+            server.start(peers)
+            orb.run()
+
+
+if __name__ == "__main__":
+    main()
