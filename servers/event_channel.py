@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -21,6 +22,7 @@ from robocorba.events.watermarks import Watermarks
 from robocorba.orb import Orb
 from robocorba.remote.event_clients import EventClients
 from robocorba.remote.event_peers import CHANNELS, Joining, RemoteGateway
+from robocorba.remote.foreign_channel import ForeignChannel
 from robocorba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
 from robocorba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
 from robocorba.servants.event_proxies import (
@@ -44,7 +46,7 @@ class ChannelServer:
         self.clients = EventClients(orb)
         channel = Channel(Federation(name, store.notices()), watermarks, store.first_number())
         self.proxies = Proxies(channel, store, QueuePolicy(), self._tell_peers, self._deactivate)
-        self.links = Links(channel, store, self._join)
+        self.links = Links(channel, store, self._join, self._attach)
         self.servant = EventChannelServant(channel, self.proxies, self.links, self, self._destroyed)
         itself = orb.activate(self.servant, self.path)
         self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self), "consumers")
@@ -101,6 +103,9 @@ class ChannelServer:
 
     def _join(self, record: PeerRecord) -> Any:
         return self._joining(record)
+
+    def _attach(self, record: PeerRecord) -> Any:
+        return functools.partial(ForeignChannel, self._orb, record.address)
 
     def _tell_peers(self) -> None:
         self.links.interest_changed()

@@ -17,12 +17,13 @@ from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import MAX_NAME, Encoding, Run, Together, check, checked_header
 from robocorba.events.federation import Notice
+from robocorba.events.foreign import ForeignLink
 from robocorba.events.links import Links, LinkStates
 from robocorba.events.outlet import Condition
 from robocorba.events.proxies import Kind, Proxies, ProxyState
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.store import PeerRecord
-from robocorba.events.subscription import Pattern, Subscription, checked
+from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
 from robocorba.stubs import RoboCorba
 
 _ENCODINGS = {Encoding.MSGPACK: RoboCorba.MSGPACK, Encoding.CDR_ANY: RoboCorba.CDR_ANY}
@@ -74,6 +75,17 @@ def run_of_any(value: Any) -> Run:
     if kind == _EVENT_ID:
         return run_of_event(value._v)
     return Run(checked_header(kind[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE), [0.0], [value])
+
+
+def run_from_elsewhere(value: Any) -> Run:
+    """The event that a foreign channel gave; one that began in a channel of this federation keeps its origin and
+    number. Raises InvalidEvent."""
+    run = run_of_any(value)
+    if run.header.encoding is not Encoding.NATIVE:
+        header = value._v.header
+        run.header = run.header._replace(origin=header.origin)
+        run.first = header.number
+    return run
 
 
 def run_of_event(struct: Any) -> Run:
@@ -245,6 +257,24 @@ def link_states(link: LinkStates) -> list[Any]:
     ]
 
 
+def foreign_states(link: ForeignLink) -> list[Any]:
+    """The LinkStates of both directions of a link with a foreign channel."""
+    condition = RoboCorba.DOWN if link.problem else RoboCorba.UP
+    everything = patterns([EVERYTHING])
+    again = max(0, link.connects - 1)
+    came, went = account(link.totals_in()), account(link.outlet.totals())
+    return [
+        RoboCorba.LinkState(
+            link.name, RoboCorba.INCOMING, condition, link.problem, again, link.lag_s, 0, 0, link.repeated, 0,
+            everything, came,
+        ),
+        RoboCorba.LinkState(
+            link.name, RoboCorba.OUTGOING, condition, link.problem, again, link.outlet.oldest_s(), 0, 0, 0, 0,
+            everything, went,
+        ),
+    ]  # fmt: skip
+
+
 def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
     """A ChannelState."""
     with channel.lock:
@@ -253,7 +283,8 @@ def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
         channel.name,
         channel.last_number,
         [proxy_state(state) for state in proxies.states()],
-        [state for link in links.states() for state in link_states(link)],
+        [state for link in links.states() for state in link_states(link)]
+        + [state for foreign in links.foreign for state in foreign_states(foreign)],
         proxies.evicted,
         known,
     )

@@ -17,6 +17,7 @@ from robocorba.events.channel import Channel
 from robocorba.events.event import Run
 from robocorba.events.federation import MAX_CHANNELS, Notice, check_name
 from robocorba.events.feed import Feed, FeedState, GatewayPort
+from robocorba.events.foreign import Attach, ForeignLink
 from robocorba.events.gateway import FeedPort, Gateway, GatewayState
 from robocorba.events.outlet import Outlet
 from robocorba.events.store import PeerRecord, Store
@@ -50,9 +51,10 @@ class _Link(NamedTuple):
 class Links:
     """All links of `channel`, kept in `store`."""
 
-    def __init__(self, channel: Channel, store: Store, join: Join) -> None:
-        self._channel, self._store, self._join = channel, store, join
+    def __init__(self, channel: Channel, store: Store, join: Join, attach: Callable[[PeerRecord], Attach]) -> None:
+        self._channel, self._store, self._join, self._attach = channel, store, join, attach
         self._links: dict[str, _Link] = {}
+        self._foreign: dict[str, tuple[PeerRecord, ForeignLink]] = {}
         self._removed: set[str] = set()
         self._lock = threading.RLock()  # for changes of what there is
 
@@ -61,20 +63,33 @@ class Links:
         for record in self._store.peers():
             if record.removed:
                 self._removed.add(record.name)
-            elif not record.foreign:
+            elif record.foreign:
+                self._link_foreign(record)
+            else:
                 self._link(record)
 
     @property
     def peers(self) -> list[PeerRecord]:
-        return [link.record for link in self._links.values()]
+        foreign = [record for record, _ in list(self._foreign.values())]
+        return [link.record for link in list(self._links.values())] + foreign
+
+    @property
+    def foreign(self) -> list[ForeignLink]:
+        return [link for _, link in list(self._foreign.values())]
 
     def add(self, record: PeerRecord) -> None:
         """Link with a peer, or go on with the one of this name at another address. Raises InvalidPeer."""
         self._check(record.name, "name")
         with self._lock:
             before = self._links.get(record.name)
-            if before and (before.record.address == record.address or not record.address):
+            if before and not record.foreign and (before.record.address == record.address or not record.address):
                 return
+            if record.foreign:
+                self._add_foreign(record)
+                self.interest_changed()
+                return
+            if record.name in self._foreign:
+                raise InvalidPeer("name", f"{record.name} is a foreign channel here; remove it first")
             self._removed.discard(record.name)
             self._store.save_peer(record)
             if before:
@@ -85,6 +100,10 @@ class Links:
     def remove(self, name: str, is_told: bool = False) -> None:
         """End a link at both ends; `is_told` where the peer began it. Raises UnknownPeer."""
         with self._lock:
+            if name in self._foreign and not is_told:
+                self._remove_foreign(name)
+                self.interest_changed()
+                return
             link = self._links.pop(name, None)
             if link is None:
                 raise UnknownPeer(name, sorted(self._links))
@@ -99,6 +118,8 @@ class Links:
 
     def close(self) -> None:
         """The process ends; peers find out, and wait for the next one."""
+        for foreign in self.foreign:
+            foreign.end()
         with self._lock:
             for link in self._links.values():
                 link.gateway.end()
@@ -208,6 +229,28 @@ class Links:
                 if link and link.record is record:
                     self._store.save_peer(record)
         return port
+
+    def _link_foreign(self, record: PeerRecord) -> None:
+        link = ForeignLink(record.name, self._channel, self._attach(record))
+        self._foreign[record.name] = (record, link)
+        link.start()
+
+    def _add_foreign(self, record: PeerRecord) -> None:
+        if record.name in self._links:
+            raise InvalidPeer("name", f"{record.name} is a peer that is not foreign; remove it first")
+        if not record.address:
+            raise InvalidPeer("address", "that of a foreign channel has to be given")
+        if record.name in self._foreign:
+            if self._foreign[record.name][0].address == record.address:
+                return
+            self._remove_foreign(record.name)
+        self._store.save_peer(record)
+        self._link_foreign(record)
+
+    def _remove_foreign(self, name: str) -> None:
+        _, link = self._foreign.pop(name)
+        self._store.forget_peer(name)
+        link.end()
 
     def _check(self, name: str, field: str) -> None:
         check_name(name, field)

@@ -148,6 +148,11 @@ class Outlet:
         """Its account now."""
         return self.account.totals(len(self._queue) + self._in_flight + len(self._selection))
 
+    def oldest_s(self) -> float:
+        """The age of the event that is next."""
+        oldest = self._queue.oldest_time()
+        return max(0.0, time.time() - oldest) if oldest is not None else 0.0
+
     def end(self) -> None:
         """No more deliveries; whoever waits is woken. What is queued counts as discarded."""
         self.is_ended = True

@@ -130,6 +130,9 @@ class Store:
     def save_peer(self, record: PeerRecord) -> None:
         self._save("peer", record.name, record)
 
+    def forget_peer(self, name: str) -> None:
+        self._forget("peer", name)
+
     def notices(self) -> list[Notice]:
         return self._all("notice", Notice)
 

@@ -1,0 +1,189 @@
+"""A link with a foreign channel: one that knows CosEventChannelAdmin only, and neither headers nor gateways.
+
+This channel is an ordinary supplier and an ordinary consumer of it. Plain events stay plain in both directions.
+A foreign channel gives back to its consumers whatever its suppliers push, so what this channel pushed is recognised
+when it comes back: events with a header by origin and number, plain ones by their content.
+"""
+
+from __future__ import annotations
+
+import logging
+import random
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Hashable
+from typing import Protocol
+
+from robocorba.errors import NotReachable
+from robocorba.events.account import Account, Totals
+from robocorba.events.channel import Channel
+from robocorba.events.clients import Consumer
+from robocorba.events.event import Run
+from robocorba.events.outlet import Outlet
+from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.queue import QueuePolicy
+from robocorba.events.subscription import ALL, Fit
+
+#: What was pushed is expected back for so long, and so many of it.
+ECHO_S, MAX_ECHOES = 30.0, 10_000
+STORE_EVENTS = 100_000
+#: How often the foreign channel is asked whether it is there.
+CHECK_S = 1.0
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
+
+_log = logging.getLogger(__name__)
+
+
+class Echoes:
+    """The contents that were pushed and have not come back yet."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._pushed: deque[tuple[float, Hashable]] = deque()
+        self._expected: Counter[Hashable] = Counter()
+
+    def expect(self, content: Hashable) -> None:
+        """It is about to be pushed."""
+        now = time.monotonic()
+        with self._lock:
+            self._pushed.append((now, content))
+            self._expected[content] += 1
+            while len(self._pushed) > MAX_ECHOES or self._pushed[0][0] < now - ECHO_S:
+                self._forget(self._pushed.popleft()[1])
+
+    def recognise(self, content: Hashable) -> bool:
+        """Whether what came was pushed from here; each push is recognised once."""
+        with self._lock:
+            if not self._expected[content]:
+                del self._expected[content]
+                return False
+            self._expected[content] -= 1
+            return True
+
+    def _forget(self, content: Hashable) -> None:
+        # An entry may outlive its recognition by ECHO_S: then there is nothing left to forget.
+        if self._expected[content] > 1:
+            self._expected[content] -= 1
+        else:
+            del self._expected[content]
+
+
+class ForeignOutlet(PushOutlet):
+    """Toward the foreign channel `name`: all events, except those that came from it."""
+
+    def offer(self, run: Run, fit: Fit, now: float) -> bool:
+        return run.via != self.name and super().offer(run, fit, now)
+
+
+class ForeignPort(Protocol):
+    """Both connections with a foreign channel, as a translator presents them."""
+
+    #: Its proxy that takes events.
+    consumer: Consumer
+
+    def is_there(self) -> bool:
+        """Whether both connections stand. Raises nothing."""
+
+    def leave(self) -> None:
+        """End both. Raises nothing."""
+
+
+#: Connects with the foreign channel, which calls the function from then on: with a run of one, and the content by
+#: which it is recognised, or None where origin and number tell more. Raises NotReachable.
+Attach = Callable[[Echoes, Callable[[Run, Hashable], None]], ForeignPort]
+
+
+class ForeignLink:
+    """Keeps the link of `channel` with the foreign channel `name`."""
+
+    def __init__(self, name: str, channel: Channel, attach: Attach) -> None:
+        self.name = name
+        self.problem = "not connected yet"
+        self.connects = 0
+        self.repeated = 0
+        self.lag_s = 0.0
+        self.outlet = ForeignOutlet(
+            channel.lock, f"foreign {name}", ALL, QueuePolicy(STORE_EVENTS), self._given_up, name
+        )
+        self._channel, self._attach = channel, attach
+        self._echoes = Echoes()
+        self._account = Account()
+        self._port: ForeignPort | None = None
+        self._ended = threading.Event()
+        self._lost = threading.Event()
+        self._thread = threading.Thread(target=self._keep, name=f"foreign {name}", daemon=True)
+
+    def start(self) -> None:
+        with self._channel.lock:
+            self._channel.outlets[self.outlet.id] = self.outlet
+            self._channel.changed()
+        self._thread.start()
+
+    def end(self) -> None:
+        """Leave the foreign channel; what is queued for it counts as discarded."""
+        self._ended.set()
+        self._lost.set()
+        with self._channel.lock:
+            self._channel.outlets.pop(self.outlet.id, None)
+            self.outlet.end()
+            self._channel.changed()
+        if self._port:
+            self._port.leave()
+
+    def totals_in(self) -> Totals:
+        """The account of what came from there."""
+        return self._account.totals(0)
+
+    def receive(self, run: Run, content: Hashable) -> None:
+        """An event from the foreign channel."""
+        run.via = self.name
+        if run.header.origin:
+            claimed, repeated = self._channel.forward([run])
+            self.repeated += repeated
+            self._count(1 - repeated, 1 - repeated - len(claimed))
+            self._channel.deliver(claimed)
+        elif content is not None and self._echoes.recognise(content):
+            self.repeated += 1
+        else:
+            self._count(1, self._channel.publish(run))
+        self.lag_s = max(0.0, time.time() - run.times[-1])
+
+    def _count(self, received: int, expired: int) -> None:
+        with self._channel.lock:
+            self._account.received += received
+            self._account.expired += expired
+            self._account.delivered += received - expired
+
+    def _given_up(self, outlet: Outlet, reason: str) -> None:
+        """Its proxy says that it is gone: connect anew."""
+        with self._channel.lock:
+            self.outlet.leave()
+        self._lost.set()
+
+    def _keep(self) -> None:
+        pause = FIRST_PAUSE_S
+        while not self._ended.is_set():
+            try:
+                self._lost.clear()
+                self._port = port = self._attach(self._echoes, self.receive)
+            except NotReachable as wrong:
+                self._set_problem(str(wrong))
+                self._ended.wait(pause * random.uniform(0.5, 1.0))
+                pause = min(2 * pause, LONGEST_PAUSE_S)
+                continue
+            pause = FIRST_PAUSE_S
+            with self._channel.lock:
+                self.outlet.connect(port.consumer)
+            self.connects += 1
+            self._set_problem("")
+            while not self._lost.wait(CHECK_S) and port.is_there():
+                pass
+            port.leave()
+            if not self._ended.is_set():
+                self._set_problem("it does not answer")
+
+    def _set_problem(self, problem: str) -> None:
+        if problem != self.problem:
+            _log.info("foreign channel %s: %s", self.name, problem or "connected")
+        self.problem = problem
