@@ -11,7 +11,7 @@ import logging
 import random
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
@@ -40,33 +40,37 @@ class Echoes:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._pushed: deque[tuple[float, Hashable]] = deque()
-        self._expected: Counter[Hashable] = Counter()
+        self._count = 0
+        #: In order: when, and the number of the push and its content.
+        self._pushed: deque[tuple[float, int, Hashable]] = deque()
+        #: Numbers of the pushes of a content that were not recognised yet, the oldest first.
+        self._open: dict[Hashable, deque[int]] = {}
 
     def expect(self, content: Hashable) -> None:
         """It is about to be pushed."""
         now = time.monotonic()
         with self._lock:
-            self._pushed.append((now, content))
-            self._expected[content] += 1
-            while len(self._pushed) > MAX_ECHOES or self._pushed[0][0] < now - ECHO_S:
-                self._forget(self._pushed.popleft()[1])
+            self._count += 1
+            self._pushed.append((now, self._count, content))
+            self._open.setdefault(content, deque()).append(self._count)
+            while self._pushed and (len(self._pushed) > MAX_ECHOES or self._pushed[0][0] < now - ECHO_S):
+                _, number, old = self._pushed.popleft()
+                if self._open.get(old, (0,))[0] == number:
+                    self._close(old)
 
     def recognise(self, content: Hashable) -> bool:
         """Whether what came was pushed from here; each push is recognised once."""
         with self._lock:
-            if not self._expected[content]:
-                del self._expected[content]
+            if content not in self._open:
                 return False
-            self._expected[content] -= 1
+            self._close(content)
             return True
 
-    def _forget(self, content: Hashable) -> None:
-        # An entry may outlive its recognition by ECHO_S: then there is nothing left to forget.
-        if self._expected[content] > 1:
-            self._expected[content] -= 1
-        else:
-            del self._expected[content]
+    def _close(self, content: Hashable) -> None:
+        numbers = self._open[content]
+        numbers.popleft()
+        if not numbers:
+            del self._open[content]
 
 
 class ForeignOutlet(PushOutlet):

@@ -1,0 +1,48 @@
+"""What a foreign channel gives back is recognised, as often as it was pushed."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robocorba.events import foreign
+from robocorba.events.foreign import Echoes
+
+
+@given(st.lists(st.tuples(st.booleans(), st.sampled_from("abc")), max_size=60))
+def test_each_push_is_recognised_once(steps: list[tuple[bool, str]]) -> None:
+    echoes, open_pushes = Echoes(), Counter[str]()
+    for is_push, content in steps:
+        if is_push:
+            echoes.expect(content)
+            open_pushes[content] += 1
+        else:
+            assert echoes.recognise(content) == (open_pushes[content] > 0)
+            open_pushes[content] = max(0, open_pushes[content] - 1)
+
+
+def test_what_never_came_back_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foreign, "ECHO_S", -1.0)
+    echoes = Echoes()
+    echoes.expect("a")
+    assert not echoes.recognise("a")
+
+
+def test_no_more_is_remembered_than_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foreign, "MAX_ECHOES", 10)
+    echoes = Echoes()
+    for number in range(30):
+        echoes.expect(number)
+    assert [number for number in range(30) if echoes.recognise(number)] == list(range(20, 30))
+
+
+def test_what_is_said_again_and_again_is_recognised_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foreign, "MAX_ECHOES", 10)
+    echoes = Echoes()
+    for _ in range(30):
+        echoes.expect("alive")
+        assert echoes.recognise("alive")
+        assert not echoes.recognise("alive")
