@@ -15,7 +15,7 @@ from robocorba.conversion import maps, paths
 from robocorba.stubs import RoboCorba
 
 
-def _raise_idl(error: errors.RoboCorbaError) -> NoReturn:
+def raise_idl(error: errors.RoboCorbaError) -> NoReturn:
     """Raise the IDL exception that says what a domain error says."""
     make = _EXCEPTIONS.get(type(error))
     if make is None:
@@ -70,7 +70,7 @@ def translating(method: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return method(*arguments)
         except errors.RoboCorbaError as error:
-            _raise_idl(error)
+            raise_idl(error)
 
     return call
 

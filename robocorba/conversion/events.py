@@ -7,6 +7,7 @@ sends them as well, and they are made in a third of the time.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import omniORB
@@ -15,7 +16,7 @@ from omniORB import CORBA
 from robocorba.errors import InvalidEvent
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import MAX_NAME, Encoding, Run, Together, check, checked_header
+from robocorba.events.event import MAX_NAME, Encoding, Header, Run, Together, check, checked_header
 from robocorba.events.federation import Notice
 from robocorba.events.foreign import ForeignLink
 from robocorba.events.links import Links, LinkStates
@@ -74,7 +75,12 @@ def run_of_any(value: Any) -> Run:
         kind = _BASIC[typecode.kind()]
     if kind == _EVENT_ID:
         return run_of_event(value._v)
-    return Run(checked_header(kind[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE), [0.0], [value])
+    return Run(_native_header(kind), [0.0], [value])
+
+
+@lru_cache(1024)
+def _native_header(kind: str) -> Header:
+    return checked_header(kind[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE)
 
 
 def run_from_elsewhere(value: Any) -> Run:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import threading
 import time
-from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from robocorba.errors import ProxyGone
+from robocorba.events.account import Account
 from robocorba.events.event import Header, Run
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
@@ -24,15 +24,33 @@ from robocorba.events.watermarks import Watermarks
 MAX_ROUTES = 4096
 
 
-class _Route(NamedTuple):
-    """Where events of one kind go."""
+class Sink(Protocol):
+    """Where events go: an outlet, or the feed of a peer."""
 
-    outlets: list[tuple[Outlet, Fit]]
-    feeds: list[Feed]
+    def offer(self, run: Run, fit: Fit, now: float) -> bool:
+        """Take in a run; True where the caller has claimed it and must call `deliver` with it, without the lock."""
+
+    def deliver(self, run: Run) -> bool:
+        """Deliver what was claimed, without the lock. False where that took long."""
+
+    def hand_over(self, run: Run) -> None:
+        """Give back what was claimed, without the lock: it is delivered later, by somebody else."""
+
+
+class _Route(NamedTuple):
+    """Where events with one header go."""
+
+    #: Theirs, with their origin.
+    header: Header
+    sinks: list[tuple[Sink, Fit]]
     #: Peers that don't get them, but could.
     passed_over: list[Feed]
-    #: Whether a supplier may have to wait for one of the outlets.
-    blocks: bool
+    #: Outlets for which suppliers wait, and how many events fit into the smallest queue of those, 0 for none.
+    blocking: list[Outlet]
+    blocking_size: int
+
+
+_AS_IT_IS = Fit(True, ())
 
 
 class Channel:
@@ -46,7 +64,8 @@ class Channel:
         self.is_destroyed = False
         self._watermarks = watermarks
         self._number = first_number - 1
-        self._routes: dict[tuple[str, str, str], _Route] = {}
+        #: By header; where it has no origin, this channel is.
+        self._routes: dict[Header, _Route] = {}
 
     @property
     def name(self) -> str:
@@ -58,37 +77,57 @@ class Channel:
 
     # ---- events ----
 
-    def publish(self, run: Run) -> int:
-        """Take in events of a supplier of this channel; how many of them had expired already.
+    def publish(self, run: Run, account: Account) -> None:
+        """Take in events of a supplier of this channel, whose account is kept.
 
         Waits where a consumer's queue is full and its policy is to block suppliers. Raises ProxyGone."""
-        header = _stamped(run.header, self.name)
         now = time.time()
         if 0.0 in run.times:
             run.times = [moment or now for moment in run.times]
-        expired = 0
-        if header.expiry:
-            alive = run.fresh(now)
-            expired = len(run) - (len(alive) if alive else 0)
-            if alive is None:
-                return expired
-            run = alive
-        run.header = header
-        for piece in self._pieces(run):
+        count = len(run.payloads)
+        with self.lock:
+            if self.is_destroyed:
+                raise ProxyGone(f"channel {self.name} was destroyed")
+            account.received += count
+            if run.header.expiry:
+                alive = run.fresh(now)
+                account.expired += count - (len(alive) if alive else 0)
+                if alive is None:
+                    return
+                run, count = alive, len(alive)
+            account.delivered += count
+            route = self._routes.get(run.header) or self._find_route(run.header)
+            if not route.blocking_size:
+                run.header = route.header
+                run.first = self._number + 1
+                self._number += count
+                claims = [sink for sink, fits in route.sinks if sink.offer(run, fits, now)]
+                for feed in route.passed_over:
+                    feed.unseen += count
+        if route.blocking_size:
+            self._publish_blocking(run, route.blocking_size)
+        elif len(claims) == 1:
+            claims[0].deliver(run)
+        else:
+            _deliver(run, claims)
+
+    def _publish_blocking(self, run: Run, most: int) -> None:
+        """Let the supplier wait for room, where it has to; in pieces that the queues can hold."""
+        header = run.header
+        for start in range(0, len(run), most):
+            piece = run.part(start, start + most)
             with self.lock:
-                if self.is_destroyed:
-                    raise ProxyGone(f"channel {self.name} was destroyed")
-                route = self._route(header)
-                if route.blocks and self._wait_for_room(header, len(piece)):
-                    route = self._route(header)
+                for outlet in self._find_route(header).blocking:
+                    if outlet.lacks_room(len(piece)):
+                        outlet.wait_for_room(len(piece), outlet.policy.block_limit)
+                route = self._find_route(header)  # everything may have changed meanwhile
+                piece.header = route.header
                 piece.first = self._number + 1
                 self._number += len(piece)
-                claims = self._offer(piece, route, now)
-            if claims:
-                _deliver(piece, claims)
-        return expired
+                claims = self._offer(piece, route, time.time())
+            _deliver(piece, claims)
 
-    def forward(self, runs: list[Run]) -> tuple[list[tuple[Run, list[Outlet | Feed]]], int]:
+    def forward(self, runs: list[Run]) -> tuple[list[tuple[Run, list[Sink]]], int]:
         """Take in events that came from a peer, in order; what is to be passed to `deliver` afterwards, and how many of
         the events had been seen already. Never waits for room: that would hold up the link."""
         result = []
@@ -107,66 +146,44 @@ class Channel:
                     run = run.part(seen)
                 alive = run.fresh(now)
                 if alive and not self.is_destroyed:
-                    result.append((alive, self._offer(alive, self._route(alive.header), now)))
+                    result.append((alive, self._offer(alive, self._find_route(alive.header), now)))
         return result, repeated
 
     @staticmethod
-    def deliver(claimed: list[tuple[Run, list[Outlet | Feed]]]) -> None:
+    def deliver(claimed: list[tuple[Run, list[Sink]]]) -> None:
         """Make the calls that `forward` has left to its caller, who holds no lock."""
         for run, claims in claimed:
             _deliver(run, claims)
 
-    def _offer(self, run: Run, route: _Route, now: float) -> list[Outlet | Feed]:
-        claims: list[Outlet | Feed] = [outlet for outlet, fits in route.outlets if outlet.offer(run, fits, now)]
-        for feed in route.feeds:
-            if feed.peer != run.via and feed.offer(run):
-                claims.append(feed)
+    @staticmethod
+    def _offer(run: Run, route: _Route, now: float) -> list[Sink]:
         for feed in route.passed_over:
             feed.unseen += len(run)
-        return claims
+        return [sink for sink, fits in route.sinks if sink.offer(run, fits, now)]
 
-    def _pieces(self, run: Run) -> list[Run]:
-        """The run, in pieces that the queues of blocking consumers can hold."""
-        if len(run) == 1:
-            return [run]
-        with self.lock:
-            route = self._route(run.header)
-            if not route.blocks:
-                return [run]
-            most = min(outlet.policy.size for outlet, _ in route.outlets if outlet.is_blocking)
-        return [run.part(start, start + most) for start in range(0, len(run), most)] if len(run) > most else [run]
-
-    def _wait_for_room(self, header: Header, count: int) -> bool:
-        """Let a supplier wait; whether it had to, and everything may have changed meanwhile."""
-        waited = False
-        for outlet, _ in self._route(header).outlets:
-            if outlet.lacks_room(count):
-                outlet.wait_for_room(count, outlet.policy.block_limit)
-                waited = True
-        return waited
-
-    def _route(self, header: Header) -> _Route:
-        key = (header.type, header.source, header.origin)
-        route = self._routes.get(key)
+    def _find_route(self, header: Header) -> _Route:
+        route = self._routes.get(header)
         if route is None:
             if len(self._routes) >= MAX_ROUTES:
                 self._routes.clear()
-            route = self._routes[key] = self._find_route(*key)
+            route = self._routes[header] = self._new_route(header._replace(origin=header.origin or self.name))
         return route
 
-    def _find_route(self, type: str, source: str, origin: str) -> _Route:
-        outlets = []
+    def _new_route(self, header: Header) -> _Route:
+        type, source, origin = header.type, header.source, header.origin
+        sinks: list[tuple[Sink, Fit]] = []
         for outlet in self.outlets.values():
             fits = fit(outlet.subscription, type, source) if outlet.is_selecting else None
             if fits:
-                outlets.append((outlet, fits))
-        wanted = {peer: self.federation.is_wanted(peer, type, source, origin) for peer in self.feeds}
-        return _Route(
-            outlets,
-            [feed for peer, feed in self.feeds.items() if wanted[peer]],
-            [feed for peer, feed in self.feeds.items() if not wanted[peer] and peer != origin],
-            any(outlet.is_blocking for outlet, _ in outlets),
-        )
+                sinks.append((outlet, fits))
+        blocking = [outlet for outlet, _ in sinks if isinstance(outlet, Outlet) and outlet.is_blocking]
+        passed_over = []
+        for peer, feed in self.feeds.items():
+            if self.federation.is_wanted(peer, type, source, origin):
+                sinks.append((feed, _AS_IT_IS))
+            elif peer != origin:
+                passed_over.append(feed)
+        return _Route(header, sinks, passed_over, blocking, min((o.policy.size for o in blocking), default=0))
 
     # ---- who wants what; called with the lock ----
 
@@ -187,7 +204,7 @@ class Channel:
         return self.federation.tell(self.feeds, self.interest())
 
 
-def _deliver(run: Run, claims: list[Outlet | Feed]) -> None:
+def _deliver(run: Run, claims: list[Sink]) -> None:
     """Call whom this thread has claimed; where one takes long, leave the others to their own threads."""
     is_quick = True
     for sink in claims:
@@ -195,8 +212,3 @@ def _deliver(run: Run, claims: list[Outlet | Feed]) -> None:
             is_quick = sink.deliver(run)
         else:
             sink.hand_over(run)
-
-
-@lru_cache(4096)
-def _stamped(header: Header, origin: str) -> Header:
-    return header._replace(origin=origin)

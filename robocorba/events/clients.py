@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from robocorba.events.event import Run
@@ -25,7 +26,7 @@ class Consumer(Client, Protocol):
 
     takes_batches: bool
 
-    def deliver(self, items: list[Item], limit_s: float) -> None:
+    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
         """Hand over one event; or one conjunction, or any number of runs, where it takes batches.
 
         Raises NotDelivered, Unconfirmed, Refused, ClientGone."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from enum import Enum
+from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ MAX_PAYLOAD_BYTES = 8 * 2**20
 MAX_SECONDS = 1e11
 
 
-class Encoding(Enum):
+class Encoding(IntEnum):
     """What a payload is. NATIVE is the `any` of a plain client as it came: a channel passes it on unread."""
 
     MSGPACK = 0

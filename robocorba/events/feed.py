@@ -20,6 +20,7 @@ from robocorba.errors import NotDelivered, SessionOver
 from robocorba.events.account import Account, Totals
 from robocorba.events.event import Run, merged
 from robocorba.events.queue import EventQueue, QueuePolicy
+from robocorba.events.subscription import Fit
 
 #: Events that wait for a peer; the oldest are discarded beyond.
 STORE_EVENTS = 100_000
@@ -94,8 +95,11 @@ class Feed:
     def is_up(self) -> bool:
         return self._port is not None and not self._problem and time.monotonic() - self._heard_at < LEASE_S
 
-    def offer(self, run: Run) -> bool:
-        """Take in events for the peer; True where the caller has claimed them and must call `deliver`."""
+    def offer(self, run: Run, fit: Fit, now: float) -> bool:
+        """Take in events for the peer, unless they came from it; True where the caller has claimed them and must call
+        `deliver`."""
+        if run.via == self.peer:
+            return False
         self.account.received += len(run)
         if (
             not self._busy

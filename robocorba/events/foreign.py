@@ -145,19 +145,16 @@ class ForeignLink:
         if run.header.origin:
             claimed, repeated = self._channel.forward([run])
             self.repeated += repeated
-            self._count(1 - repeated, 1 - repeated - len(claimed))
+            with self._channel.lock:
+                self._account.received += 1 - repeated
+                self._account.delivered += len(claimed)
+                self._account.expired += 1 - repeated - len(claimed)
             self._channel.deliver(claimed)
         elif content is not None and self._echoes.recognise(content):
             self.repeated += 1
         else:
-            self._count(1, self._channel.publish(run))
+            self._channel.publish(run, self._account)
         self.lag_s = max(0.0, time.time() - run.times[-1])
-
-    def _count(self, received: int, expired: int) -> None:
-        with self._channel.lock:
-            self._account.received += received
-            self._account.expired += expired
-            self._account.delivered += received - expired
 
     def _given_up(self, outlet: Outlet, reason: str) -> None:
         """Its proxy says that it is gone: connect anew."""

@@ -20,11 +20,11 @@ MAX_FAILURES = 20
 
 
 class Inlet:
-    """For a supplier that pushes. `publish` takes a run and returns how many of its events had expired already.
+    """For a supplier that pushes. `publish` takes a run and the account to enter it into.
 
     State is guarded by the channel's lock; `push` is called without it."""
 
-    def __init__(self, lock: threading.Lock, id: str, publish: Callable[[Run], int], name: str = "") -> None:
+    def __init__(self, lock: threading.Lock, id: str, publish: Callable[[Run, Account], None], name: str = "") -> None:
         self.id, self.name = id, name
         self.condition = Condition.WAITING
         self.is_ended = False
@@ -48,13 +48,7 @@ class Inlet:
             if self.is_ended:
                 raise ProxyGone(f"proxy {self.id} was disconnected")
             raise Disconnected(f"proxy {self.id} is not connected")
-        count = len(run)
-        expired = self._publish(run)
-        account = self.account
-        with self._lock:
-            account.received += count
-            account.expired += expired
-            account.delivered += count - expired
+        self._publish(run, self.account)
         self.used_at = time.monotonic()
 
     def end(self) -> None:
@@ -73,7 +67,7 @@ class PolledInlet(Inlet):
         self,
         lock: threading.Lock,
         id: str,
-        publish: Callable[[Run], int],
+        publish: Callable[[Run, Account], None],
         on_given_up: Callable[[PolledInlet, str], None],
     ) -> None:
         super().__init__(lock, id, publish)

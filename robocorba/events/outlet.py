@@ -122,8 +122,6 @@ class Outlet:
                 self._enqueue(together)
         if fit.single:
             self.account.received += len(run)
-            if self._claim(run):
-                return True
             self._enqueue(run)
         self._wake()
         return False
@@ -178,9 +176,6 @@ class Outlet:
             self.account.discarded += self._queue.put_back(list(items[0].runs[1:]))
             return items[0].runs[0]
         return items[0]
-
-    def _claim(self, run: Run) -> bool:
-        return False
 
     def _enqueue(self, item: Item) -> None:
         self.account.discarded += self._queue.put(item)

@@ -13,14 +13,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from robocorba.errors import ClientGone, NotDelivered, Refused, Unconfirmed
+from robocorba.errors import ClientGone, EventError, NotDelivered, Refused, Unconfirmed
 from robocorba.events.clients import Consumer
 from robocorba.events.event import Run, merged
 from robocorba.events.outlet import Condition, Outlet
 from robocorba.events.queue import Item, QueuePolicy
-from robocorba.events.subscription import Subscription
+from robocorba.events.subscription import Fit, Subscription
 
 #: Longest call from a supplier's thread: what one consumer that hangs costs the others, once.
 INLINE_LIMIT_S = 0.05
@@ -57,7 +57,9 @@ class PushOutlet(Outlet):
         super().__init__(lock, id, subscription, policy, name)
         self._on_given_up = on_given_up
         self._busy = False
-        self._mean_s = 1.0
+        #: How many events a supplier's thread may deliver in one call: none before the thread has made the first one.
+        self._inline = 0
+        self._mean_s = 0.0
         self._failed = 0
         self._thread: threading.Thread | None = None
 
@@ -70,25 +72,45 @@ class PushOutlet(Outlet):
     def connect(self, client: Consumer) -> None:
         """Begin to deliver to it."""
         self.client, self.condition = client, Condition.CONNECTED
-        self._failed, self._mean_s = 0, 1.0
+        self._failed, self._mean_s, self._inline = 0, 0.0, 0
         self._wake()
 
     def leave(self) -> None:
         """The consumer of a durable subscription went away; its events wait for the next one."""
-        self.client, self.condition = None, Condition.WAITING
+        self.client, self.condition, self._inline = None, Condition.WAITING, 0
 
     def suspend(self) -> None:
         """Let events wait; also those of a stalled consumer."""
         if self.client:
-            self.condition = Condition.SUSPENDED
+            self.condition, self._inline = Condition.SUSPENDED, 0
 
     def resume(self) -> None:
         if self.condition is Condition.SUSPENDED:
             self.condition = Condition.CONNECTED
             self._wake()
 
+    def offer(self, run: Run, fit: Fit, now: float) -> bool:
+        count = len(run.payloads)
+        if count > self._inline or self._busy or self._queue.length or fit.slots:
+            return super().offer(run, fit, now)
+        self.account.received += count
+        self._busy, self._in_flight = True, count
+        return True
+
     def deliver(self, run: Run) -> bool:
-        return self._call([run], INLINE_LIMIT_S)
+        client = self.client
+        began = time.perf_counter()
+        try:
+            if client is None:
+                raise NotDelivered("the client has left")
+            client.deliver((run,), INLINE_LIMIT_S)
+        except EventError as failure:
+            self._note_failure(failure, client, (run,))
+            return False
+        took = time.perf_counter() - began
+        with self._lock:
+            self._note_success(client, len(run.payloads), took)
+        return took < QUICK_S
 
     def hand_over(self, run: Run) -> None:
         with self._lock:
@@ -96,50 +118,39 @@ class PushOutlet(Outlet):
             self._take_back([run])
             self._wake()
 
-    def _claim(self, run: Run) -> bool:
-        client = self.client
-        if (
-            self._busy
-            or self._queue
-            or self.condition is not Condition.CONNECTED
-            or client is None
-            or self._mean_s > QUICK_S
-            or len(run) > (BATCH_EVENTS if client.takes_batches else 1)
-        ):
-            return False
-        self._busy, self._in_flight = True, len(run)
-        return True
-
     def _wake(self) -> None:
         """Let the thread look for work, unless there is none, or whoever is busy will call this at its end."""
-        has_work = self.condition is Condition.STALLED or (self.condition is Condition.CONNECTED and bool(self._queue))
-        if self._busy or self.is_ended or not has_work:
+        if self._busy or self.is_ended:
+            return
+        is_stalled = self.condition is Condition.STALLED
+        if not is_stalled and not (self.condition is Condition.CONNECTED and self._queue.length):
             return
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name=f"to {self.id}", daemon=True)
             self._thread.start()
-        else:
+        elif not is_stalled:  # else it wakes by itself when the next question is due
             self._changed.notify()
 
     def _run(self) -> None:
-        while (items := self._next_task()) is not None:
+        while (task := self._next_task()) is not None:
+            client, items = task
             if items:
-                self._call(items, CALL_LIMIT_S)
+                self._call(client, items)
             else:
-                self._probe()
+                self._probe(client)
 
-    def _next_task(self) -> list[Item] | None:
-        """What to deliver; nothing, where the client has to be asked whether it is there; None at the end of work."""
+    def _next_task(self) -> tuple[Consumer, list[Item]] | None:
+        """Whom to give what; nothing, where it has to be asked whether it is there; None at the end of work."""
         with self._lock:
             idle_until = time.monotonic() + IDLE_S
             while not self.is_ended:
-                if self.condition is Condition.STALLED and self._pause():
-                    return []
-                if self.condition is Condition.CONNECTED and self._queue and not self._busy:
-                    items = self._next_items()
+                if self.condition is Condition.STALLED and self._pause() and self.client:
+                    return self.client, []
+                if self.condition is Condition.CONNECTED and self.client and self._queue and not self._busy:
+                    items = self._next_items(self.client)
                     if items:
                         self._busy, self._in_flight = True, sum(map(len, items))
-                        return items
+                        return self.client, items
                     continue
                 left = idle_until - time.monotonic()
                 if left <= 0:
@@ -148,8 +159,8 @@ class PushOutlet(Outlet):
             self._thread = None
             return None
 
-    def _next_items(self) -> list[Item]:
-        if self.client and self.client.takes_batches:
+    def _next_items(self, client: Consumer) -> list[Item]:
+        if client.takes_batches:
             items = self._take(BATCH_EVENTS, BATCH_BYTES)
             runs = [item for item in items if isinstance(item, Run)]
             return [*merged(runs)] if len(runs) == len(items) else items
@@ -161,60 +172,63 @@ class PushOutlet(Outlet):
         pause = min(FIRST_PAUSE_S * 2.0 ** min(max(self._failed - 1, 0), 10), LONGEST_PAUSE_S)
         return not self._changed.wait_for(lambda: self.is_ended or self.condition is not Condition.STALLED, pause)
 
-    def _call(self, items: list[Item], limit_s: float) -> bool:
-        """Deliver what was taken, and account for it."""
-        client = self.client
-        count = sum(map(len, items))
-        failure: Exception | None = None
+    def _call(self, client: Consumer, items: list[Item]) -> None:
+        """Deliver what the thread has taken."""
         began = time.perf_counter()
         try:
-            if client is None:
-                raise NotDelivered("the client has left")
-            client.deliver(items, limit_s)
-        except (NotDelivered, Unconfirmed, Refused, ClientGone) as error:
-            failure = error
+            client.deliver(items, CALL_LIMIT_S)
+        except EventError as failure:
+            self._note_failure(failure, client, items)
+            return
         took = time.perf_counter() - began
         with self._lock:
+            self._note_success(client, sum(map(len, items)), took)
+
+    def _note_success(self, client: Consumer, count: int, took: float) -> None:
+        self._busy, self._in_flight = False, 0
+        self.account.delivered += count
+        self._failed = 0
+        self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
+        if self._mean_s > QUICK_S or client is not self.client or self.condition is not Condition.CONNECTED:
+            self._inline = 0
+        else:
+            self._inline = BATCH_EVENTS if client.takes_batches else 1
+        if self._queue.length:
+            self._wake()
+
+    def _note_failure(self, failure: EventError, client: Consumer | None, items: Sequence[Item]) -> None:
+        count = sum(map(len, items))
+        with self._lock:
             self._busy, self._in_flight = False, 0
-            if failure is None:
+            if isinstance(failure, Unconfirmed):
                 self.account.delivered += count
-                self._failed = 0
-                self._mean_s = took if self._mean_s >= 1.0 else 0.9 * self._mean_s + 0.1 * took
+                self.account.unconfirmed += count
+            elif isinstance(failure, NotDelivered):
+                self._take_back(items)
             else:
-                self._note(failure, client, items, count)
+                self.account.discarded += count
+            if isinstance(failure, Refused):  # it is there
+                _log.info("%s refused an event (%s)", self.id, failure)
+            elif client is not None and client is self.client:
+                self._failed += 1
+                if self.condition is Condition.CONNECTED and not isinstance(failure, ClientGone):
+                    self.condition, self._inline = Condition.STALLED, 0
+                    _log.info("%s at %s does not answer (%s)", self.id, client.address, failure)
             self._wake()
         if isinstance(failure, ClientGone):
             self._on_given_up(self, str(failure))
-        return failure is None and took < QUICK_S
 
-    def _note(self, failure: Exception, client: Consumer | None, items: list[Item], count: int) -> None:
-        if isinstance(failure, Unconfirmed):
-            self.account.delivered += count
-            self.account.unconfirmed += count
-        elif isinstance(failure, NotDelivered):
-            self._take_back(items)
-        else:
-            self.account.discarded += count
-        if isinstance(failure, Refused):  # it is there
-            _log.info("%s refused an event (%s)", self.id, failure)
-        elif client is not None and client is self.client:
-            self._failed += 1
-            if self.condition is Condition.CONNECTED and not isinstance(failure, ClientGone):
-                self.condition = Condition.STALLED
-                _log.info("%s at %s does not answer (%s)", self.id, client.address, failure)
-
-    def _take_back(self, items: list[Item]) -> None:
+    def _take_back(self, items: Sequence[Item]) -> None:
         if self.is_ended:
             self.account.discarded += sum(map(len, items))
         else:
-            self.account.discarded += self._queue.put_back(items)
+            self.account.discarded += self._queue.put_back([*items])
 
-    def _probe(self) -> None:
+    def _probe(self, client: Consumer) -> None:
         """Ask a stalled client whether it is there; go on, or give it up."""
-        client = self.client
         gone = ""
         try:
-            is_there = client is not None and client.answers(PING_LIMIT_S)
+            is_there = client.answers(PING_LIMIT_S)
         except ClientGone as error:
             is_there, gone = False, str(error)
         if is_there:

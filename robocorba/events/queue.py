@@ -43,29 +43,29 @@ class QueuePolicy(NamedTuple):
 class EventQueue:
     """Runs and conjunctions that wait. Not locked: its owner does that.
 
-    `len` counts events. Items of each priority wait in a lane of their own, and each carries its turn:
+    `len`, or `length`, counts events. Items of each priority wait in a lane of their own, and each carries its turn:
     taking follows the turns, discarding starts with the lane of the lowest priority.
     """
 
     def __init__(self, policy: QueuePolicy) -> None:
         self.policy = policy
         self._lanes: dict[int, deque[tuple[int, Item]]] = {}
-        self._length = 0
+        self.length = 0
         self._next_turn = self._first_turn = 0
 
     def __len__(self) -> int:
-        return self._length
+        return self.length
 
     @property
     def room(self) -> int:
         """Events that it takes without discarding any."""
-        return self.policy.size - self._length
+        return self.policy.size - self.length
 
     def put(self, item: Item) -> int:
         """Append; how many events were discarded for it, perhaps of its own."""
         self._lane(item.priority).append((self._next_turn, item))
         self._next_turn += 1
-        self._length += len(item)
+        self.length += len(item)
         return self._trim(self.policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
 
     def put_back(self, items: list[Item]) -> int:
@@ -73,7 +73,7 @@ class EventQueue:
         for item in reversed(items):
             self._first_turn -= 1
             self._lane(item.priority).appendleft((self._first_turn, item))
-            self._length += len(item)
+            self.length += len(item)
         return self._trim(self.policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
 
     def take(self, most: int, now: float, most_bytes: int = 2**62) -> tuple[list[Item], int]:
@@ -83,7 +83,7 @@ class EventQueue:
         A conjunction comes alone."""
         taken: list[Item] = []
         events = size = expired = 0
-        while self._length and events < most and size < most_bytes:
+        while self.length and events < most and size < most_bytes:
             lane = self._first_lane()
             turn, item = lane[0]
             if isinstance(item, Together) and taken:
@@ -95,10 +95,10 @@ class EventQueue:
                 rest = alive.part(most - events)
                 lane[0] = (turn, rest)
                 alive = alive.part(0, most - events)
-                self._length -= len(item) - len(rest)
+                self.length -= len(item) - len(rest)
             else:
                 lane.popleft()
-                self._length -= len(item)
+                self.length -= len(item)
             if alive:
                 taken.append(alive)
                 events += len(alive)
@@ -109,7 +109,7 @@ class EventQueue:
 
     def oldest_time(self) -> float | None:
         """The time of the event that is next, None where none waits."""
-        if not self._length:
+        if not self.length:
             return None
         item = self._first_lane()[0][1]
         return item.times[0] if isinstance(item, Run) else item.runs[0].times[0]
@@ -121,7 +121,7 @@ class EventQueue:
 
     def clear(self) -> int:
         """Drop all; how many events there were."""
-        dropped, self._length = self._length, 0
+        dropped, self.length = self.length, 0
         self._lanes.clear()
         return dropped
 
@@ -144,7 +144,7 @@ class EventQueue:
             del self._lanes[priority]
 
     def _trim(self, oldest: bool) -> int:
-        before = self._length
+        before = self.length
         while (excess := -self.room) > 0:
             self._drop_empty_lanes()
             lane = self._lanes[min(self._lanes)]
@@ -152,8 +152,8 @@ class EventQueue:
             if isinstance(item, Run) and len(item) > excess:
                 kept = item.part(excess) if oldest else item.part(0, len(item) - excess)
                 lane[0 if oldest else -1] = (turn, kept)
-                self._length -= excess
+                self.length -= excess
             else:
                 lane.popleft() if oldest else lane.pop()
-                self._length -= len(item)
-        return before - self._length
+                self.length -= len(item)
+        return before - self.length

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import CosEventComm
@@ -12,7 +12,7 @@ import omniORB
 from omniORB import CORBA
 
 from robocorba.conversion import events
-from robocorba.errors import ClientGone, InvalidEvent, NotDelivered, Refused, Unconfirmed
+from robocorba.errors import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
 from robocorba.events.event import Run, Together
 from robocorba.events.proxies import Kind
 from robocorba.events.queue import Item
@@ -29,25 +29,15 @@ _GONE = (CORBA.OBJECT_NOT_EXIST, CORBA.INV_OBJREF, CORBA.BAD_OPERATION, CORBA.NO
 _ON_THE_WAY = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT, CORBA.NO_RESOURCES, CORBA.NO_MEMORY)
 
 
-def call(operation: Callable[..., Any], *arguments: Any) -> Any:
-    """The answer of an operation of a client. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
-    try:
-        return operation(*arguments)
-    except CosEventComm.Disconnected:
-        raise ClientGone("it says that it is disconnected") from None
-    except _GONE as wrong:
-        raise ClientGone(describe(wrong)) from None
-    except _ON_THE_WAY as wrong:
-        if wrong.completed == CORBA.COMPLETED_NO:
-            raise NotDelivered(describe(wrong)) from None
-        raise Unconfirmed(describe(wrong)) from None
-    except CORBA.Exception as wrong:
-        raise Refused(describe(wrong)) from None
-
-
-def set_limit(reference: Any, limit_s: float) -> None:
-    """How long calls through this very reference may take. One thread at a time calls a client, so it may change."""
-    omniORB.setClientCallTimeout(reference, max(1, round(limit_s * 1000)))
+def failure_of(wrong: CORBA.Exception) -> EventError:
+    """What an exception of a call to a client means: NotDelivered, Unconfirmed, Refused or ClientGone."""
+    if isinstance(wrong, CosEventComm.Disconnected):
+        return ClientGone("it says that it is disconnected")
+    if isinstance(wrong, _GONE):
+        return ClientGone(describe(wrong))
+    if isinstance(wrong, _ON_THE_WAY):
+        return (NotDelivered if wrong.completed == CORBA.COMPLETED_NO else Unconfirmed)(describe(wrong))
+    return Refused(describe(wrong))
 
 
 class _Client:
@@ -57,11 +47,17 @@ class _Client:
         self.reference = uri
         self.address = address_of(uri)
         self._remote = orb.reference(uri, interface)
+        self._limit_s = 0.0
         self._farewell = farewell
+
+    def _set_limit(self, limit_s: float) -> None:
+        """How long calls may take. The reference is this object's own, and one thread at a time calls it."""
+        omniORB.setClientCallTimeout(self._remote, max(1, round(limit_s * 1000)))
+        self._limit_s = limit_s
 
     def disconnect(self) -> None:
         try:
-            set_limit(self._remote, DISCONNECT_LIMIT_S)
+            self._set_limit(DISCONNECT_LIMIT_S)
             getattr(self._remote, self._farewell)()
         except CORBA.Exception as wrong:
             _log.info("%s did not take its disconnection (%s)", self.address, describe(wrong))
@@ -75,14 +71,19 @@ class PushConsumer(_Client):
     def __init__(self, orb: Orb, uri: str, interface: Any = CosEventComm.PushConsumer) -> None:
         super().__init__(orb, uri, interface, "disconnect_push_consumer")
 
-    def deliver(self, items: list[Item], limit_s: float) -> None:
-        (run,) = items
+    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+        if limit_s != self._limit_s:
+            self._set_limit(limit_s)
+        run = items[0]
         assert isinstance(run, Run)
-        set_limit(self._remote, limit_s)
-        call(self._remote.push, events.any_of(run))
+        value = events.any_of(run)
+        try:
+            self._remote.push(value)
+        except CORBA.Exception as wrong:
+            raise failure_of(wrong) from None
 
     def answers(self, limit_s: float) -> bool:
-        set_limit(self._remote, limit_s)
+        self._set_limit(limit_s)
         try:
             if self._remote._non_existent():
                 raise ClientGone("it does not exist")
@@ -101,12 +102,15 @@ class EventConsumer(PushConsumer):
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, RoboCorba.EventConsumer)
 
-    def deliver(self, items: list[Item], limit_s: float) -> None:
-        set_limit(self._remote, limit_s)
-        if isinstance(items[0], Together):
-            call(self._remote.pushTogether, items[0].which, events.together(items[0]))
-        else:
-            call(self._remote.pushRuns, [events.event_run(run) for run in items if isinstance(run, Run)])
+    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+        self._set_limit(limit_s)
+        try:
+            if isinstance(items[0], Together):
+                self._remote.pushTogether(items[0].which, events.together(items[0]))
+            else:
+                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, Run)])
+        except CORBA.Exception as wrong:
+            raise failure_of(wrong) from None
 
 
 class PullSupplier(_Client):
@@ -116,8 +120,11 @@ class PullSupplier(_Client):
         super().__init__(orb, uri, CosEventComm.PullSupplier, "disconnect_pull_supplier")
 
     def try_pull(self, limit_s: float) -> Run | None:
-        set_limit(self._remote, limit_s)
-        value, has_event = call(self._remote.try_pull)
+        self._set_limit(limit_s)
+        try:
+            value, has_event = self._remote.try_pull()
+        except CORBA.Exception as wrong:
+            raise failure_of(wrong) from None
         try:
             return events.run_of_any(value) if has_event else None
         except InvalidEvent as wrong:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import CosEventChannelAdmin
@@ -16,7 +16,7 @@ from robocorba.events.event import Encoding, Run
 from robocorba.events.foreign import Echoes
 from robocorba.events.queue import Item
 from robocorba.orb import Orb, describe
-from robocorba.remote.event_clients import PushConsumer, call, set_limit
+from robocorba.remote.event_clients import PushConsumer, failure_of
 from robocorba.servants.foreign_consumer import ForeignConsumerServant
 
 CALL_LIMIT_S = 2.0
@@ -30,21 +30,23 @@ class _Proxy(PushConsumer):
         super().__init__(orb, uri, CosEventChannelAdmin.ProxyPushConsumer)
         self._orb, self._echoes = orb, echoes
 
-    def deliver(self, items: list[Item], limit_s: float) -> None:
-        (run,) = items
+    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+        run = items[0]
         assert isinstance(run, Run)
         value = events.any_of(run)
-        set_limit(self._remote, limit_s)
-        if run.header.encoding is Encoding.MSGPACK:  # it goes as an Event, with origin and number
-            call(self._remote.push, value)
-            return
-        content = content_of(value, self._orb.uri)
-        self._echoes.expect(content)
+        self._set_limit(limit_s)
+        # What is not plain goes as an Event, with origin and number.
+        is_plain = run.header.encoding is not Encoding.MSGPACK
+        content = content_of(value, self._orb.uri) if is_plain else None
+        if is_plain:
+            self._echoes.expect(content)
         try:
-            call(self._remote.push, value)
-        except (NotDelivered, Refused):
-            self._echoes.recognise(content)
-            raise
+            self._remote.push(value)
+        except CORBA.Exception as wrong:
+            failure = failure_of(wrong)
+            if is_plain and isinstance(failure, NotDelivered | Refused):
+                self._echoes.recognise(content)
+            raise failure from None
 
 
 class ForeignChannel:

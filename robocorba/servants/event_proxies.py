@@ -9,8 +9,8 @@ import CosEventChannelAdmin__POA
 from omniORB import CORBA
 
 from robocorba.conversion import events
-from robocorba.conversion.errors import translating
-from robocorba.errors import Disconnected, ProxyGone
+from robocorba.conversion.errors import raise_idl, translating
+from robocorba.errors import Disconnected, ProxyGone, RoboCorbaError
 from robocorba.events.inlet import Inlet
 from robocorba.events.outlet import PullOutlet
 from robocorba.events.proxies import Kind, Proxies
@@ -43,13 +43,19 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     def connect_push_supplier(self, supplier: Any) -> None:
         self._proxies.connect(self._inlet, self._clients.of(Kind.PUSH_CONSUMER, supplier))
 
-    @translating
-    def push(self, value: Any) -> None:
-        self._inlet.push(events.run_of_any(value))
+    # These two run for every event: without a wrapper around them.
 
-    @translating
+    def push(self, value: Any) -> None:
+        try:
+            self._inlet.push(events.run_of_any(value))
+        except RoboCorbaError as error:
+            raise_idl(error)
+
     def pushEvent(self, one: Any) -> None:
-        self._inlet.push(events.run_of_event(one))
+        try:
+            self._inlet.push(events.run_of_event(one))
+        except RoboCorbaError as error:
+            raise_idl(error)
 
     @translating
     def pushRuns(self, runs: Any) -> None:
