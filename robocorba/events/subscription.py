@@ -112,7 +112,7 @@ def is_covered(pattern: Pattern, interest: Iterable[Pattern]) -> bool:
     return any(wider.covers(pattern) for wider in interest)
 
 
-@lru_cache(65536)
+@lru_cache(8192)
 def _fits(pattern: str, text: str, text_is_pattern: bool = False) -> bool:
     """Match in time proportional to both lengths; a regular expression would need exponential time for some.
 
