@@ -22,7 +22,8 @@ import omniORB
 from omniORB import CORBA
 
 from robocorba.conversion import events
-from robocorba.errors import InvalidEvent, NotReachable, Unconfirmed, UnknownPeer
+from robocorba.conversion.errors import domain_error
+from robocorba.errors import InvalidEvent, NotReachable, Unconfirmed
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription, checked
 from robocorba.orb import Orb, describe
@@ -56,9 +57,9 @@ class EventClient:
 
     def __init__(self, orb: Orb, channel: str, source: str = "", timeout_s: float = 10.0) -> None:
         self.channel = orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, timeout_s)
-        self.source = source
+        self.source = self._name = source
         self._orb = orb
-        self._proxy = self.channel.supply(source)
+        self._proxy: Any = None
         self._subscriptions: list[EventSubscription] = []
 
     def __enter__(self) -> EventClient:
@@ -76,7 +77,8 @@ class EventClient:
 
         Raises InvalidEvent; NotReachable where the channel does not have the event; Unconfirmed where it may have."""
         header = self._header(type, priority, expiry_s)
-        self._call(self._proxy.pushEvent, RoboCorba.Event(header, _packed(payload)), retry_s)
+        event = RoboCorba.Event(header, _packed(payload))
+        self._call(lambda: self._supplier().pushEvent(event), retry_s)
 
     def push_many(
         self,
@@ -91,7 +93,7 @@ class EventClient:
         packed = [_packed(payload) for payload in payloads]
         now = time.time()
         run = RoboCorba.EventRun(self._header(type, priority, expiry_s), [now] * len(packed), packed)
-        self._call(self._proxy.pushRuns, [run], retry_s)
+        self._call(lambda: self._supplier().pushRuns([run]), retry_s)
 
     def subscribe(
         self,
@@ -125,6 +127,12 @@ class EventClient:
         """End what `subscribe` began; durable subscriptions keep their events for the next process."""
         for subscription in self._subscriptions[:]:
             subscription.end()
+        if self._proxy and not self._name:  # one with a name is its supplier's for good, and perhaps shared
+            try:
+                self._proxy.disconnect_push_consumer()
+            except CORBA.Exception as wrong:
+                _log.info("the channel was not told that a supplier left (%s)", describe(wrong))
+            self._proxy = None
 
     def _subscribe(
         self,
@@ -139,9 +147,9 @@ class EventClient:
         policy = events.policy(queue or QueuePolicy())
         try:
             proxy = self.channel.subscribe(name, reference, events.subscription(clauses), policy)
-        except CORBA.Exception:
+        except CORBA.Exception as wrong:
             self._orb.deactivate(consumer)
-            raise
+            raise _translated(wrong) from None
         subscription = EventSubscription(self, self._orb, consumer, proxy)
         self._subscriptions.append(subscription)
         return subscription
@@ -149,13 +157,18 @@ class EventClient:
     def _header(self, type: str, priority: int, expiry_s: float) -> Any:
         return RoboCorba.EventHeader(type, self.source, "", 0, time.time(), priority, expiry_s, RoboCorba.MSGPACK)
 
-    def _call(self, operation: Callable[[Any], None], argument: Any, retry_s: float) -> None:
+    def _supplier(self) -> Any:
+        if self._proxy is None:
+            self._proxy = self.channel.supply(self._name)
+        return self._proxy
+
+    def _call(self, operation: Callable[[], None], retry_s: float) -> None:
         deadline, pause = time.monotonic() + retry_s, FIRST_PAUSE_S
         while True:
             try:
-                return operation(argument)
-            except RoboCorba.InvalidEvent as wrong:
-                raise InvalidEvent(wrong.field, wrong.reason) from None
+                return operation()
+            except CORBA.UserException as wrong:
+                raise (domain_error(wrong) or wrong) from None
             except CORBA.SystemException as wrong:
                 if wrong.completed != CORBA.COMPLETED_NO:
                     raise Unconfirmed(f"the channel may have the event or not ({describe(wrong)})") from None
@@ -173,19 +186,25 @@ class EventSubscription:
         self._client, self._orb, self._consumer = client, orb, consumer
 
     def change(self, *patterns: str | tuple[str, str]) -> None:
-        """Receive events that fit any of these from now on. Raises InvalidSubscription."""
-        self.proxy.changeSubscription(events.subscription(checked([([_pair(p)], 0.0) for p in patterns or ("*",)])))
+        """Receive events that fit any of these from now on. Raises InvalidSubscription, NotReachable."""
+        wanted = events.subscription(checked([([_pair(pattern)], 0.0) for pattern in patterns or ("*",)]))
+        try:
+            self.proxy.changeSubscription(wanted)
+        except CORBA.Exception as wrong:
+            raise _translated(wrong) from None
 
     def wait_in_force(self, peer: str, timeout_s: float = 5.0) -> bool:
-        """Wait until the channel `peer` forwards what is subscribed to; whether it does. Raises UnknownPeer."""
+        """Wait until the channel `peer` forwards what is subscribed to; whether it does.
+
+        Raises UnknownPeer, NotReachable."""
         deadline = time.monotonic() + timeout_s
         try:
             while not self.proxy.isInForceAt(peer):
                 if time.monotonic() > deadline:
                     return False
                 time.sleep(FIRST_PAUSE_S)
-        except RoboCorba.UnknownPeer as wrong:
-            raise UnknownPeer(wrong.peer, wrong.known) from None
+        except CORBA.Exception as wrong:
+            raise _translated(wrong) from None
         return True
 
     def end(self) -> None:
@@ -198,6 +217,11 @@ class EventSubscription:
         except CORBA.Exception as wrong:  # the channel is away; it will find nobody here
             _log.info("the channel was not told that a consumer left (%s)", describe(wrong))
         self._orb.deactivate(self._consumer)
+
+
+def _translated(wrong: CORBA.Exception) -> Exception:
+    """Ours for an exception of the channel."""
+    return domain_error(wrong) or NotReachable(f"the channel does not answer ({describe(wrong)})")
 
 
 class _Consumer(RoboCorba__POA.EventConsumer):

@@ -45,6 +45,7 @@ BINDING_CHECK_S = 2.0
 #: Longest single call to the naming service, and to an object that is asked whether it is there.
 PROBE_TIMEOUT_S = 1.0
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 0.25
+_LISTED_AT_ONCE = 500
 
 #: Each known to omniORB 4.2 and 4.3. What is not listed stays at omniORB's default;
 #: `Orb(options=...)` changes single ones. clientConnectTimeOutPeriod is left out on purpose:
@@ -277,6 +278,35 @@ class Orb:
             pause = min(2 * pause, LONGEST_PAUSE_S)
         omniORB.setClientCallTimeout(reference, round((call_timeout_s or 0) * 1000))
         return reference
+
+    def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
+        """What is bound in the naming context `path`, sorted; nothing where there is no such context.
+
+        Tries again for `timeout_s` while the naming service does not answer; then raises NotReachable."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                return sorted(binding.binding_name[0].id for binding in self._bindings(path, deadline))
+            except CosNaming.NamingContext.NotFound:
+                return []
+            except CORBA.SystemException as wrong:
+                if time.monotonic() + FIRST_PAUSE_S > deadline:
+                    reason = f"the naming service at {self.naming} does not answer ({describe(wrong)})"
+                    raise NotReachable(reason) from None
+            time.sleep(FIRST_PAUSE_S)
+
+    def _bindings(self, path: str, deadline: float) -> list[Any]:
+        found = self._naming(_share(deadline)).resolve(self._components(path))
+        context = found._unchecked_narrow(CosNaming.NamingContext)
+        omniORB.setClientCallTimeout(context, round(1000 * PROBE_TIMEOUT_S))
+        bindings, rest = context.list(_LISTED_AT_ONCE)
+        has_more = rest is not None
+        while has_more:
+            has_more, more = rest.next_n(_LISTED_AT_ONCE)
+            bindings += more
+        if rest is not None:
+            rest.destroy()
+        return list(bindings)
 
     def check_naming(self, timeout_s: float = PROBE_TIMEOUT_S) -> None:
         """Raise NotReachable unless the naming service answers a call within `timeout_s`."""

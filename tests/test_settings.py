@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.settings import Address, InvalidSetting, ServerSettings, Settings
+from robocorba.settings import Address, ChannelSettings, InvalidSetting, ServerSettings, Settings
 
 
 @pytest.mark.parametrize("text", ["127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80"])
@@ -72,3 +72,31 @@ def test_a_server_reads_its_arguments(tmp_path: Path) -> None:
     )
     with pytest.raises(SystemExit):
         ServerSettings.read(["--state", str(tmp_path)])
+
+
+def test_a_channel_reads_its_arguments(tmp_path: Path) -> None:
+    common = ["--state", str(tmp_path), "--endpoint", "a:1", "--naming", "b:2"]
+    own = ["--name", "lab", "--peer", "hall", "--peer", "yard=c:3", "--foreign", "old=corbaloc::d:4/old=1"]
+    assert ChannelSettings.read([*common, *own]) == ChannelSettings(
+        ServerSettings(tmp_path, Address("a", 1), Address("b", 2), None),
+        "lab",
+        (("hall", ""), ("yard", "c:3")),
+        (("old", "corbaloc::d:4/old=1"),),
+    )
+    alone = ChannelSettings.read([*common, "--name", "lab"])
+    assert (alone.peers, alone.foreign) == ((), ())
+
+
+@pytest.mark.parametrize("missing", ["--name", "--endpoint"])
+def test_a_channel_needs_a_name_and_an_endpoint(missing: str) -> None:
+    arguments = {"--name": "lab", "--endpoint": "a:1"}
+    del arguments[missing]
+    with pytest.raises(SystemExit):
+        ChannelSettings.read([word for pair in arguments.items() for word in pair])
+
+
+@pytest.mark.parametrize("foreign", ["old", "old="])
+def test_a_foreign_channel_needs_a_uri(foreign: str) -> None:
+    with pytest.raises(InvalidSetting) as refused:
+        ChannelSettings.read(["--endpoint", "a:1", "--name", "lab", "--foreign", foreign])
+    assert refused.value.setting == "--foreign"

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
+
 import typer
 
 from robocorba import __version__
+from robocorba.commands.events import app as events_app
 from robocorba.commands.map import app as map_app
 from robocorba.commands.path import path
 from robocorba.commands.status import status
@@ -20,6 +25,7 @@ app.command()(up)
 app.command()(status)
 app.command()(path)
 app.add_typer(map_app, name="map")
+app.add_typer(events_app, name="events")
 
 
 @app.command()
@@ -30,4 +36,14 @@ def version() -> None:
 
 def main() -> None:
     """Entry point of the command."""
-    app()
+    code = 0
+    try:
+        app()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 1
+    # Without the interpreter's own end: threads of the ORB that are just ending themselves would find it gone, and
+    # abort the process.
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    os._exit(code)

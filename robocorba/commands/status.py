@@ -17,7 +17,7 @@ from robocorba.errors import NotReachable, RoboCorbaError
 from robocorba.orb import CONTEXT, Orb
 from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
-from robocorba.supervision.servers import SERVERS, Probe
+from robocorba.supervision.servers import probe_of
 
 #: For each object to answer.
 TIMEOUT_S = 2.0
@@ -85,14 +85,13 @@ def examine(record: SystemRecord) -> list[ProcessStatus]:
 
 
 def _ask(orb: Orb, name: str) -> ObjectStatus:
-    probes: dict[str, Probe] = {
-        f"{CONTEXT}/{key}": probe for server in SERVERS for key, probe in server.objects.items()
-    }
+    key = name.removeprefix(f"{CONTEXT}/")
+    probe = probe_of(key)
     try:
-        if name and name not in probes:
+        if name and probe is None:
             return ObjectStatus(name, problem="not known to this version of robocorba")
-        if name:
-            answered_ms = probes[name].ask(orb, name.removeprefix(f"{CONTEXT}/"), TIMEOUT_S)
+        if probe:
+            answered_ms = probe.ask(orb, key, TIMEOUT_S)
         else:
             began = time.perf_counter()
             orb.check_naming(TIMEOUT_S)

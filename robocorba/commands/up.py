@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,8 @@ from robocorba.errors import RoboCorbaError
 from robocorba.orb import corbaname
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
+from robocorba.supervision.servers import servers
+from robocorba.supervision.subnets import settle, subnets_of
 from robocorba.supervision.system import NAMING_SERVICE, System
 
 
@@ -28,6 +31,10 @@ def up(
         str | None,
         typer.Option(metavar="H", help="Address of this machine to listen on and to tell clients [127.0.0.1]."),
     ] = None,
+    subnets: Annotated[
+        str,
+        typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
+    ] = "main",
     start_limit: Annotated[float, typer.Option(metavar="S", help="Seconds for each process to answer a call.")] = 180.0,
 ) -> None:
     """Start the naming service and all servers, each a process of its own; print `ready` when all answer.
@@ -42,9 +49,12 @@ def up(
         )
         if building is not None and not building.is_file():
             raise InvalidSetting("--building", str(building), "there is no such file")
+        folder, names = StateFolder(settings.state), subnets_of(subnets)
         system = System(
-            folder=StateFolder(settings.state),
+            folder=folder,
             naming=naming,
+            servers=servers(names),
+            settle=functools.partial(settle, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,
         )

@@ -77,11 +77,17 @@ def translating(method: Callable[..., Any]) -> Callable[..., Any]:
 
 def error_of(exception: Any) -> str:
     """One sentence for a person about an IDL exception."""
-    make = _SENTENCES.get(type(exception))
-    return str(make(exception)) if make else f"{type(exception).__name__}: {exception}"
+    error = domain_error(exception)
+    return str(error) if error else f"{type(exception).__name__}: {exception}"
 
 
-_SENTENCES: dict[type, Callable[[Any], Exception]] = {
+def domain_error(exception: Any) -> Exception | None:
+    """The domain error that an IDL exception stands for, None for any other exception."""
+    make = _DOMAIN_ERRORS.get(type(exception))
+    return make(exception) if make else None
+
+
+_DOMAIN_ERRORS: dict[type, Callable[[Any], Exception]] = {
     RoboCorba.InvalidElement: lambda e: errors.InvalidElement(*_words(e.id), e.reason),
     RoboCorba.UnknownElement: lambda e: errors.UnknownElement(*_words(e.id)),
     RoboCorba.DuplicateElement: lambda e: errors.DuplicateElement(*_words(e.id)),

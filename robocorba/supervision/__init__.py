@@ -8,4 +8,5 @@ dying, circus is hardly kept, and neither waits for a real call nor dies togethe
     child.py     runs in a new process before the real program does, so that nothing outlives us
     folder.py    the state folder: its lock, the ports of the servers, what runs now
     servers.py   which servers there are
+    subnets.py   which event channels there are, and which of them are linked
 """

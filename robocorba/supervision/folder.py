@@ -2,6 +2,7 @@
 
 lock          held (flock) by the `robocorba up` that uses the folder
 ports.json    the port of each server, kept so that references survive restarts
+links.json    the peers that each event channel was given
 up.json       what runs now, replaced whole at every change
 logs/         a file for each process
 omninames/    the bindings of the naming service
@@ -14,7 +15,7 @@ import errno
 import fcntl
 import os
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -114,6 +115,13 @@ class StateFolder:
             if port not in taken and is_free(naming.host, port):
                 return port
         raise ServiceError(f"no port above {naming.port} is free on {naming.host}")
+
+    def links(self) -> dict[str, list[str]]:
+        """The peers of each event channel, as the systems in this folder linked them."""
+        return self._read(self.path / "links.json", dict[str, list[str]]) or {}
+
+    def write_links(self, links: Mapping[str, Sequence[str]]) -> None:
+        self._write(self.path / "links.json", links)
 
     def write_record(self, record: SystemRecord) -> None:
         self._write(self.path / "up.json", record)

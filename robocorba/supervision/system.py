@@ -23,7 +23,7 @@ from robocorba.orb import CONTEXT, Orb
 from robocorba.settings import Address
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
 from robocorba.supervision.process import ProcessSpec, Supervised
-from robocorba.supervision.servers import SERVERS, Server
+from robocorba.supervision.servers import Server
 
 NAMING_SERVICE = "omniNames"
 _log = logging.getLogger(__name__)
@@ -34,11 +34,13 @@ _LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": loggi
 class System:
     """What shall run: `servers`, on ports of the host of `naming`, with everything they keep in `folder`.
 
+    settle: is called, on a thread, once every server has answered; what it does belongs to the start.
     building: absolute path handed to the servers, or None. start_limit_s: for each process to answer a call."""
 
     folder: StateFolder
     naming: Address
-    servers: Sequence[Server] = SERVERS
+    servers: Sequence[Server]
+    settle: Callable[[Orb], None] = lambda orb: None
     building: Path | None = None
     start_limit_s: float = 60.0
 
@@ -85,6 +87,9 @@ class System:
                 await _first(asyncio.create_task(_all_ready(group)), stop, *tasks)
                 if stop.done():
                     return
+            await _first(asyncio.create_task(asyncio.to_thread(self.settle, orb)), stop, *tasks)
+            if stop.done():
+                return
             _log.info("ready")
             ready(record())
             await _first(stop, *tasks)
@@ -122,6 +127,7 @@ class System:
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
         command = [sys.executable, "-m", server.module, "--state", str(self.folder.path)]
         command += ["--endpoint", str(Address(self.naming.host, port)), "--naming", str(self.naming)]
+        command += server.arguments
         if self.building:
             command += ["--building", str(self.building)]
 

@@ -1,0 +1,37 @@
+"""Say and hear events: python -m clients.events publish|consume CHANNEL [COUNT]
+
+The naming service is that of ROBOCORBA_NAMING, 127.0.0.1:2809 if it is not set."""
+
+import sys
+from queue import SimpleQueue
+
+from robocorba.errors import RoboCorbaError
+from robocorba.event_client import Event, EventClient
+from robocorba.orb import Orb
+from robocorba.settings import Settings
+
+
+def publish(events: EventClient, count: int) -> None:
+    for number in range(count):
+        events.push("robot.state", {"number": number, "x": 0.5 * number, "y": 0.0})
+
+
+def consume(events: EventClient, count: int) -> None:
+    arrived: SimpleQueue[Event] = SimpleQueue()
+    events.subscribe(arrived.put, "robot.*")
+    print("waiting", flush=True)
+    for _ in range(count):
+        event = arrived.get()
+        print(event.type, event.source, event.payload)
+
+
+def main(what: str, channel: str, count: str = "10") -> None:
+    with Orb(Settings.read().naming) as orb, EventClient(orb, channel, source="A") as events:
+        {"publish": publish, "consume": consume}[what](events, int(count))
+
+
+if __name__ == "__main__":
+    try:
+        main(*sys.argv[1:])
+    except RoboCorbaError as error:
+        sys.exit(f"events: {error}")

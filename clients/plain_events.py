@@ -1,0 +1,61 @@
+"""Say and hear events with nothing but OMG's interfaces, as any CORBA client of an event channel does:
+
+python -m clients.plain_events publish|consume CHANNEL [COUNT [HOST:PORT]] [-ORB...]"""
+
+import sys
+from queue import SimpleQueue
+from typing import Any
+
+from omniORB import CORBA  # first: it leads to OMG's stubs
+
+# isort: split
+import CosEventChannelAdmin
+import CosEventComm__POA
+
+
+class Consumer(CosEventComm__POA.PushConsumer):
+    def __init__(self) -> None:
+        self.arrived: SimpleQueue[Any] = SimpleQueue()
+
+    def push(self, value: Any) -> None:
+        self.arrived.put(value.value())
+
+    def disconnect_push_consumer(self) -> None:
+        pass  # comes when the channel goes, and also when this consumer leaves by itself
+
+
+def publish(channel: Any, count: int) -> None:
+    proxy = channel.for_suppliers().obtain_push_consumer()
+    proxy.connect_push_supplier(None)  # nil: this supplier need not be told when the channel goes
+    for number in range(count):
+        proxy.push(CORBA.Any(CORBA.TC_string, f"reading {number}"))
+    proxy.disconnect_push_consumer()
+
+
+def consume(channel: Any, count: int, orb: Any) -> None:
+    adapter = orb.resolve_initial_references("RootPOA")
+    adapter._get_the_POAManager().activate()
+    consumer = Consumer()
+    proxy = channel.for_consumers().obtain_push_supplier()
+    proxy.connect_push_consumer(consumer._this())
+    print("waiting", flush=True)
+    for _ in range(count):
+        print(consumer.arrived.get())
+    proxy.disconnect_push_supplier()
+
+
+def main(arguments: list[str]) -> None:
+    orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)  # takes its own arguments out
+    what, name, *more = arguments[1:]
+    count, naming = [*more, *["10", "127.0.0.1:2809"][len(more) :]]
+    found = orb.string_to_object(f"corbaname::{naming}#RoboCorba/EventChannels/{name}")
+    channel = found._narrow(CosEventChannelAdmin.EventChannel)
+    if what == "publish":
+        publish(channel, int(count))
+    else:
+        consume(channel, int(count), orb)
+    orb.destroy()
+
+
+if __name__ == "__main__":
+    main(sys.argv)

@@ -1,0 +1,142 @@
+"""What event channels tell of themselves, for the terminal, for pipes and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import omniORB
+from omniORB import CORBA
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from robocorba.errors import NotReachable
+from robocorba.orb import Orb, describe
+from robocorba.remote.event_peers import CHANNELS
+from robocorba.stubs import RoboCorba
+
+#: For each channel to answer.
+TIMEOUT_S = 3.0
+#: Channels that are asked at the same time.
+THREADS = 16
+
+ACCOUNT = ("received", "delivered", "unconfirmed", "discarded", "expired", "queued")
+PROXY = ("proxy", "name", "client", "condition", "subscribed to")
+LINK = ("link", "condition", "lag", "batches", "bytes", "repeated", "unseen")
+NUMBERS = {"lag", "batches", "bytes", "repeated", "unseen", *ACCOUNT}
+#: Rows, each with its cells.
+Rows = list[tuple[str, ...]]
+
+#: A ChannelState, or why there is none.
+State = Any | str
+
+
+def ask(orb: Orb, names: Sequence[str]) -> dict[str, State]:
+    """The state of each channel, or the problem with it; all are asked at the same time."""
+    with ThreadPoolExecutor(THREADS) as threads:
+        return dict(zip(names, threads.map(lambda name: _ask(orb, name), names), strict=True))
+
+
+def as_json(state: State) -> Any:
+    """A state with the names of the IDL, in what JSON holds; a problem as an object with this one member."""
+    return {"problem": state} if isinstance(state, str) else _plain(state)
+
+
+def show(states: dict[str, State]) -> None:
+    """Print tables; without a terminal one line a row, which begins with channel and kind of row, with tabs between."""
+    console = Console()
+    for name, state in states.items():
+        if console.is_terminal:
+            _show(console, name, state)
+        elif isinstance(state, str):
+            print(name, "problem", state, sep="\t")
+        else:
+            for kind, _, rows in _tables(state):
+                for row in rows:
+                    print(name, kind, *row, sep="\t")
+
+
+def _ask(orb: Orb, name: str) -> State:
+    try:
+        channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, TIMEOUT_S, call_timeout_s=TIMEOUT_S)
+        return channel.state()
+    except NotReachable as wrong:
+        return str(wrong)
+    except CORBA.SystemException as wrong:
+        return f"the call failed ({describe(wrong)})"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, omniORB.EnumItem):
+        return value._n
+    if isinstance(value, list):
+        return [_plain(entry) for entry in value]
+    if hasattr(value, "_NP_RepositoryId"):
+        return {member: _plain(entry) for member, entry in vars(value).items()}
+    return value
+
+
+def _show(console: Console, name: str, state: State) -> None:
+    console.print(f"[bold]{escape(name)}[/bold]", end="  ")
+    if isinstance(state, str):
+        console.print(f"[red]{escape(state)}[/red]\n")
+        return
+    console.print(f"federation: {', '.join(map(escape, state.federation))};  given up: {state.evicted}")
+    for _, header, rows in _tables(state):
+        if rows:
+            table = Table()
+            for column in header:
+                table.add_column(column, justify="right" if column in NUMBERS else "left")
+            for row in rows:
+                table.add_row(*map(escape, row))
+            console.print(table)
+    console.print()
+
+
+def _tables(state: Any) -> list[tuple[str, tuple[str, ...], Rows]]:
+    """Kind of row, header and rows of each table of a ChannelState."""
+    return [
+        ("proxy", (*PROXY, *ACCOUNT), [_proxy(proxy) for proxy in state.proxies]),
+        ("link", (*LINK, *ACCOUNT), [_link(link) for link in state.links]),
+        ("total", ("of all", *ACCOUNT), _totals(state)),
+    ]
+
+
+def _proxy(proxy: Any) -> tuple[str, ...]:
+    condition = _words(proxy.condition) + (f" ({proxy.failures} failures)" if proxy.failures else "")
+    wanted = " or ".join(_clause(clause) for clause in proxy.subscribed)
+    return (_words(proxy.kind), proxy.name, proxy.client, condition, wanted, *_account([proxy.events]))
+
+
+def _link(link: Any) -> tuple[str, ...]:
+    way = "from" if link.direction == RoboCorba.INCOMING else "to"
+    condition = _words(link.condition) + (f" ({link.problem})" if link.problem else "")
+    counts = (link.batches, link.bytes, link.repeated, link.unseen)
+    return (f"{way} {link.peer}", condition, f"{link.lag * 1000:.1f} ms", *map(str, counts), *_account([link.events]))
+
+
+def _totals(state: Any) -> Rows:
+    supplied = (RoboCorba.PUSH_CONSUMER, RoboCorba.PULL_CONSUMER)
+    groups: dict[str, Callable[[], Iterable[Any]]] = {
+        "suppliers": lambda: (proxy for proxy in state.proxies if proxy.kind in supplied),
+        "consumers": lambda: (proxy for proxy in state.proxies if proxy.kind not in supplied),
+        "links in": lambda: (link for link in state.links if link.direction == RoboCorba.INCOMING),
+        "links out": lambda: (link for link in state.links if link.direction == RoboCorba.OUTGOING),
+    }
+    return [(name, *_account([one.events for one in members()])) for name, members in groups.items()]
+
+
+def _account(accounts: Sequence[Any]) -> tuple[str, ...]:
+    """The sum of accounts."""
+    return tuple(str(sum(getattr(account, member) for account in accounts)) for member in ACCOUNT)
+
+
+def _clause(clause: Any) -> str:
+    patterns = " and ".join(p.type if p.source == "*" else f"{p.type} from {p.source}" for p in clause.patterns)
+    return f"({patterns} within {clause.window:g} s)" if clause.window else patterns
+
+
+def _words(item: Any) -> str:
+    return str(item._n).lower().replace("_", " ")

@@ -1,0 +1,249 @@
+"""robocorba events: look into the event channels, listen to them, say something.
+
+What listens and speaks is imported where it is used: it takes a while to load."""
+
+from __future__ import annotations
+
+import contextlib
+import json as json_format
+import queue
+import signal
+import threading
+from collections.abc import Generator, Iterator
+from datetime import datetime
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from omniORB import CORBA
+
+from robocorba.commands import event_stats
+from robocorba.conversion import errors as idl_errors
+from robocorba.errors import InvalidEvent, NotReachable, RoboCorbaError
+from robocorba.events.queue import QueuePolicy
+from robocorba.orb import Orb, describe
+from robocorba.remote.event_peers import CHANNELS
+from robocorba.settings import Settings
+from robocorba.stubs import RoboCorba
+
+if TYPE_CHECKING:
+    from robocorba.event_client import Event, EventClient
+
+#: For a channel to be found.
+FIND_S = 3.0
+#: How often `tail` looks whether its channel still knows it, and how many events may wait here and in the channel.
+CHECK_S, WAITING_EVENTS, QUEUED_EVENTS = 2.0, 1000, 100_000
+#: What is shown of a value: characters, bytes, levels.
+SHOWN_TEXT, SHOWN_BYTES, SHOWN_LEVELS = 300, 16, 20
+
+app = typer.Typer(help="Look into the event channels, listen to them, say something.", no_args_is_help=True)
+peer_app = typer.Typer(help="Link channels, and end links.", no_args_is_help=True)
+app.add_typer(peer_app, name="peer")
+
+_Channel = Annotated[str, typer.Argument(metavar="CHANNEL", help="The channel's name.")]
+_Peer = Annotated[str, typer.Argument(metavar="PEER", help="The name of the other channel.")]
+_Naming = Annotated[
+    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.command()
+def stats(
+    channels: Annotated[
+        list[str] | None, typer.Argument(metavar="[CHANNEL]...", help="Which ones; all that the naming service knows.")
+    ] = None,
+    json: _Json = False,
+    naming: _Naming = None,
+) -> None:
+    """Show proxies, links and accounts. Exit code 0 if every channel answers, else 1."""
+    with _reporting("stats"), _orb(naming) as orb:
+        names = channels or orb.names(CHANNELS, FIND_S)
+        if not names:
+            raise NotReachable(f"the naming service at {orb.naming} knows no event channel")
+        states = event_stats.ask(orb, names)
+    if json:
+        print(json_format.dumps({name: event_stats.as_json(state) for name, state in states.items()}, indent=2))
+    else:
+        event_stats.show(states)
+    if any(isinstance(state, str) for state in states.values()):
+        raise typer.Exit(1)
+
+
+@app.command()
+def tail(
+    channel: _Channel,
+    type: Annotated[str, typer.Option(metavar="T", help="Only types that fit; * and ? are wildcards.")] = "*",
+    source: Annotated[str, typer.Option(metavar="S", help="Only sources that fit.")] = "*",
+    count: Annotated[int, typer.Option(metavar="N", min=0, help="End after so many; 0: never.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object a line.")] = False,
+    naming: _Naming = None,
+) -> None:
+    """Print events as they come, one a line, until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with (
+            _reporting("tail"),
+            _orb(naming) as orb,
+            _connected(orb, channel) as client,
+            contextlib.closing(_arriving(client, channel, (type, source))) as events,
+        ):
+            for number, event in enumerate(events, 1):
+                print(json_line(event) if json else text_line(event), flush=True)
+                if number == count:
+                    return
+    except KeyboardInterrupt:
+        return
+
+
+@app.command()
+def push(
+    channel: _Channel,
+    type: Annotated[str, typer.Argument(metavar="TYPE", help="Words separated by dots, such as robot.state.")],
+    payload: Annotated[str, typer.Argument(metavar="JSON", help="What to say.")],
+    source: Annotated[str, typer.Option(metavar="S", help="Who says it.")] = "",
+    priority: Annotated[int, typer.Option(metavar="N", min=-32768, max=32767, help="Higher ones are kept longer.")] = 0,
+    expiry: Annotated[float, typer.Option(metavar="S", help="Seconds after which nobody wants it; 0: never.")] = 0.0,
+    naming: _Naming = None,
+) -> None:
+    """Push one event, with a JSON value as its payload."""
+    with _reporting("push"):
+        try:
+            value = json_format.loads(payload)
+        except ValueError as wrong:
+            raise InvalidEvent("payload", f"{payload[:80]!r} is not JSON: {wrong}") from None
+        with _orb(naming) as orb, _connected(orb, channel) as client:
+            client.source = source
+            client.push(type, value, priority=priority, expiry_s=expiry, retry_s=FIND_S)
+
+
+@peer_app.command()
+def add(
+    channel: _Channel,
+    peer: _Peer,
+    address: Annotated[
+        str, typer.Option(metavar="HOST:PORT|URI", help="Where it is; by default the naming service is asked.")
+    ] = "",
+    foreign: Annotated[bool, typer.Option("--foreign", help="It knows CosEventChannelAdmin only.")] = False,
+    naming: _Naming = None,
+) -> None:
+    """Link two channels, both ways and for good."""
+    with _reporting("peer add"), _orb(naming) as orb:
+        _find(orb, channel).addPeer(RoboCorba.PeerAddress(peer, address, foreign))
+
+
+@peer_app.command()
+def remove(channel: _Channel, peer: _Peer, naming: _Naming = None) -> None:
+    """End a link at both ends."""
+    with _reporting("peer remove"), _orb(naming) as orb:
+        _find(orb, channel).removePeer(peer)
+
+
+# ---- events as lines ----
+
+
+def text_line(event: Event) -> str:
+    """Time, origin and number, type, source and payload; with nothing in it that ends a line or moves a cursor."""
+    extras = [f"priority {event.priority}"] * bool(event.priority)
+    extras += [f"expires after {event.expiry:g} s"] * bool(event.expiry)
+    shown = json_format.dumps(_shown(event.payload), ensure_ascii=False)
+    if len(shown) > SHOWN_TEXT:
+        shown = f"{shown[:SHOWN_TEXT]}… ({len(shown)} characters)"
+    identity = f"{event.origin}:{event.number}"
+    words = [_moment(event.time), identity, event.type, event.source or "-", *extras, shown]
+    return "  ".join(map(_printable, words))
+
+
+def json_line(event: Event) -> str:
+    """All of it, as an object; bytes are shortened, and what JSON does not know is shown as text."""
+    fields = event._asdict() | {"payload": _shown(event.payload)}
+    return json_format.dumps(fields)
+
+
+def _shown(value: Any, level: int = 0) -> Any:
+    """A payload in what JSON holds."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else str(value)  # JSON has neither nan nor infinity
+    if isinstance(value, bytes | bytearray):
+        return f"<{len(value)} bytes {value[:SHOWN_BYTES].hex()}{'…' * (len(value) > SHOWN_BYTES)}>"
+    if level == SHOWN_LEVELS:
+        return "…"
+    if isinstance(value, dict):
+        return {key if isinstance(key, str) else str(_shown(key)): _shown(v, level + 1) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_shown(entry, level + 1) for entry in value]
+    return repr(value)
+
+
+def _moment(time_s: float) -> str:
+    try:
+        return datetime.fromtimestamp(time_s).astimezone().isoformat(timespec="milliseconds")
+    except (ValueError, OverflowError, OSError):  # whatever a supplier says
+        return f"{time_s:g}"
+
+
+def _printable(text: str) -> str:
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+# ---- connections ----
+
+
+def _arriving(client: EventClient, channel: str, pattern: tuple[str, str]) -> Generator[Event, None, None]:
+    """Events as they come, for ever. Raises NotReachable where the channel has disconnected this consumer."""
+    waiting: queue.Queue[Event] = queue.Queue(WAITING_EVENTS)
+    ended = threading.Event()
+
+    def receive(event: Event) -> None:
+        while not ended.is_set():  # the channel holds the rest, until the terminal takes more
+            with contextlib.suppress(queue.Full):
+                return waiting.put(event, timeout=0.2)
+
+    subscription = client.subscribe(receive, pattern, queue=QueuePolicy(QUEUED_EVENTS))
+    try:
+        while True:
+            try:
+                yield waiting.get(timeout=CHECK_S)
+            except queue.Empty:
+                with contextlib.suppress(CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT):  # it will be back
+                    subscription.proxy.state()
+    except CORBA.OBJECT_NOT_EXIST:
+        raise NotReachable(f"channel {channel} has disconnected this consumer") from None
+    finally:
+        ended.set()
+        with contextlib.suppress(CORBA.SystemException):
+            if discarded := subscription.proxy.state().events.discarded:
+                typer.echo(f"{discarded} events were discarded: they came faster than they could be shown", err=True)
+        subscription.end()
+
+
+def _connected(orb: Orb, channel: str) -> EventClient:
+    from robocorba.event_client import EventClient
+
+    return EventClient(orb, channel, timeout_s=FIND_S)
+
+
+def _find(orb: Orb, channel: str) -> Any:
+    return orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, FIND_S)
+
+
+def _orb(naming: str | None) -> Orb:
+    return Orb(Settings.read(naming=naming).naming)
+
+
+@contextlib.contextmanager
+def _reporting(command: str) -> Iterator[None]:
+    """Errors as one line, with exit code 1."""
+    try:
+        yield
+    except RoboCorbaError as wrong:
+        reason = str(wrong)
+    except CORBA.UserException as wrong:
+        reason = idl_errors.error_of(wrong)
+    except CORBA.SystemException as wrong:
+        reason = f"the call failed ({describe(wrong)})"
+    else:
+        return
+    typer.echo(f"robocorba events {command}: {reason}", err=True)
+    raise typer.Exit(1)

@@ -1,0 +1,64 @@
+"""The sub-networks of a system: their names, and the links between their channels as these come and go."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Sequence
+
+from omniORB import CORBA
+
+from robocorba.errors import InvalidPeer, NotReachable
+from robocorba.events.federation import MAX_CHANNELS, check_name
+from robocorba.orb import Orb, describe
+from robocorba.remote.event_peers import CHANNELS
+from robocorba.settings import InvalidSetting
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.folder import StateFolder
+
+#: For each channel to answer.
+TIMEOUT_S = 2.0
+
+_log = logging.getLogger(__name__)
+
+
+def subnets_of(text: str, setting: str = "--subnets") -> tuple[str, ...]:
+    """The names in a list with commas, such as lab,hall. Raises InvalidSetting."""
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        try:
+            check_name(name)
+        except InvalidPeer as wrong:
+            raise InvalidSetting(setting, text, f"the name {wrong.reason}") from None
+        if names.count(name) > 1:
+            raise InvalidSetting(setting, text, f"{name} stands there twice")
+    if len(names) > MAX_CHANNELS:
+        raise InvalidSetting(setting, text, f"{len(names)} channels; a federation has at most {MAX_CHANNELS}")
+    return names
+
+
+def settle(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:
+    """End the links that an earlier system in this folder made, and this one does not.
+
+    Links that somebody else made stay. Each channel keeps its peers for good, those that don't run now too: that is
+    why what was linked is remembered here, for the channels that don't run now as well."""
+    links = folder.links()
+    for name in subnets:
+        peers = sorted(set(subnets) - {name})
+        former = sorted(set(links.get(name, [])) - set(peers))
+        try:
+            if former:
+                _unlink(orb, name, former)
+            links[name] = peers
+        except (NotReachable, CORBA.Exception) as wrong:  # the next start tries again
+            reason = str(wrong) if isinstance(wrong, NotReachable) else describe(wrong)
+            _log.warning("channel %s keeps its links with %s (%s)", name, ", ".join(former), reason)
+    folder.write_links(links)
+
+
+def _unlink(orb: Orb, name: str, former: Sequence[str]) -> None:
+    channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, TIMEOUT_S, call_timeout_s=TIMEOUT_S)
+    for peer in former:
+        with contextlib.suppress(RoboCorba.UnknownPeer):
+            channel.removePeer(peer)
+            _log.info("channel %s has no link with %s any more", name, peer)

@@ -1,0 +1,180 @@
+"""robocorba events against two linked channels of a running system."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.system.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system, refusal
+
+pytestmark = pytest.mark.system
+
+ROOT = Path(__file__).resolve().parents[2]
+Launch = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture(scope="module")
+def federation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A system with the channels lab and hall."""
+    folder = tmp_path_factory.mktemp("federation")
+    with claimed_ports() as port, Launcher(folder) as launch:
+        yield real_system(launch, folder / "state", port, "--subnets", "lab,hall").wait_ready()
+
+
+@pytest.fixture
+def events(launch: Launch, federation: Running) -> Callable[..., subprocess.Popen[str]]:
+    """Starts `robocorba events` with arguments."""
+    return lambda *arguments: launch(ROBOCORBA, "events", *arguments, ROBOCORBA_NAMING=str(federation.naming))
+
+
+Events = Callable[..., subprocess.Popen[str]]
+
+
+def done(process: subprocess.Popen[str]) -> str:
+    """What a command printed that had nothing to complain about."""
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, err) == (0, "")
+    return out
+
+
+def state(events: Events, channel: str) -> Any:
+    return json.loads(done(events("stats", channel, "--json")))[channel]
+
+
+def is_linked(events: Events, channel: str) -> bool:
+    links = state(events, channel)["links"]
+    return len(links) == 2 and all(link["condition"] == "UP" for link in links)
+
+
+def is_wanted(events: Events, pattern: dict[str, str], at: str) -> bool:
+    """Whether the peer of channel `at` is known there to want this."""
+    return any(pattern in link["interest"] for link in state(events, at)["links"] if link["direction"] == "OUTGOING")
+
+
+def test_stats_tell_of_all_channels(events: Events) -> None:
+    eventually(lambda: is_linked(events, "lab"), 20, "the link")
+    rows = [line.split("\t") for line in done(events("stats")).splitlines()]
+    assert {row[0] for row in rows} == {"lab", "hall"}
+    assert ["link", "from hall", "up"] in [row[1:4] for row in rows if row[0] == "lab"]
+    assert set(json.loads(done(events("stats", "--json")))) == {"lab", "hall"}
+
+
+def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> None:
+    listener = events("tail", "hall", "--type", "robot.*", "--source", "A", "--count", "2")
+    eventually(lambda: is_wanted(events, {"type": "robot.*", "source": "A"}, "lab"), 20, "the interest of hall")
+    (proxy,) = (proxy for proxy in state(events, "hall")["proxies"] if proxy["kind"] == "PUSH_SUPPLIER")
+    assert proxy["condition"] == "CONNECTED" and proxy["client"]
+
+    done(events("push", "lab", "robot.state", '{"x": 1}', "--source", "A"))
+    done(events("push", "lab", "robot.state", "0", "--source", "B"))
+    done(events("push", "hall", "alarm", "0", "--source", "A"))
+    done(events("push", "lab", "robot.alarm", '["\\u001b[2J"]', "--source", "A", "--priority", "3"))
+    first, second = done(listener).splitlines()
+    assert first.endswith('  robot.state  A  {"x": 1}') and "  lab:" in first
+    assert second.endswith('  robot.alarm  A  priority 3  ["\\u001b[2J"]')
+
+    for channel in ("lab", "hall"):
+        assert state(events, channel)["proxies"] == []
+    into_hall, _ = state(events, "hall")["links"]
+    assert into_hall["events"]["delivered"] == 2
+    assert into_hall["bytes"] > 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_tail_ends_by_a_signal_and_leaves_nothing(events: Events, number: signal.Signals) -> None:
+    listener = events("tail", "lab", "--json")
+    eventually(lambda: len(state(events, "lab")["proxies"]) == 1, 20, "the consumer")
+    done(events("push", "lab", "x", "[1, 2]"))
+    assert listener.stdout is not None
+    said = json.loads(listener.stdout.readline())
+    assert (said["type"], said["payload"], said["origin"]) == ("x", [1, 2], "lab")
+    listener.send_signal(number)
+    assert done(listener) == ""
+    assert state(events, "lab")["proxies"] == []
+
+
+def test_tail_that_nobody_reads_any_more_ends(events: Events) -> None:
+    listener = events("tail", "lab")
+    eventually(lambda: len(state(events, "lab")["proxies"]) == 1, 20, "the consumer")
+    assert listener.stdout is not None
+    listener.stdout.close()
+    done(events("push", "lab", "x", "1"))
+    listener.wait(20)
+    assert listener.stderr is not None and listener.stderr.read() == ""
+    assert state(events, "lab")["proxies"] == []
+
+
+def test_links_end_and_begin(events: Events) -> None:
+    done(events("peer", "remove", "lab", "hall"))
+    assert state(events, "lab")["links"] == []
+    eventually(lambda: state(events, "hall")["links"] == [], 20, "the end of the link at hall")
+    done(events("peer", "add", "hall", "lab"))
+    # lab has removed hall, and takes it back only when it is told so itself.
+    eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], 20, "the refusal")
+    done(events("peer", "add", "lab", "hall"))
+    eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 20, "the link again")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("tail", "nowhere"), "RoboCorba/EventChannels/nowhere is not reachable"),
+        (("push", "nowhere", "x", "1"), "RoboCorba/EventChannels/nowhere is not reachable"),
+        (("push", "lab", "x", "{1"), "payload: '{1' is not JSON"),
+        (("push", "lab", "", "1"), "type: is empty"),
+        (("push", "lab", "x", "1", "--expiry", "-1"), "expiry: -1.0 is not between 0 and"),
+        (("push", "lab", "x", str(2**64)), "payload: msgpack can't hold it"),
+        (("tail", "lab", "--type", "t" * 201), "[0].patterns[0].type: 201 characters"),
+        (("peer", "add", "lab", "a/b"), "name: 'a/b' is not 1 to 60 letters"),
+        (("peer", "remove", "lab", "yard"), "'yard' is not a peer; peers are hall"),
+        (("stats", "--naming", "here"), "--naming is 'here': not of the form HOST:PORT"),
+    ],
+)
+def test_what_cant_be_done_is_one_line(events: Events, arguments: tuple[str, ...], reason: str) -> None:
+    said = refusal(events(*arguments), 30)
+    assert said.startswith("robocorba events ") and f": {reason}" in said
+
+
+def test_a_channel_that_is_not_there_is_told(events: Events) -> None:
+    process = events("stats", "lab", "nowhere")
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, err) == (1, "")
+    assert "lab\ttotal\tsuppliers" in out
+    assert "nowhere\tproblem\tRoboCorba/EventChannels/nowhere is not reachable" in out
+
+
+def test_without_a_naming_service(launch: Launch, naming_port: int) -> None:
+    said = refusal(launch(ROBOCORBA, "events", "stats", "--naming", f"127.0.0.1:{naming_port}"))
+    assert said.startswith(f"robocorba events stats: the naming service at 127.0.0.1:{naming_port} does not answer")
+
+
+#: How each example is told where the naming service is, and what its consumer is interested in.
+CLIENTS: dict[str, tuple[Callable[[str], tuple[str, ...]], dict[str, str]]] = {
+    "events": (lambda naming: (), {"type": "robot.*", "source": "*"}),
+    "plain_events": (lambda naming: (naming, "-ORBendPoint", "giop:tcp:127.0.0.1:"), {"type": "*", "source": "*"}),
+}
+
+
+@pytest.mark.parametrize("client", CLIENTS)
+def test_the_example_clients(launch: Launch, federation: Running, events: Events, client: str) -> None:
+    arguments, interest = CLIENTS[client]
+    more = ("3", *arguments(str(federation.naming)))
+    environment = {"PYTHONPATH": str(ROOT), "ROBOCORBA_NAMING": str(federation.naming)}
+    program = (sys.executable, "-m", f"clients.{client}")
+
+    consumer = launch(*program, "consume", "hall", *more, **environment)
+    assert consumer.stdout is not None
+    assert consumer.stdout.readline() == "waiting\n"
+    eventually(lambda: is_wanted(events, interest, "lab"), 20, "the interest of hall")
+    done(launch(*program, "publish", "lab", *more, **environment))
+    lines = done(consumer).splitlines()
+    assert len(lines) == 3
+    assert all(str(number) in line for number, line in enumerate(lines))
+    assert [proxy for proxy in state(events, "hall")["proxies"] if proxy["kind"] == "PUSH_SUPPLIER"] == []

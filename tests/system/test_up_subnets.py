@@ -1,0 +1,141 @@
+"""robocorba up --subnets: an event channel for each sub-network, linked, killed, taken away and brought back."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.event_client import EventClient
+from robocorba.orb import Orb
+from robocorba.remote.event_peers import CHANNELS
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, read_json, refusal
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Running]
+
+
+def channel(orb: Orb, name: str) -> Any:
+    return orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, timeout_s=5.0)
+
+
+def peers(orb: Orb, name: str) -> list[str]:
+    return sorted(peer.name for peer in channel(orb, name).peers())
+
+
+def are_linked(orb: Orb, names: Iterable[str]) -> bool:
+    """Whether each of the channels has links with all of the others, and no more, and all are up both ways."""
+    names = set(names)
+    for name in names:
+        try:
+            links = channel(orb, name).state().links
+        except (CORBA.TRANSIENT, CORBA.COMM_FAILURE):  # it is being started again
+            return False
+        if {link.peer for link in links} != names - {name} or any(link.condition != RoboCorba.UP for link in links):
+            return False
+    return True
+
+
+def test_the_channels_are_a_federation(robocorba_up: Start, launch: Launcher, client: Orb) -> None:
+    names = ["hall", "lab", "yard"]
+    running = robocorba_up("--subnets", "lab,hall,yard").wait_ready()
+    for name in names:
+        line = (
+            f"events_{name}\t{running.pid(f'events_{name}')}\tcorbaname::{running.naming}#RoboCorba/{CHANNELS}/{name}"
+        )
+        assert line in running.printed
+        assert channel(client, name)._get_name() == name
+    assert client.names(CHANNELS) == names
+    assert client.names("nothing/like/it") == []
+    eventually(lambda: are_linked(client, names), 20, "all links")
+
+    status = launch(ROBOCORBA, "status", "--state", str(running.state), "--json")
+    out, err = status.communicate(timeout=30)
+    assert (status.returncode, err) == (0, "")
+    objects = {process["name"]: process["objects"] for process in read_json(out)["processes"]}
+    for name in names:
+        (found,) = objects[f"events_{name}"]
+        assert found["name"] == f"RoboCorba/{CHANNELS}/{name}"
+        assert found["answered_ms"] > 0
+        assert (running.state / "logs" / f"events_{name}.log").is_file()
+        assert (running.state / "channels" / f"{name}.sqlite").is_file()
+    assert running.stop() == 0
+    assert running.left_behind() == []
+
+
+def test_a_killed_channel_comes_back_with_its_links_and_clients(robocorba_up: Start, client: Orb) -> None:
+    running = robocorba_up("--subnets", "lab,hall").wait_ready()
+    eventually(lambda: are_linked(client, ["lab", "hall"]), 20, "the link")
+    got: list[int] = []
+    with EventClient(client, "hall") as listener, EventClient(client, "lab", "A") as speaker:
+        everything = listener.subscribe(lambda event: got.append(event.payload))
+        assert everything.wait_in_force("lab")
+        speaker.push("x", 1)
+        eventually(lambda: got == [1], what="the first event")
+        for name in ("lab", "hall"):
+            before = running.pid(f"events_{name}")
+            os.kill(before, signal.SIGKILL)
+            eventually(lambda: running.pid(f"events_{name}") not in (0, before), 30, "started again")  # noqa: B023
+            eventually(lambda: are_linked(client, ["lab", "hall"]), 30, "the link again")
+            assert everything.wait_in_force("lab", 20)
+            expected = [*got, len(got) + 1]
+            speaker.push("x", expected[-1])
+            eventually(lambda: got == expected, what="an event after the kill")  # noqa: B023
+    assert running.stop() == 0
+
+
+def test_subnets_go_and_come_back(robocorba_up: Start, client: Orb) -> None:
+    def up(subnets: str) -> Running:
+        return robocorba_up("--subnets", subnets).wait_ready()
+
+    running = up("lab,hall,yard")
+    eventually(lambda: are_linked(client, ["lab", "hall", "yard"]), 20, "all links")
+    endpoints = {process.name: process.endpoint for process in running.record().processes}
+    channel(client, "lab").addPeer(RoboCorba.PeerAddress("elsewhere", "127.0.0.1:9", False))
+    assert running.stop() == 0
+
+    running = up("lab")
+    assert client.names(CHANNELS) == ["lab"]
+    assert peers(client, "lab") == ["elsewhere"]  # which somebody else linked
+    assert [process.name for process in running.record().processes] == ["omniNames", "map_editor", "events_lab"]
+    channel(client, "lab").removePeer("elsewhere")
+    assert running.stop() == 0
+
+    # hall last ran with yard, and must not look for it now.
+    running = up("hall,lab,roof")
+    eventually(lambda: are_linked(client, ["hall", "lab", "roof"]), 20, "the links of those that are here now")
+    assert running.record().processes[2].endpoint == endpoints["events_hall"]
+    assert running.stop() == 0
+
+    running = up("lab,hall,yard")
+    eventually(lambda: are_linked(client, ["lab", "hall", "yard"]), 20, "all links as at first")
+    assert {process.name: process.endpoint for process in running.record().processes} == endpoints
+    assert running.stop() == 0
+    assert running.left_behind() == []
+
+
+def test_without_the_option_there_is_one_channel(robocorba_up: Start, client: Orb) -> None:
+    running = robocorba_up().wait_ready()
+    assert client.names(CHANNELS) == ["main"]
+    assert channel(client, "main").state().links == []
+    assert running.stop() == 0
+
+
+def test_a_long_list_of_names_comes_whole(echo_up: Start, client: Orb) -> None:
+    echo_up().wait_ready()
+    names = [f"n{number:04}" for number in range(1200)]
+    client.serve({f"many/{name}": RoboCorba__POA.PathPlanner() for name in names})
+    eventually(lambda: len(client.names("many")) == len(names), 20, "all names bound")
+    assert client.names("many") == names
+
+
+@pytest.mark.parametrize("subnets", ["lab,,hall", "lab,lab", "a b", "../lab"])
+def test_wrong_names_are_one_line(launch: Launcher, subnets: str) -> None:
+    said = refusal(launch(ROBOCORBA, "up", "--state", "state", "--subnets", subnets))
+    assert said.startswith(f"robocorba up: --subnets is '{subnets}': ")
