@@ -5,13 +5,14 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench stubs clean help
+.PHONY: demo test lint bench bench-events stubs clean help
 
 help:
 	@echo "make demo    plan paths over CORBA through the five-floor sample building"
 	@echo "make test    run every test"
 	@echo "make lint    formatting, lint and types"
 	@echo "make bench   measure, print tables, write JSON and pictures to bench/results"
+	@echo "make bench-events  the event service: the paper's Figure 13, and one channel beside other brokers"
 	@echo "make stubs   make the Python stubs from idl/ anew"
 	@echo "make clean   remove what make made"
 
@@ -47,6 +48,15 @@ lint: stubs
 
 bench: stubs
 	@$(BIN)/python -m bench
+
+# Peers whose clients can't be installed, or whose brokers are not there, are left out.
+$(VENV)/.peers: $(VENV)/.installed
+	-@$(BIN)/python -m pip install --quiet --editable '.[dev,bench]'
+	@touch $@
+
+bench-events: stubs $(VENV)/.peers
+	@$(BIN)/python -m bench.event_network
+	@$(BIN)/python -m bench.event_channel
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output
