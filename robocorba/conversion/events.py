@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import omniORB
 from omniORB import CORBA
 
-from robocorba.errors import InvalidEvent
+from robocorba.conversion import values
+from robocorba.errors import InvalidEvent, InvalidPeer
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import MAX_NAME, Encoding, Header, Run, Together, check, checked_header
-from robocorba.events.federation import Notice
+from robocorba.events.event import MAX_NAME, MAX_PAYLOAD_BYTES, Encoding, Header, Run, Together, check, checked_header
+from robocorba.events.federation import Notice, check_name, is_name
 from robocorba.events.foreign import ForeignLink
 from robocorba.events.links import Links, LinkStates
 from robocorba.events.outlet import Condition
@@ -27,6 +28,8 @@ from robocorba.events.store import PeerRecord
 from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
 from robocorba.stubs import RoboCorba
 
+values.mend()  # events may hold values of any type
+
 _ENCODINGS = {Encoding.MSGPACK: RoboCorba.MSGPACK, Encoding.CDR_ANY: RoboCorba.CDR_ANY}
 #: By the value of the enumerator: its hash would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
@@ -35,6 +38,8 @@ _RULE_OF = {struct: rule for rule, struct in _RULES.items()}
 _KINDS = {kind: getattr(RoboCorba, kind.name) for kind in Kind}
 _CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in Condition}
 
+#: Of an event; the file of the watermarks has as much room.
+_MAX_NUMBER = 2**64 - 1
 _EVENT_ID = "IDL:RoboCorba/Event:1.0"
 _TC_ANY = CORBA.TC_any
 #: Types without a repository id, by the kind of their typecode.
@@ -89,7 +94,8 @@ def run_from_elsewhere(value: Any) -> Run:
     run = run_of_any(value)
     if run.header.encoding is not Encoding.NATIVE:
         header = value._v.header
-        run.header = run.header._replace(origin=header.origin)
+        if header.origin:
+            run.header = _with_origin(run.header, header.origin)
         run.first = header.number
     return run
 
@@ -121,11 +127,19 @@ def run_of(struct: Any) -> Run:
 def forwarded_run_of(struct: Any) -> Run:
     """The events of an EventRun that a peer sent, with origin and numbers. Raises InvalidEvent."""
     run = run_of(struct)
-    if not struct.first.origin:
-        raise InvalidEvent("origin", "is empty")
-    run.header = run.header._replace(origin=struct.first.origin)
+    run.header = _with_origin(run.header, struct.first.origin)
     run.first = struct.first.number
+    if not 0 < run.first <= run.last <= _MAX_NUMBER:
+        raise InvalidEvent("number", f"{run.first} is not one of {len(run)} events")
     return run
+
+
+@lru_cache(4096)
+def _with_origin(header: Header, origin: str) -> Header:
+    try:
+        return header._replace(origin=check_name(origin))
+    except InvalidPeer as wrong:
+        raise InvalidEvent("origin", wrong.reason) from None
 
 
 # ---- events that go out ----
@@ -136,6 +150,20 @@ def event_run(run: Run) -> Any:
     if run.cached is None:
         run.cached = _Run(_header(run, 0, _encoded(run)), run.times, _payloads(run))
     return run.cached
+
+
+def event_runs(runs: Iterable[Run]) -> tuple[list[Any], list[Run]]:
+    """An EventRunSeq for a peer, and the runs that can't be in it: an `any` that is too large, or that has no CDR."""
+    structs, unsendable = [], []
+    for run in runs:
+        try:
+            struct = event_run(run)
+            if run.header.encoding is Encoding.NATIVE and max(map(len, struct.payloads), default=0) > MAX_PAYLOAD_BYTES:
+                raise InvalidEvent("payload", f"has more than {MAX_PAYLOAD_BYTES} bytes")
+            structs.append(struct)
+        except (CORBA.SystemException, InvalidEvent, TypeError, ValueError):
+            unsendable.append(run)
+    return structs, unsendable
 
 
 def event(run: Run) -> Any:
@@ -151,8 +179,8 @@ def any_of(run: Run) -> Any:
     if encoding is Encoding.CDR_ANY:
         try:
             return omniORB.cdrUnmarshal(_TC_ANY, run.payloads[0])
-        except CORBA.SystemException:
-            pass  # the supplier said so, but it isn't
+        except (CORBA.SystemException, SystemError):
+            pass  # the supplier said so, but it isn't; SystemError is how omniORBpy fails at some of what it isn't
     return CORBA.Any(RoboCorba._tc_Event, event(run))
 
 
@@ -310,9 +338,11 @@ def notices(values: Iterable[Notice]) -> list[Any]:
 
 
 def notices_of(structs: Iterable[Any]) -> list[Notice]:
-    """The notices in a ChannelNoticeSeq."""
+    """The notices in a ChannelNoticeSeq, without those of names that no channel can have."""
     return [
-        Notice(n.name, n.version, tuple(n.peers), tuple(Pattern(p.type, p.source) for p in n.interest)) for n in structs
+        Notice(n.name, n.version, tuple(n.peers), tuple(Pattern(p.type, p.source) for p in n.interest))
+        for n in structs
+        if is_name(n.name) and all(map(is_name, n.peers))
     ]
 
 

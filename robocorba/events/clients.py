@@ -39,7 +39,7 @@ class Supplier(Client, Protocol):
     """A supplier that is asked."""
 
     def try_pull(self, limit_s: float) -> Run | None:
-        """Its next event, as a run of one. Raises NotDelivered, Unconfirmed, ClientGone."""
+        """Its next event, as a run of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
 
 
 class Clients(Protocol):

@@ -24,8 +24,8 @@ class Correlator:
     """
 
     def __init__(self, which: int, clause: Clause, limit: int) -> None:
-        self.which, self.clause = which, clause
-        self._window, self._limit = clause.window, limit
+        self.which, self.clause, self.limit = which, clause, limit
+        self._window = clause.window
         self._slots: list[deque[Run]] = [deque() for _ in clause.patterns]
 
     def __len__(self) -> int:
@@ -38,19 +38,21 @@ class Correlator:
         slot = self._slots[place]
         slot.append(event)
         discarded = 0
-        if len(slot) > self._limit:
+        while len(slot) > self.limit:
             slot.popleft()
-            discarded = 1
+            discarded += 1
         together, expired = self._match(now)
         return Outcome(together, expired, discarded)
 
     def _match(self, now: float) -> tuple[Together | None, int]:
         expired = 0
-        for slot in self._slots:
-            while slot and slot[0].fresh(now) is None:
-                slot.popleft()
-                expired += 1
-        while all(self._slots):
+        while True:
+            for slot in self._slots:
+                while slot and slot[0].fresh(now) is None:
+                    slot.popleft()
+                    expired += 1
+            if not all(self._slots):
+                return None, expired
             heads = [slot[0] for slot in self._slots]
             times = [head.times[0] for head in heads]
             if not self._window or max(times) - min(times) <= self._window:
@@ -60,4 +62,3 @@ class Correlator:
             # The oldest can't be paired any more: whatever comes for the other patterns is later still.
             self._slots[times.index(min(times))].popleft()
             expired += 1
-        return None, expired

@@ -94,20 +94,19 @@ class Run:
         return Run(self.header, self.times[start:stop], self.payloads[start:stop], self.first + start, self.via)
 
     def fresh(self, now: float) -> Run | None:
-        """What of it has not expired at `now`, in s since 1970."""
+        """What of it has not expired at `now`, in s since 1970.
+
+        Where it has numbers already these must go on counting up by one, so that what lies between others stays."""
         expiry = self.header.expiry
         if not expiry or all(time + expiry > now for time in self.times):
             return self
         keep = [index for index, time in enumerate(self.times) if time + expiry > now]
         if not keep:
             return None
-        if keep[-1] - keep[0] + 1 == len(keep):
+        if self.first:
             return self.part(keep[0], keep[-1] + 1)
-        # Numbers would no longer count up by one; times that go back are rare, so what follows a gap goes too.
-        start = stop = keep[-1]
-        while start - 1 in keep:
-            start -= 1
-        return self.part(start, stop + 1)
+        times, payloads = [self.times[index] for index in keep], [self.payloads[index] for index in keep]
+        return Run(self.header, times, payloads, via=self.via)
 
 
 class Together:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 from robocorba.errors import InvalidSubscription
@@ -14,6 +15,8 @@ MAX_CLAUSES = 200
 MAX_PATTERNS = 16
 #: A union of more patterns than this becomes "everything".
 MAX_UNION = 2000
+#: With how many others each pattern of a union is compared.
+MAX_GENERAL = 16
 
 
 class Pattern(NamedTuple):
@@ -94,12 +97,24 @@ def fit(subscription: Subscription, type: str, source: str) -> Fit | None:
 
 
 def union(patterns: Iterable[Pattern]) -> tuple[Pattern, ...]:
-    """The fewest of the patterns that cover all of them, sorted. More than MAX_UNION become one that covers all."""
+    """A few of the patterns that cover all of them, sorted. More than MAX_UNION become one that covers all."""
     unique = sorted(set(patterns))
     if EVERYTHING in unique or len(unique) > MAX_UNION:
         return (EVERYTHING,)
-    general = [pattern for pattern in unique if "*" in pattern.type + pattern.source or "?" in "".join(pattern)]
-    return tuple(p for p in unique if not any(other is not p and other.covers(p) for other in general))
+    # By type, or by "" where that has wildcards, those that may cover others. The shortest ones cover the most.
+    general: dict[str, list[Pattern]] = {}
+    for pattern in sorted(unique, key=lambda pattern: len(pattern.type) + len(pattern.source)):
+        if _has_wildcards(pattern.type) or _has_wildcards(pattern.source):
+            group = general.setdefault("" if _has_wildcards(pattern.type) else pattern.type, [])
+            if len(group) < MAX_GENERAL:
+                group.append(pattern)
+    left = dict.fromkeys(unique)
+    for pattern in unique:
+        wider = chain(general.get("", ()), general.get(pattern.type, ()))
+        # Of two that cover each other, such as a* and a**, one must stay: what goes no longer covers anything.
+        if any(other is not pattern and other in left and other.covers(pattern) for other in wider):
+            del left[pattern]
+    return tuple(left)
 
 
 def patterns_of(subscription: Subscription) -> Iterable[Pattern]:
@@ -110,6 +125,10 @@ def patterns_of(subscription: Subscription) -> Iterable[Pattern]:
 def is_covered(pattern: Pattern, interest: Iterable[Pattern]) -> bool:
     """Whether one of `interest` lets everything through that `pattern` does."""
     return any(wider.covers(pattern) for wider in interest)
+
+
+def _has_wildcards(text: str) -> bool:
+    return "*" in text or "?" in text
 
 
 @lru_cache(8192)
