@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Orb(settings.server.naming, settings.server.endpoint) as orb,
     ):
         server = ChannelServer(settings.name, orb, store, watermarks)
-        with contextlib.closing(server.links):
+        with contextlib.closing(server.links), contextlib.closing(server.proxies):
             server.start(peers)
             orb.run()
 

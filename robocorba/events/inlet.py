@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.errors import ClientGone, Disconnected, NotDelivered, ProxyGone, Unconfirmed
+from robocorba.errors import ClientGone, Disconnected, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events.account import Account, Totals
 from robocorba.events.clients import Client, Supplier
 from robocorba.events.event import Run
@@ -103,7 +103,7 @@ class PolledInlet(Inlet):
                 gone = str(error)
             except (Disconnected, ProxyGone):
                 return
-            except (NotDelivered, Unconfirmed) as error:
+            except (NotDelivered, Unconfirmed, Refused) as error:
                 self._failed += 1
                 self.condition = Condition.STALLED
                 pause = min(FIRST_PAUSE_S * 2.0 ** min(self._failed - 1, 10), LONGEST_PAUSE_S)

@@ -39,7 +39,7 @@ class Selection:
         for number, clause in enumerate(subscription):
             if clause.is_conjunction:
                 correlator = kept.pop(clause) if clause in kept else Correlator(number, clause, limit)
-                correlator.which = number
+                correlator.which, correlator.limit = number, limit
                 self._correlators[number] = correlator
 
     def __len__(self) -> int:
@@ -181,18 +181,27 @@ class Outlet:
         self.account.discarded += self._queue.put(item)
 
     def _wake(self) -> None:
-        self._changed.notify()
+        self._changed.notify_all()
 
 
 class PullOutlet(Outlet):
     """Serves a consumer that fetches events, one at a time."""
+
+    _is_released = False
+
+    def release(self) -> None:
+        """This process ends: nobody waits for an event any more."""
+        self._is_released = True
+        self._changed.notify_all()
 
     def connect(self, client: Client | None) -> None:
         """Begin to collect events; a nil client is never called back."""
         self.client, self.condition = client, Condition.CONNECTED
 
     def pull(self, limit_s: float) -> Run | None:
-        """The next event, as a run of one, once there is one; None after `limit_s`. Raises Disconnected, ProxyGone."""
+        """The next event, as a run of one, once there is one; None after `limit_s`, and where this process ends before.
+
+        Raises Disconnected, ProxyGone."""
         deadline = time.monotonic() + limit_s
         with self._lock:
             while True:
@@ -207,6 +216,6 @@ class PullOutlet(Outlet):
                         return run
                     continue
                 left = deadline - time.monotonic()
-                if left <= 0:
+                if left <= 0 or self._is_released:
                     return None
                 self._changed.wait(left)

@@ -64,7 +64,7 @@ class Proxies:
     """All proxies of `channel`, kept in `store`; policy: of the queues of those who can't choose.
 
     on_interest is called where subscriptions have changed; on_removed with the id of a proxy that has ended, before its
-    client is told. Both without a lock."""
+    client is told. Both without the channel's lock."""
 
     def __init__(
         self,
@@ -134,8 +134,8 @@ class Proxies:
             if outlet.client and outlet.client.reference != client.reference:
                 before = outlet.client
             with self._channel.lock:
-                outlet.select(subscription)
                 outlet.resize(policy)
+                outlet.select(subscription)
                 outlet.connect(client)
             self._save(outlet)
         self._interest_changed()
@@ -179,7 +179,7 @@ class Proxies:
                 with self._channel.lock:
                     proxy.leave()
                 self._save(proxy)
-            self._on_removed(proxy.id)
+                self._on_removed(proxy.id)  # before the next client of this name can take it over
             client.disconnect()
         else:
             self._remove(proxy)
@@ -203,7 +203,8 @@ class Proxies:
 
     def restore(self, clients: Clients) -> list[Proxy]:
         """Make the proxies that the channel had before it was killed, connected as they were."""
-        for record in self._store.proxies():
+        # Suppliers are asked as soon as they are connected: only when everybody is there to get their events.
+        for record in sorted(self._store.proxies(), key=lambda record: record.kind == Kind.PULL_CONSUMER.value):
             kind = Kind(record.kind)
             proxy = self._make(kind, record.id, record.subscription, record.policy or self._policy, record.name)
             self._all[record.id] = proxy
@@ -217,6 +218,13 @@ class Proxies:
                     proxy.suspend()
         self._interest_changed()
         return list(self._all.values())
+
+    def close(self) -> None:
+        """Send those away who wait for events: this process ends."""
+        with self._lock, self._channel.lock:
+            for proxy in self._all.values():
+                if isinstance(proxy, PullOutlet):
+                    proxy.release()
 
     def states(self) -> list[ProxyState]:
         """All proxies, each at one moment."""

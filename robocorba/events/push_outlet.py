@@ -84,6 +84,10 @@ class PushOutlet(Outlet):
         if self.client:
             self.condition, self._inline = Condition.SUSPENDED, 0
 
+    def end(self) -> None:
+        super().end()
+        self._inline = 0
+
     def resume(self) -> None:
         if self.condition is Condition.SUSPENDED:
             self.condition = Condition.CONNECTED
@@ -200,22 +204,23 @@ class PushOutlet(Outlet):
         count = sum(map(len, items))
         with self._lock:
             self._busy, self._in_flight = False, 0
-            if isinstance(failure, Unconfirmed):
+            if isinstance(failure, Refused):  # it is there
+                self.account.discarded += count
+                _log.info("%s refused an event (%s)", self.id, failure)
+            elif isinstance(failure, Unconfirmed):
                 self.account.delivered += count
                 self.account.unconfirmed += count
-            elif isinstance(failure, NotDelivered):
-                self._take_back(items)
             else:
-                self.account.discarded += count
-            if isinstance(failure, Refused):  # it is there
-                _log.info("%s refused an event (%s)", self.id, failure)
-            elif client is not None and client is self.client:
+                self._take_back(items)
+            if client is not None and client is self.client and not isinstance(failure, Refused):
                 self._failed += 1
-                if self.condition is Condition.CONNECTED and not isinstance(failure, ClientGone):
+                if self.condition is Condition.CONNECTED:
                     self.condition, self._inline = Condition.STALLED, 0
-                    _log.info("%s at %s does not answer (%s)", self.id, client.address, failure)
+                    self._changed.notify()  # the thread may rest after its work
+                    _log.info("%s at %s does not take events (%s)", self.id, client.address, failure)
+            is_given_up = isinstance(failure, ClientGone) or (self._failed >= MAX_FAILURES and not self.name)
             self._wake()
-        if isinstance(failure, ClientGone):
+        if is_given_up:
             self._on_given_up(self, str(failure))
 
     def _take_back(self, items: Sequence[Item]) -> None:

@@ -141,9 +141,13 @@ class Store:
         rows = [("notice", notice.name, msgspec.msgpack.encode(notice)) for notice in notices]
         with self._guarded(), self._lock:
             self._db.execute("BEGIN")
-            self._db.execute("DELETE FROM records WHERE kind = 'notice'")
-            self._db.executemany("INSERT INTO records VALUES (?, ?, ?)", rows)
-            self._db.execute("COMMIT")
+            try:
+                self._db.execute("DELETE FROM records WHERE kind = 'notice'")
+                self._db.executemany("INSERT INTO records VALUES (?, ?, ?)", rows)
+                self._db.execute("COMMIT")
+            finally:
+                if self._db.in_transaction:
+                    self._db.execute("ROLLBACK")
 
     def clear(self) -> None:
         """Forget all but the numbers: the channel was destroyed."""

@@ -10,6 +10,7 @@ from omniORB import CORBA
 
 from robocorba.conversion import events
 from robocorba.conversion.errors import translating
+from robocorba.errors import TooManyProxies
 from robocorba.events.channel import Channel
 from robocorba.events.links import Links
 from robocorba.events.proxies import Kind, Proxies, Proxy
@@ -105,31 +106,35 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
         return events.feed_terms(self._objects.feed, session, position)
 
 
-class SupplierAdminServant(CosEventChannelAdmin__POA.SupplierAdmin):
+class _Admin:
+    """Base of both admins."""
+
+    def __init__(self, proxies: Proxies, objects: Objects) -> None:
+        self._proxies, self._objects = proxies, objects
+
+    @translating
+    def _obtain(self, kind: Kind) -> Any:
+        try:
+            return self._objects.of(self._proxies.obtain(kind))
+        except TooManyProxies:  # the standard has no exception for it
+            raise CORBA.IMP_LIMIT(0, CORBA.COMPLETED_NO) from None
+
+
+class SupplierAdminServant(_Admin, CosEventChannelAdmin__POA.SupplierAdmin):
     """Hands out proxies to suppliers."""
 
-    def __init__(self, proxies: Proxies, objects: Objects) -> None:
-        self._proxies, self._objects = proxies, objects
-
-    @translating
     def obtain_push_consumer(self) -> Any:
-        return self._objects.of(self._proxies.obtain(Kind.PUSH_CONSUMER))
+        return self._obtain(Kind.PUSH_CONSUMER)
 
-    @translating
     def obtain_pull_consumer(self) -> Any:
-        return self._objects.of(self._proxies.obtain(Kind.PULL_CONSUMER))
+        return self._obtain(Kind.PULL_CONSUMER)
 
 
-class ConsumerAdminServant(CosEventChannelAdmin__POA.ConsumerAdmin):
+class ConsumerAdminServant(_Admin, CosEventChannelAdmin__POA.ConsumerAdmin):
     """Hands out proxies to consumers."""
 
-    def __init__(self, proxies: Proxies, objects: Objects) -> None:
-        self._proxies, self._objects = proxies, objects
-
-    @translating
     def obtain_push_supplier(self) -> Any:
-        return self._objects.of(self._proxies.obtain(Kind.PUSH_SUPPLIER))
+        return self._obtain(Kind.PUSH_SUPPLIER)
 
-    @translating
     def obtain_pull_supplier(self) -> Any:
-        return self._objects.of(self._proxies.obtain(Kind.PULL_SUPPLIER))
+        return self._obtain(Kind.PULL_SUPPLIER)

@@ -10,7 +10,7 @@ from omniORB import CORBA
 
 from robocorba.conversion import events
 from robocorba.conversion.errors import raise_idl, translating
-from robocorba.errors import Disconnected, ProxyGone, RoboCorbaError
+from robocorba.errors import Disconnected, InvalidEvent, ProxyGone, RoboCorbaError
 from robocorba.events.inlet import Inlet
 from robocorba.events.outlet import PullOutlet
 from robocorba.events.proxies import Kind, Proxies
@@ -48,6 +48,8 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     def push(self, value: Any) -> None:
         try:
             self._inlet.push(events.run_of_any(value))
+        except InvalidEvent:  # the standard has no exception for it
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
         except RoboCorbaError as error:
             raise_idl(error)
 
