@@ -171,18 +171,19 @@ class Channel:
 
     def _new_route(self, header: Header) -> _Route:
         type, source, origin = header.type, header.source, header.origin
-        sinks: list[tuple[Sink, Fit]] = []
+        feeds, passed_over = [], []
+        for peer, feed in self.feeds.items():
+            if self.federation.is_wanted(peer, type, source, origin):
+                feeds.append(feed)
+            elif peer != origin:
+                passed_over.append(feed)
+        # Peers first: what goes to them waits for no answer, and has the longest way.
+        sinks: list[tuple[Sink, Fit]] = [(feed, _AS_IT_IS) for feed in feeds]
         for outlet in self.outlets.values():
             fits = fit(outlet.subscription, type, source) if outlet.is_selecting else None
             if fits:
                 sinks.append((outlet, fits))
         blocking = [outlet for outlet, _ in sinks if isinstance(outlet, Outlet) and outlet.is_blocking]
-        passed_over = []
-        for peer, feed in self.feeds.items():
-            if self.federation.is_wanted(peer, type, source, origin):
-                sinks.append((feed, _AS_IT_IS))
-            elif peer != origin:
-                passed_over.append(feed)
         return _Route(header, sinks, passed_over, blocking, min((o.policy.size for o in blocking), default=0))
 
     # ---- who wants what; called with the lock ----

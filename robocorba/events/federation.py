@@ -34,9 +34,14 @@ class Notice(NamedTuple):
 
 def check_name(name: str, field: str = "name") -> str:
     """The name of a channel: it stands in object keys, files and the naming service. Raises InvalidPeer."""
-    if not re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", name):
+    if not is_name(name):
         raise InvalidPeer(field, f"{name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ - (first: no . or -)")
     return name
+
+
+def is_name(text: str) -> bool:
+    """Whether a channel can have this name."""
+    return re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", text) is not None
 
 
 class Federation:
@@ -44,6 +49,7 @@ class Federation:
 
     def __init__(self, name: str, known: Iterable[Notice] = ()) -> None:
         self.name = name
+        #: Those of channels that no way leads to just now count for nothing, but are kept: nobody tells them again.
         self._notices = {notice.name: notice for notice in known}
         own = self._notices.get(name)
         self._notices[name] = Notice(name, _next_version(own), own.peers if own else (), own.interest if own else ())
@@ -55,8 +61,9 @@ class Federation:
 
     @property
     def notices(self) -> list[Notice]:
-        """Its own first, then the others by name."""
-        return sorted(self._notices.values(), key=lambda notice: (notice.name != self.name, notice.name))
+        """Of the channels that can be reached: its own first, then the others by name."""
+        near = (notice for notice in self._notices.values() if notice.name in self._near)
+        return sorted(near, key=lambda notice: (notice.name != self.name, notice.name))
 
     def interest_of(self, channel: str) -> tuple[Pattern, ...]:
         notice = self._notices.get(channel)
@@ -68,21 +75,30 @@ class Federation:
         if (own.peers, own.interest) == (peers, interest):
             return False
         self._notices[self.name] = Notice(self.name, _next_version(own), peers, interest)
-        self._find_ways()
+        if peers != own.peers:
+            self._find_ways()
         return True
 
     def learn(self, notices: Iterable[Notice]) -> bool:
         """Take in what another channel knows; whether any of it was new."""
-        changed = False
+        changed = is_moved = False
         for notice in notices:
             known = self._notices.get(notice.name)
-            if notice.name == self.name or (known and known.version >= notice.version):
+            if known and known.version >= notice.version:
                 continue
-            if known is None and len(self._notices) >= MAX_CHANNELS:
+            if notice.name == self.name:
+                if notice.version > _clock():  # of before it was set back: what this channel says now has to count
+                    self._notices[self.name] = self.own._replace(version=notice.version + 1)
+                    changed = True
                 continue
-            self._notices[notice.name] = notice._replace(interest=notice.interest[:MAX_UNION])
             changed = True
-        if changed:
+            if known is None and len(self._notices) >= MAX_CHANNELS:
+                self._notices = {near.name: near for near in self.notices}
+                if len(self._notices) >= MAX_CHANNELS:
+                    continue
+            self._notices[notice.name] = notice._replace(interest=notice.interest[:MAX_UNION])
+            is_moved |= known is None or known.peers != notice.peers
+        if is_moved:
             self._find_ways()
         return changed
 
@@ -98,10 +114,17 @@ class Federation:
 
     def _leads(self, origin: str, peer: str, target: str) -> bool:
         """Whether a shortest way from `origin` to `target` goes from here on to `peer`."""
-        rest = 1 + self._ways.get(peer, {}).get(target, _FAR)
-        if origin not in self._ways or origin == self.name:
-            return rest == self._ways[self.name].get(target, _FAR)
-        return self._ways[origin].get(self.name, _FAR) + rest == self._ways[origin].get(target, _FAR)
+        rest = 1 + self._distances(peer).get(target, _FAR)
+        if origin == self.name or origin not in self._near:
+            return rest == self._near.get(target, _FAR)
+        return self._near[origin] + rest == self._distances(origin).get(target, _FAR)
+
+    def _distances(self, channel: str) -> dict[str, int]:
+        """How many links away from one channel the others are."""
+        if channel not in self._ways:
+            known = channel in self._graph
+            self._ways[channel] = nx.single_source_shortest_path_length(self._graph, channel) if known else {}
+        return self._ways[channel]
 
     def _find_ways(self) -> None:
         """Shortest ways over the links that both ends tell of; an end that tells nothing yet is believed."""
@@ -112,11 +135,16 @@ class Federation:
                 other = self._notices.get(peer)
                 if other is None or notice.name in other.peers:
                     graph.add_edge(notice.name, peer)
-        self._ways: dict[str, dict[str, int]] = dict(nx.all_pairs_shortest_path_length(graph))
-        near = self._ways[self.name]
-        self._notices = {name: notice for name, notice in self._notices.items() if name in near}
+        self._graph = graph
+        self._ways: dict[str, dict[str, int]] = {}
+        self._near = self._distances(self.name)
 
 
 def _next_version(before: Notice | None) -> int:
     """By the clock, so that a channel that lost its state is believed again."""
-    return max(before.version + 1 if before else 0, time.time_ns() // 1000)
+    return max(before.version + 1 if before else 0, _clock())
+
+
+def _clock() -> int:
+    """Microseconds since 1970."""
+    return time.time_ns() // 1000

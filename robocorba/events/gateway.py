@@ -81,7 +81,7 @@ class Gateway:
         self._on_news = on_news
         self._lock = threading.Lock()
         self._woken = threading.Event()
-        self._is_ended = False
+        self._is_ended = self._leaves = False
         self._port: FeedPort | None = None
         self.session = ""
         self._expected = 1
@@ -100,10 +100,12 @@ class Gateway:
 
     def end(self, leave: bool = False) -> None:
         """Stop; `leave` tells the peer that it is for good."""
-        self._is_ended = True
+        with self._lock:
+            self._is_ended, self._leaves = True, leave
+            port = self._port
         self._woken.set()
-        if leave and self._port:
-            self._port.leave()
+        if leave and port:
+            port.leave()
 
     def wake(self) -> None:
         """There is news to tell, or the peer is known to be back."""
@@ -192,8 +194,9 @@ class Gateway:
                 self._set_problem("internal fault, see the log")
             if self._is_ended:
                 return
-            self._woken.wait(pause * random.uniform(0.5, 1.0))
-            pause = min(2 * pause, longest)
+            is_called = self._woken.wait(pause * random.uniform(0.5, 1.0))
+            self._woken.clear()
+            pause = FIRST_PAUSE_S if is_called else min(2 * pause, longest)
 
     def _begin(self, port: FeedPort) -> None:
         with self._lock:
@@ -202,7 +205,8 @@ class Gateway:
             self._early.clear()
             self._told.clear()
             self._joins += 1
-        if self._is_ended:
+            is_too_late = self._leaves
+        if is_too_late:
             port.leave()
 
     def _renew(self) -> None:

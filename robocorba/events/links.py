@@ -10,6 +10,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from robocorba.errors import InvalidPeer, ServiceError, SessionOver, UnknownPeer
@@ -40,11 +41,12 @@ class LinkStates(NamedTuple):
     wanted_here: tuple[Pattern, ...]
 
 
-class _Link(NamedTuple):
+@dataclass(slots=True, eq=False)
+class _Link:
     record: PeerRecord
     feed: Feed
     gateway: Gateway
-    #: Versions of the notices that the peer knows, as far as this end told or heard them.
+    #: Versions of the notices that the peer knows, as far as the feed told or heard them in its present session.
     told: dict[str, int]
 
 
@@ -107,8 +109,11 @@ class Links:
             link = self._links.pop(name, None)
             if link is None:
                 raise UnknownPeer(name, sorted(self._links))
-            self._store.save_peer(_removed(link.record))
-            self._removed.add(name)
+            if is_told:  # whoever has removed this channel may add it again
+                self._store.forget_peer(name)
+            else:
+                self._store.save_peer(_removed(link.record))
+                self._removed.add(name)
             with self._channel.lock:
                 self._channel.feeds.pop(name, None)
                 link.feed.end()
@@ -164,9 +169,10 @@ class Links:
             if consuming not in self._links:
                 self.add(PeerRecord(consuming, reference=reference))
             link = self._links[consuming]
-            link.told.clear()
+            self._note_reference(link.record, reference)
             with self._channel.lock:
                 terms = link.feed.join(port)
+                link.told = {}
         link.gateway.wake()  # it is there: no need to wait for the next attempt
         return terms
 
@@ -175,12 +181,13 @@ class Links:
         link = self._fed_by(session)
         with self._channel.lock:
             link.feed.renew(session, position)
-        link.told.update((notice.name, notice.version) for notice in news)
+            told = link.told  # of this session: should another one begin meanwhile, the peer does not get this answer
+        told.update((notice.name, notice.version) for notice in news)
         if news:
             self.learn(news)
         with self._channel.lock:
-            answer = [n for n in self._channel.federation.notices if link.told.get(n.name, 0) < n.version]
-        link.told.update((notice.name, notice.version) for notice in answer)
+            answer = [n for n in self._channel.federation.notices if told.get(n.name, 0) < n.version]
+        told.update((notice.name, notice.version) for notice in answer)
         return answer
 
     def acknowledge(self, session: str, position: int) -> None:
@@ -222,13 +229,19 @@ class Links:
 
     def _begin(self, record: PeerRecord) -> FeedPort:
         port, reference = self._join(record)
-        if reference != record.reference:
-            record.reference = reference
-            with self._lock:
-                link = self._links.get(record.name)
-                if link and link.record is record:
-                    self._store.save_peer(record)
+        with self._lock:
+            self._note_reference(record, reference)
         return port
+
+    def _note_reference(self, record: PeerRecord, reference: str) -> None:
+        """Where a peer is now: there it is looked for first, also after a restart."""
+        link = self._links.get(record.name)
+        if reference != record.reference and link and link.record is record:
+            record.reference = reference
+            try:
+                self._store.save_peer(record)
+            except ServiceError as wrong:  # after a restart it will be looked for as it was the first time
+                _log.error("%s", wrong)
 
     def _link_foreign(self, record: PeerRecord) -> None:
         link = ForeignLink(record.name, self._channel, self._attach(record))

@@ -23,6 +23,9 @@ ACKNOWLEDGE_LIMIT_S = 0.2
 FIND_LIMIT_S = 1.0
 CHANNELS = "EventChannels"
 
+#: What is wrong with the events themselves.
+_WHATEVER_IS_TRIED = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
+
 _log = logging.getLogger(__name__)
 
 
@@ -32,12 +35,19 @@ class RemoteGateway:
     def __init__(self, orb: Orb, reference: Any) -> None:
         self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
 
-    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> None:
+    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
         omniORB.setClientCallTimeout(self._remote, max(1, round(limit_s * 1000)))
+        structs, unsendable = events.event_runs(runs)
         try:
-            self._remote.forward(session, position, [events.event_run(run) for run in runs])
+            try:
+                self._remote.forward(session, position, structs)
+            except _WHATEVER_IS_TRIED as wrong:
+                _log.warning("a batch can't be sent (%s)", describe(wrong))
+                self._remote.forward(session, position, [])
+                return runs
         except CORBA.SystemException as wrong:
             raise NotDelivered(describe(wrong)) from None
+        return unsendable
 
 
 class RemoteFeed:
@@ -109,6 +119,10 @@ class Joining:
             terms = channel.joinGateway(self._name, self._channel, self._gateway)
         except RoboCorba.InvalidPeer as wrong:
             raise InvalidPeer(wrong.field, wrong.reason) from None
+        except CORBA.OBJECT_NOT_EXIST:
+            raise InvalidPeer("address", f"there is no channel {record.name!r} at this address") from None
+        except CORBA.BAD_OPERATION:
+            raise InvalidPeer("address", "what is at this address is no event channel") from None
         except CORBA.SystemException as wrong:
             raise NotReachable(f"{record.name} does not answer ({describe(wrong)})") from None
         return RemoteFeed(self._orb, terms), self._orb.uri(channel)
