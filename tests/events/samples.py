@@ -1,0 +1,129 @@
+"""Runs of events, and small clients that note what they are given."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from robocorba.errors import EventError
+from robocorba.events.account import Totals
+from robocorba.events.channel import Channel
+from robocorba.events.event import Header, Run, Together
+from robocorba.events.federation import Federation
+from robocorba.events.outlet import Outlet
+from robocorba.events.queue import Item
+from robocorba.events.subscription import Clause, Pattern, Subscription
+from robocorba.events.watermarks import Watermarks
+
+NOW = 1_000_000.0
+_references = itertools.count()
+
+
+def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, expiry: float = 0.0) -> Run:
+    """Events made at NOW, each with its number as payload."""
+    return Run(Header(type, "A", "lab", priority, expiry), [NOW] * count, list(range(first, first + count)), first)
+
+
+def said(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> Run:
+    """Events as a supplier gives them: without origin, numbers and times."""
+    return Run(Header(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
+
+
+def numbers(items: Sequence[Item]) -> list[int]:
+    """The numbers of all events, in order."""
+    runs = [run for item in items for run in (item.runs if isinstance(item, Together) else (item,))]
+    return [run.first + place for run in runs for place in range(len(run))]
+
+
+def wanting(*types: str) -> Subscription:
+    """A disjunction of types."""
+    return tuple(Clause((Pattern(type),)) for type in types)
+
+
+def is_balanced(totals: Totals) -> bool:
+    """Whether no event is missing or counted twice."""
+    return totals.received == totals.delivered + totals.discarded + totals.expired + totals.queued
+
+
+class Consumer:
+    """A consumer; `answer` may raise instead of taking what it is given, and `is_there` may raise or be False."""
+
+    def __init__(self, takes_batches: bool = True, answer: Callable[[Sequence[Item]], None] | None = None) -> None:
+        self.takes_batches = takes_batches
+        self.reference = self.address = f"consumer {next(_references)}"
+        self.answer = answer or (lambda items: None)
+        self.is_there: Callable[[], bool] = lambda: True
+        self.items: list[Item] = []
+        self.disconnections = 0
+        self.overlaps = 0
+        self._busy = threading.Lock()
+
+    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+        if not self._busy.acquire(blocking=False):
+            self.overlaps += 1
+            raise AssertionError("called by two threads at once")
+        try:
+            self.answer(items)
+            self.items += items
+        finally:
+            self._busy.release()
+
+    def answers(self, limit_s: float) -> bool:
+        return self.is_there()
+
+    def disconnect(self) -> None:
+        self.disconnections += 1
+
+    @property
+    def payloads(self) -> list[object]:
+        """Of all single events that it has got."""
+        return [payload for item in self.items if isinstance(item, Run) for payload in item.payloads]
+
+
+class Supplier:
+    """A supplier that is asked: gives `runs` in turn, then nothing; an error among them is raised."""
+
+    def __init__(self, *runs: Run | EventError) -> None:
+        self.reference = self.address = f"supplier {next(_references)}"
+        self.runs = list(runs)
+        self.asked = 0
+        self.disconnections = 0
+
+    def try_pull(self, limit_s: float) -> Run | None:
+        self.asked += 1
+        run = self.runs.pop(0) if self.runs else None
+        if isinstance(run, EventError):
+            raise run
+        return run
+
+    def disconnect(self) -> None:
+        self.disconnections += 1
+
+
+def failing(*errors: EventError) -> Callable[[Sequence[Item]], None]:
+    """Raises one error a call, then takes everything."""
+    left = list(errors)
+
+    def answer(items: Sequence[Item]) -> None:
+        if left:
+            raise left.pop(0)
+
+    return answer
+
+
+@contextmanager
+def open_channel(folder: Path, first_number: int = 1) -> Iterator[Channel]:
+    """Channel `lab`, without peers."""
+    with Watermarks(folder / "lab.seen") as watermarks:
+        yield Channel(Federation("lab", []), watermarks, first_number)
+
+
+def add(channel: Channel, outlet: Outlet, client: object = None) -> None:
+    """Connect a client by an outlet."""
+    with channel.lock:
+        channel.outlets[outlet.id] = outlet
+        outlet.connect(client)
+        channel.changed()

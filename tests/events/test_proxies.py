@@ -1,0 +1,321 @@
+"""Proxies through their lives, and through restarts of the channel."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robocorba.errors import (
+    AlreadyConnected,
+    AlreadyRunning,
+    ClientGone,
+    Disconnected,
+    InvalidQueue,
+    ProxyGone,
+    ServiceError,
+    TooManyProxies,
+    UnknownSubscription,
+)
+from robocorba.events import inlet as inlets
+from robocorba.events import proxies as module
+from robocorba.events.channel import Channel
+from robocorba.events.inlet import Inlet
+from robocorba.events.outlet import Condition, Outlet, PullOutlet
+from robocorba.events.proxies import Kind, Proxies, Proxy
+from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.queue import OverflowRule, QueuePolicy
+from robocorba.events.store import PeerRecord, Store
+from robocorba.events.subscription import ALL
+from tests.events.samples import Consumer, Supplier, failing, open_channel, said, wanting
+from tests.system.processes import eventually
+
+POLICY = QueuePolicy(100)
+
+
+class Lab:
+    """A channel's proxies, their clients by reference, and what was removed."""
+
+    def __init__(self, channel: Channel, store: Store, clients: dict[str, Any]) -> None:
+        self.channel, self.clients = channel, clients
+        self.removed: list[str] = []
+        self.proxies = Proxies(channel, store, POLICY, lambda: None, self.removed.append)
+
+    def find(self, kind: str, reference: str) -> Any:
+        return self.clients[reference]
+
+    def known(self, client: Any) -> Any:
+        self.clients[client.reference] = client
+        return client
+
+    def say(self, *payloads: bytes) -> None:
+        inlet = self.proxies.supply("A")
+        for payload in payloads:
+            inlet.push(said("t", payload))
+
+
+@contextmanager
+def lab_in(folder: Path, clients: dict[str, Any] | None = None) -> Iterator[Lab]:
+    with Store(folder / "lab.sqlite") as store, open_channel(folder, store.first_number()) as channel:
+        lab = Lab(channel, store, clients if clients is not None else {})
+        lab.proxies.restore(lab)
+        yield lab
+        with channel.lock:
+            for state in lab.proxies._all.values():
+                state.end()
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with lab_in(tmp_path) as lab:
+        yield lab
+
+
+CLIENTS = {
+    Kind.PUSH_CONSUMER: Supplier,
+    Kind.PULL_CONSUMER: Supplier,
+    Kind.PUSH_SUPPLIER: Consumer,
+    Kind.PULL_SUPPLIER: Consumer,
+}
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Kind) -> None:
+    client = CLIENTS[kind]()
+    proxy = lab.proxies.obtain(kind)
+    assert lab.proxies.state(proxy).condition is Condition.WAITING
+    lab.proxies.connect(proxy, client)
+    with pytest.raises(AlreadyConnected):
+        lab.proxies.connect(proxy, CLIENTS[kind]())
+    state = lab.proxies.state(proxy)
+    assert (state.kind, state.condition, state.client) == (kind, Condition.CONNECTED, client.address)
+    lab.proxies.disconnect(proxy)
+    for act in (lambda: lab.proxies.disconnect(proxy), lambda: lab.proxies.connect(proxy, client)):
+        with pytest.raises(ProxyGone):
+            act()
+    assert (client.disconnections, lab.removed, lab.proxies.states()) == (1, [proxy.id], [])
+
+
+@pytest.mark.parametrize("kind", [Kind.PUSH_CONSUMER, Kind.PULL_SUPPLIER])
+def test_a_nil_client_is_connected_as_well(lab: Lab, kind: Kind) -> None:
+    proxy = lab.proxies.obtain(kind)
+    lab.proxies.connect(proxy, None)
+    with pytest.raises(AlreadyConnected):
+        lab.proxies.connect(proxy, None)
+    lab.proxies.disconnect(proxy)
+
+
+def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
+    seen: list[list[str]] = []
+
+    class Mutual(Consumer):
+        """Disconnects its proxy while it is told of its disconnection."""
+
+        def disconnect(self) -> None:
+            super().disconnect()
+            seen.append([*lab.removed])
+            with pytest.raises(ProxyGone):
+                lab.proxies.disconnect(proxy)
+
+    consumer = Mutual()
+    proxy = lab.proxies.obtain(Kind.PUSH_SUPPLIER)
+    lab.proxies.connect(proxy, consumer)
+    lab.proxies.disconnect(proxy)
+    assert (seen, consumer.disconnections) == ([[proxy.id]], 1)
+
+
+def test_the_end_of_the_channel_tells_everybody_and_nothing_comes_after(lab: Lab) -> None:
+    clients = {kind: CLIENTS[kind]() for kind in Kind}
+    for kind, client in clients.items():
+        lab.proxies.connect(lab.proxies.obtain(kind), client)
+    waiting = lab.proxies.obtain(Kind.PUSH_SUPPLIER)
+    lab.proxies.destroy()
+    assert {kind: client.disconnections for kind, client in clients.items()} == dict.fromkeys(Kind, 1)
+    for act in (
+        lab.proxies.destroy,
+        lambda: lab.proxies.obtain(Kind.PUSH_SUPPLIER),
+        lambda: lab.proxies.connect(waiting, Consumer()),
+        lambda: lab.proxies.supply("A"),
+        lambda: lab.proxies.subscribe("", Consumer(), ALL, POLICY),
+    ):
+        with pytest.raises(ProxyGone):
+            act()
+
+
+def test_a_supplier_of_a_name_gets_its_proxy_again(lab: Lab) -> None:
+    assert lab.proxies.supply("A") is lab.proxies.supply("A")
+    assert lab.proxies.supply("B") is not lab.proxies.supply("A")
+    assert lab.proxies.supply("") is not lab.proxies.supply("")
+
+
+def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) -> None:
+    first, second = Consumer(), Consumer()
+    proxy = lab.proxies.subscribe("log", first, ALL, POLICY)
+    lab.say(b"1")
+    eventually(lambda: first.payloads == [b"1"])
+    lab.proxies.disconnect(proxy)
+    with pytest.raises(ProxyGone):
+        lab.proxies.disconnect(proxy)
+    assert (first.disconnections, proxy.condition) == (1, Condition.WAITING)
+    lab.say(b"2", b"3")
+    assert lab.proxies.subscribe("log", second, ALL, POLICY) is proxy
+    eventually(lambda: second.payloads == [b"2", b"3"])
+    lab.proxies.unsubscribe("log")
+    assert second.disconnections == 1
+    with pytest.raises(UnknownSubscription):
+        lab.proxies.unsubscribe("log")
+
+
+def test_who_takes_a_durable_subscription_over_replaces_the_one_before(lab: Lab) -> None:
+    first, second = Consumer(), Consumer()
+    lab.proxies.subscribe("log", first, ALL, POLICY)
+    lab.proxies.subscribe("log", second, wanting("t"), QueuePolicy(7))
+    lab.say(b"1")
+    eventually(lambda: second.payloads == [b"1"])
+    assert (first.payloads, first.disconnections, second.disconnections) == ([], 1, 0)
+    (state,) = [state for state in lab.proxies.states() if state.name == "log"]
+    assert (state.subscription, state.policy) == (wanting("t"), QueuePolicy(7))
+
+
+def test_a_consumer_that_is_gone_is_evicted_and_its_durable_subscription_stays(lab: Lab) -> None:
+    gone = [Consumer(answer=failing(ClientGone("gone"))) for _ in range(2)]
+    lab.proxies.subscribe("", gone[0], ALL, POLICY)
+    durable = lab.proxies.subscribe("log", gone[1], ALL, POLICY)
+    lab.say(b"1")
+    eventually(lambda: lab.proxies.evicted == 2)
+    assert [state.name for state in lab.proxies.states() if state.kind is Kind.PUSH_SUPPLIER] == ["log"]
+    assert durable.condition is Condition.WAITING
+    successor = Consumer()
+    lab.proxies.subscribe("log", successor, ALL, POLICY)
+    eventually(lambda: successor.payloads == [b"1"])
+
+
+def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_PROXIES", 3)
+    oldest = lab.proxies.supply("A")
+    lab.proxies.supply("B")
+    lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    with pytest.raises(TooManyProxies) as refused:
+        lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    assert refused.value.limit == 3
+    monkeypatch.setattr(module, "UNUSED_S", -1.0)
+    lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    assert oldest.is_ended
+
+
+def test_a_queue_that_can_not_be_made_is_refused_and_nothing_is_left(lab: Lab) -> None:
+    with pytest.raises(InvalidQueue):
+        lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
+    assert lab.proxies.states() == []
+
+
+def test_the_end_of_the_process_sends_those_away_who_wait(lab: Lab) -> None:
+    proxy = lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    assert isinstance(proxy, PullOutlet)
+    lab.proxies.connect(proxy, None)
+    answers: list[object] = []
+    thread = threading.Thread(target=lambda: answers.append(proxy.pull(60.0)))
+    thread.start()
+    time.sleep(0.05)
+    lab.proxies.close()
+    thread.join(5)
+    assert answers == [None]
+
+
+# ---- restarts ----
+
+
+def by_id(lab: Lab) -> dict[str, Proxy]:
+    return dict(lab.proxies._all)
+
+
+def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
+    clients: dict[str, Any] = {}
+    policy = QueuePolicy(7, OverflowRule.BLOCK_SUPPLIER, 0.5)
+    with lab_in(tmp_path, clients) as lab:
+        consumer, supplier = lab.known(Consumer()), lab.known(Supplier())
+        waiting = lab.proxies.obtain(Kind.PUSH_SUPPLIER)
+        pulled = lab.proxies.obtain(Kind.PULL_SUPPLIER)
+        lab.proxies.connect(pulled, None)
+        polled = lab.proxies.obtain(Kind.PULL_CONSUMER)
+        lab.proxies.connect(polled, supplier)
+        inlet = lab.proxies.supply("A")
+        durable = lab.proxies.subscribe("log", consumer, wanting("t", "u"), policy)
+        lab.proxies.suspend(durable, True)
+        away = lab.proxies.subscribe("away", lab.known(Consumer()), ALL, policy)
+        lab.proxies.disconnect(away)
+        ended = lab.proxies.obtain(Kind.PUSH_CONSUMER)
+        lab.proxies.disconnect(ended)
+        before = {state.id: state._replace(totals=None) for state in lab.proxies.states()}  # type: ignore[arg-type]
+        last = lab.channel.last_number
+    with lab_in(tmp_path, clients) as lab:
+        after = {state.id: state._replace(totals=None) for state in lab.proxies.states()}  # type: ignore[arg-type]
+        assert after == before
+        assert set(after) == {proxy.id for proxy in (waiting, pulled, polled, inlet, durable, away)}
+        assert after[durable.id].condition is Condition.SUSPENDED
+        assert lab.channel.last_number > last
+        lab.say(b"1")
+        again = by_id(lab)[durable.id]
+        assert isinstance(again, PushOutlet) and again.totals().queued == 1
+        lab.proxies.suspend(again, False)
+        eventually(lambda: consumer.payloads == [b"1"])
+        with pytest.raises(Disconnected):
+            fresh = lab.proxies.obtain(Kind.PUSH_CONSUMER)
+            assert isinstance(fresh, Inlet) and fresh.id not in {*before, ended.id}
+            fresh.push(said("t", b"x"))
+
+
+def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inlets, "FIRST_POLL_S", 0.0)
+    clients: dict[str, Any] = {}
+    with lab_in(tmp_path, clients) as lab:
+        supplier = lab.known(Supplier())
+        lab.proxies.connect(lab.proxies.obtain(Kind.PULL_CONSUMER), supplier)
+        for _ in range(300):
+            lab.proxies.connect(lab.proxies.obtain(Kind.PULL_SUPPLIER), None)
+    supplier.runs = [said("t", b"1")]
+    with lab_in(tmp_path, clients) as lab:
+        outlets = [proxy for proxy in by_id(lab).values() if isinstance(proxy, Outlet)]
+        eventually(lambda: [outlet.account.received for outlet in outlets] == [1] * 300)
+
+
+def test_a_destroyed_channel_forgets_all_but_its_numbers(tmp_path: Path) -> None:
+    with Store(tmp_path / "s") as store:
+        first, id = store.first_number(), store.next_id()
+        store.save_peer(PeerRecord("hall", "127.0.0.1:1"))
+        store.clear()
+        assert (store.proxies(), store.peers()) == ([], [])
+    with Store(tmp_path / "s") as store:
+        assert store.first_number() > first
+        assert store.next_id() > id
+
+
+def test_peers_are_kept_in_order_and_changed_in_place(tmp_path: Path) -> None:
+    with Store(tmp_path / "s") as store:
+        for name in ("hall", "yard"):
+            store.save_peer(PeerRecord(name))
+        store.save_peer(PeerRecord("hall", "127.0.0.1:1", removed=True))
+    with Store(tmp_path / "s") as store:
+        assert store.peers() == [PeerRecord("hall", "127.0.0.1:1", removed=True), PeerRecord("yard")]
+        store.forget_peer("hall")
+        assert store.peers() == [PeerRecord("yard")]
+
+
+def test_one_process_at_a_time_uses_a_store(tmp_path: Path) -> None:
+    with Store(tmp_path / "s"), pytest.raises(AlreadyRunning):
+        Store(tmp_path / "s")
+
+
+def test_another_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "s").write_bytes(b"not a database, but long enough to be looked at" * 100)
+    with pytest.raises(ServiceError):
+        Store(tmp_path / "s")

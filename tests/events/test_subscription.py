@@ -1,0 +1,98 @@
+"""Which events fit: beside fnmatch, and by trying texts."""
+
+from __future__ import annotations
+
+import math
+from fnmatch import fnmatchcase
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robocorba.errors import InvalidSubscription
+from robocorba.events.subscription import EVERYTHING, MAX_UNION, Clause, Fit, Pattern, checked, fit, is_covered, union
+
+#: Without brackets, which only fnmatch knows.
+GLOBS = st.text("ab.*?", max_size=8)
+TEXTS = st.text("ab.", max_size=8)
+PATTERNS = st.builds(Pattern, GLOBS, st.just("*"))
+
+
+@given(GLOBS, TEXTS)
+def test_wildcards_are_those_of_fnmatch(glob: str, text: str) -> None:
+    assert Pattern(glob).matches(text, "A") == fnmatchcase(text, glob)
+    assert Pattern("*", glob).matches("t", text) == fnmatchcase(text, glob)
+
+
+@given(PATTERNS, PATTERNS, TEXTS)
+def test_what_covers_a_pattern_lets_all_of_its_events_through(wider: Pattern, pattern: Pattern, text: str) -> None:
+    if wider.covers(pattern) and pattern.matches(text, ""):
+        assert wider.matches(text, "")
+
+
+@given(GLOBS)
+def test_a_pattern_covers_itself_and_everything_covers_it(glob: str) -> None:
+    assert Pattern(glob).covers(Pattern(glob))
+    assert EVERYTHING.covers(Pattern(glob))
+
+
+@given(st.lists(PATTERNS, max_size=8), TEXTS)
+def test_a_union_lets_through_what_any_of_its_patterns_does_and_no_more(patterns: list[Pattern], text: str) -> None:
+    one = union(patterns)
+    assert set(one) <= {*patterns, EVERYTHING}
+    assert any(p.matches(text, "") for p in one) == any(p.matches(text, "") for p in patterns)
+
+
+@given(st.lists(PATTERNS, max_size=8))
+def test_a_union_has_nothing_that_another_of_its_patterns_covers(patterns: list[Pattern]) -> None:
+    one = union(patterns)
+    assert not any(a.covers(b) for a in one for b in one if a is not b)
+    assert all(is_covered(pattern, one) for pattern in patterns if "*" not in pattern.type)
+
+
+def test_of_patterns_that_cover_each_other_one_stays() -> None:
+    (one,) = union([Pattern("a*"), Pattern("a**")])
+    assert one.matches("abc", "")
+
+
+def test_a_union_of_very_many_patterns_is_everything() -> None:
+    assert union(Pattern(f"t{number}") for number in range(MAX_UNION + 1)) == (EVERYTHING,)
+    assert len(union(Pattern(f"t{number}") for number in range(MAX_UNION))) == MAX_UNION
+
+
+def test_an_unkind_pattern_is_answered_at_once() -> None:
+    assert not Pattern("*a" * 60 + "b").matches("a" * 200, "")
+
+
+def test_disjunctions_and_conjunctions_fit_each_in_their_way() -> None:
+    both = Clause((Pattern("a"), Pattern("?")), 2.0)
+    subscription = (Clause((Pattern("x*"),)), both)
+    assert fit(subscription, "x1", "A") == Fit(True, ())
+    assert fit(subscription, "a", "A") == Fit(False, ((1, (0, 1)),))
+    assert fit(subscription, "x", "A") == Fit(True, ((1, (1,)),))
+    assert fit(subscription, "yy", "A") is None
+    assert fit((), "x", "A") is None
+
+
+def test_an_empty_text_is_a_star() -> None:
+    assert checked([([("", "B")], 0.0)]) == (Clause((Pattern("*", "B"),)),)
+
+
+@pytest.mark.parametrize(
+    ("where", "clauses"),
+    [
+        ("[1].patterns", [([("a", "")], 0.0), ([], 0.0)]),
+        ("[0].patterns", [([("a", "")] * 17, 0.0)]),
+        ("[0].window", [([("a", "")], -1.0)]),
+        ("[0].window", [([("a", "")], math.nan)]),
+        ("[0].patterns[1].source", [([("a", ""), ("b", "x" * 201)], 0.0)]),
+        ("[0].patterns[0].type", [([("x" * 201, "")], 0.0)]),
+        ("", [([("a", "")], 0.0)] * 201),
+    ],
+)
+def test_what_can_not_be_used_is_refused_with_its_place(
+    where: str, clauses: list[tuple[list[tuple[str, str]], float]]
+) -> None:
+    with pytest.raises(InvalidSubscription) as refused:
+        checked(clauses)
+    assert refused.value.where == where

@@ -1,0 +1,285 @@
+"""Links that are made, removed and made again; gateways whose peers do not answer, refuse, or come back."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from robocorba.errors import InvalidPeer, NotReachable, SessionOver, UnknownPeer
+from robocorba.events import gateway as gateway_module
+from robocorba.events.channel import Channel
+from robocorba.events.event import Header, Run
+from robocorba.events.federation import Federation, Notice
+from robocorba.events.gateway import FeedPort, Gateway
+from robocorba.events.links import LinkStates
+from robocorba.events.store import PeerRecord
+from robocorba.events.watermarks import Watermarks
+from tests.events_federation.network import GatewayWire, Network, Node
+from tests.system.processes import eventually
+
+
+def link(node: Node) -> LinkStates:
+    (state,) = node.links.states()
+    return state
+
+
+def is_up(*nodes: Node) -> bool:
+    return all(state.feed.is_up and state.gateway.is_up for node in nodes for state in node.links.states())
+
+
+# ---- links ----
+
+
+def test_both_ends_know_of_a_link_that_one_was_told() -> None:
+    with Network("A", "B") as network:
+        network.link("AB")
+        eventually(lambda: len(network["B"].links.states()) == 1 and is_up(*network.nodes.values()), what="the link")
+        assert network["B"].store.records["A"].reference == "A"
+
+
+def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
+    with Network("A", "B") as network:
+        a, b = network["A"], network["B"]
+        network.link("AB")
+        consumer = b.consume("t")
+        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link")
+        a.links.remove("B")
+        assert a.links.states() == b.links.states() == []
+        a.say("nobody")
+        with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
+            a.links.join("B", "B", GatewayWire(network, "A", "B"))
+
+        a = network.restart("A")
+        b = network.restart("B")
+        consumer = b.consume("t")
+        assert a.links.states() == b.links.states() == []
+
+        network.link("AB")
+        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link again")
+        a.say("again")
+        eventually(lambda: consumer.read() == ["again"], what="the event")
+
+
+def test_whoever_was_removed_while_it_was_away_is_told_why_it_is_refused() -> None:
+    with Network("A", "B") as network:
+        a, b = network["A"], network["B"]
+        network.link("AB")
+        eventually(lambda: is_up(a, b) and b.links.states(), what="the link")
+        network.cut.add(frozenset("AB"))
+        a.links.remove("B")
+        network.cut.clear()
+        eventually(lambda: "A has removed B; add it there again" in link(b).gateway.problem, what="the reason")
+        assert not link(b).feed.is_up or a.links.states() == []
+        a.links.add(PeerRecord("B"))
+        eventually(lambda: is_up(a, b) and a.links.states(), what="the link again")
+
+
+def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
+    with Network("A", "B") as network:
+        a = network["A"]
+        network.link("AB")
+        network["B"].consume("t")
+        eventually(lambda: a.knows("B") == ("t",), what="the interest")
+        network.cut.add(frozenset("AB"))
+        a.say("1", "2", "3")
+        feed = a.channel.feeds["B"]
+        a.links.remove("B")
+        assert feed.account.discarded == 3
+
+
+@pytest.mark.parametrize(("name", "field"), [("A", "name"), ("", "name"), ("a/b", "name"), ("x" * 61, "name")])
+def test_names_that_can_not_be_peers(name: str, field: str) -> None:
+    with Network("A") as network:
+        with pytest.raises(InvalidPeer) as refused:
+            network["A"].links.add(PeerRecord(name))
+        assert refused.value.field == field
+        assert network["A"].store.records == {}
+        with pytest.raises(UnknownPeer):
+            network["A"].links.remove("B")
+
+
+def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
+    with Network("A", "B") as network:
+        network.link("AB")
+        eventually(lambda: is_up(*network.nodes.values()), what="the link")
+        network["A"].links.join("B", "where B is now", GatewayWire(network, "A", "B"))
+        assert network["A"].store.records["B"].reference == "where B is now"
+
+
+def test_a_renewal_that_was_overtaken_by_a_join_does_not_count_as_heard() -> None:
+    """Its answer never came: in the next session everything is told again."""
+    with Network("A") as network:
+        links = network["A"].links
+        wire = GatewayWire(network, "A", "B")
+        first, _ = links.join("B", "B", wire)
+        sessions = []
+        learn = links.learn
+
+        def overtaken(news: list[Notice]) -> None:
+            sessions.append(links.join("B", "B", wire)[0])
+            learn(news)
+
+        links.learn = overtaken  # type: ignore[method-assign]
+        links.renew(first, 1, [Notice("B", 1, ("A", "C"), ())])
+        links.learn = learn  # type: ignore[method-assign]
+        with pytest.raises(SessionOver):
+            links.renew(first, 1, [])
+        assert [notice.name for notice in links.renew(sessions[0], 1, [])] == ["A", "B"]
+        assert links.renew(sessions[0], 1, []) == []
+
+
+def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
+    """Also where it was about to join one of them."""
+    with Network("A", "B") as network:
+        a, b = network["A"], network["B"]
+        held, let_go = threading.Event(), threading.Event()
+        join = b.links.join
+
+        def slow(*arguments: object) -> tuple[str, int]:
+            held.set()
+            assert let_go.wait(10)
+            return join(*arguments)  # type: ignore[arg-type]
+
+        b.links.join = slow  # type: ignore[method-assign]
+        network.link("AB")
+        assert held.wait(10)
+        a.links.close()
+        let_go.set()
+        eventually(lambda: b.links.states(), what="the join")
+        time.sleep(0.1)
+        assert [record.name for record in b.store.peers()] == ["A"]
+        assert not b.store.records["A"].removed
+
+
+# ---- a gateway alone ----
+
+
+class Feed:
+    """A peer's feed, which answers as the test wants."""
+
+    def __init__(self) -> None:
+        self.session, self.position = "s1", 1
+        self.attempts: list[float] = []
+        self.acknowledged: list[int] = []
+        self.problem: Exception | None = None
+
+    def join(self) -> FeedPort:
+        self.attempts.append(time.monotonic())
+        if self.problem:
+            raise self.problem
+        return self
+
+    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
+        if self.problem:
+            raise self.problem
+        return []
+
+    def acknowledge(self, position: int) -> None:
+        self.acknowledged.append(position)
+
+    def leave(self) -> None:
+        pass
+
+
+class Alone:
+    """A gateway of channel lab for its peer hall."""
+
+    def __init__(self, folder: Path) -> None:
+        self.feed = Feed()
+        self.channel = Channel(Federation("lab"), Watermarks(folder / "seen"), 1)
+        self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None)
+
+    def __enter__(self) -> Alone:
+        self.gateway.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.gateway.end()
+        self.gateway._thread.join(10)
+        assert not self.gateway._thread.is_alive()
+
+    def forward(self, position: int, *numbers: int, session: str = "s1") -> None:
+        runs = [Run(Header("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
+        self.gateway.forward(session, position, runs)
+
+    def received(self) -> tuple[int, int]:
+        state = self.gateway.state()
+        return state.totals.received, state.repeated
+
+
+def test_batches_that_come_early_wait_and_others_are_dropped(tmp_path: Path) -> None:
+    with Alone(tmp_path) as alone:
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        alone.forward(2, 12, 13)
+        alone.forward(3, 14)
+        assert alone.received() == (0, 0)
+        alone.forward(1, 11, session="s0")
+        assert alone.received() == (0, 0)
+        alone.forward(1, 11)
+        assert alone.received() == (4, 0)
+        alone.forward(1, 11)  # the same batch again
+        alone.forward(4, 14, 15)  # another batch that holds a copy
+        assert alone.received() == (5, 1)
+
+
+def test_early_batches_are_bounded(tmp_path: Path) -> None:
+    with Alone(tmp_path) as alone:
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        last = 2 * gateway_module.MAX_EARLY
+        for position in range(last, 1, -1):
+            alone.forward(position, position)
+        alone.forward(1, 1)
+        assert alone.received() == (gateway_module.MAX_EARLY + 1, 0)
+        for position in range(gateway_module.MAX_EARLY + 2, last + 1):
+            alone.forward(position, position)
+        assert alone.received() == (last, 0)
+
+
+def test_a_wake_while_the_peer_is_away_costs_one_attempt(tmp_path: Path) -> None:
+    alone = Alone(tmp_path)
+    alone.feed.problem = NotReachable("it is away")
+    with alone:
+        eventually(lambda: len(alone.feed.attempts) >= 3, what="attempts")
+        alone.gateway.wake()
+        time.sleep(0.5)
+        assert len(alone.feed.attempts) < 25
+        assert alone.gateway.state().problem == "it is away"
+        alone.feed.problem = None
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+
+
+def test_a_peer_that_refuses_says_why(tmp_path: Path) -> None:
+    alone = Alone(tmp_path)
+    alone.feed.problem = InvalidPeer("address", "the channel there is 'yard', not 'hall'")
+    with alone:
+        eventually(lambda: alone.gateway.state().problem.startswith("refused: address: the channel there"), what="why")
+        alone.feed.problem = None
+        alone.gateway.wake()
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+
+
+def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
+    alone = Alone(tmp_path)
+    alone.feed.problem = ValueError("a fault")
+    with alone:
+        eventually(lambda: "internal fault" in alone.gateway.state().problem, what="a problem that is told")
+        alone.feed.problem = None
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+
+
+def test_its_own_events_are_not_taken_in_again(tmp_path: Path) -> None:
+    with Alone(tmp_path) as alone:
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        alone.gateway.forward("s1", 1, [Run(Header("t", "s", "lab"), [1.0], [b"x"], 2**40)])
+        assert alone.received() == (0, 1)
+
+
+def test_expired_events_are_counted_and_go_nowhere(tmp_path: Path) -> None:
+    with Alone(tmp_path) as alone:
+        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        header = Header("t", "s", "hall", expiry=1.0)
+        alone.gateway.forward("s1", 1, [Run(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
+        assert alone.gateway.state().totals == (2, 1, 0, 0, 1, 0)

@@ -1,0 +1,204 @@
+"""Whole links on wires that lose, repeat and reorder batches and fail calls: nothing is lost, nothing comes twice."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from robocorba.events import feed, gateway
+from tests.events_federation.network import Consumer, Network, Weather
+from tests.system.processes import eventually
+
+
+@pytest.fixture(autouse=True)
+def _hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What a link waits for, all the same but shorter."""
+    monkeypatch.setattr(gateway, "RENEW_S", 0.02)
+    monkeypatch.setattr(gateway, "LONGEST_PAUSE_S", 0.05)
+    monkeypatch.setattr(feed, "LOST_S", 0.02)
+    monkeypatch.setattr(feed, "LOOK_S", 0.05)
+    yield
+
+
+def stormy(seed: int) -> Weather:
+    return Weather(seed, lost=0.1, twice=0.1, late=0.1, fails=0.05)
+
+
+def check_accounts(network: Network) -> None:
+    for node in network.nodes.values():
+        for state in node.links.states():
+            for totals in (state.feed.totals, state.gateway.totals):
+                assert totals.received == totals.delivered + totals.discarded + totals.expired + totals.queued
+
+
+def all_know(network: Network, name: str, *types: str) -> bool:
+    return all(node.knows(name) == types for node in network.nodes.values())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_each_event_comes_once_and_in_order(seed: int) -> None:
+    weather = stormy(seed)
+    with Network("A", "B", "C", weather=weather) as network:
+        network.link("AB", "BC")
+        far = network["C"].consume("t")
+        near = network["B"].consume("t")
+        eventually(lambda: all_know(network, "C", "t") and all_know(network, "B", "t"), what="the interest everywhere")
+        chance = random.Random(seed)
+        for number in range(300):
+            network["A"].say(f"{number}")
+            if number % 10 == 0:
+                time.sleep(chance.uniform(0, 0.02))
+        weather.clear_up()
+        expected = [str(number) for number in range(300)]
+        eventually(lambda: len(far.read()) >= 300 and len(near.read()) >= 300, what="all events")
+        time.sleep(0.1)  # copies would come now
+        assert far.read() == near.read() == expected
+
+        feed_of_b = network["A"].links.states()[0].feed
+        eventually(lambda: network["A"].links.states()[0].feed.totals.queued == 0, what="the last acknowledgement")
+        assert feed_of_b.totals.received == 300
+        check_accounts(network)
+
+
+@pytest.mark.parametrize("shape", [("AB", "BC", "CA"), ("AB", "AC", "BD", "CD"), ("AB", "AC", "AD", "BC", "BD", "CD")])
+def test_where_several_ways_lead_there_each_event_comes_once(shape: tuple[str, ...]) -> None:
+    weather = stormy(7)
+    names = sorted(set("".join(shape)))
+    with Network(*names, weather=weather) as network:
+        network.link(*shape)
+        consumers = {name: network[name].consume("t") for name in names}
+        eventually(lambda: all(all_know(network, name, "t") for name in names), what="the interest everywhere")
+        _wait_links_known(network, shape)
+
+        def talk(name: str) -> None:
+            for number in range(100):
+                network[name].say(f"{name}{number}", source=name)
+                time.sleep(0.001)
+
+        speakers = [threading.Thread(target=talk, args=(name,)) for name in names]
+        for speaker in speakers:
+            speaker.start()
+        for speaker in speakers:
+            speaker.join(30)
+        weather.clear_up()
+        _check_all(consumers, {name: [f"{name}{number}" for number in range(100)] for name in names})
+        check_accounts(network)
+
+
+def test_a_restart_at_any_moment_repeats_nothing_and_the_rest_arrives() -> None:
+    weather = stormy(11)
+    with Network("A", "B", weather=weather) as network:
+        network.link("AB")
+        consumer = network["B"].consume("t")
+        eventually(lambda: all_know(network, "B", "t"), what="the interest at A")
+        got: list[str] = []
+        for round_ in range(5):
+            for number in range(40):
+                network["A"].say(f"{round_}.{number}")
+            got += consumer.read()
+            consumer = network.restart("B", "t").consumers[0]
+        weather.clear_up()
+        network["A"].say("last")
+        eventually(lambda: consumer.read()[-1:] == ["last"], what="the last event")
+        got += consumer.read()
+        assert len(got) == len(set(got))
+        assert got == sorted(got, key=lambda text: [int(part) for part in text.split(".")] if text != "last" else [99])
+
+
+def test_the_supplying_end_restarts_and_its_events_are_new() -> None:
+    with Network("A", "B") as network:
+        network.link("AB")
+        consumer = network["B"].consume("t")
+        eventually(lambda: all_know(network, "B", "t"), what="the interest at A")
+        network["A"].say("before")
+        eventually(lambda: consumer.read() == ["before"], what="the first event")
+        network.restart("A").say("after")  # nobody told it yet what B wants: it remembers
+        eventually(lambda: consumer.read() == ["before", "after"], what="the second event")
+
+
+def test_a_cut_link_keeps_what_waits_and_comes_back() -> None:
+    with Network("A", "B") as network:
+        network.link("AB")
+        consumer = network["B"].consume("t")
+        eventually(lambda: all_know(network, "B", "t"), what="the interest at A")
+        network.cut.add(frozenset("AB"))
+        for number in range(50):
+            network["A"].say(str(number))
+        eventually(lambda: network["A"].links.states()[0].gateway.problem == "B is away", what="a problem that is told")
+        assert consumer.read() == []
+        network.cut.clear()
+        eventually(lambda: len(consumer.read()) >= 50, what="what waited")
+        assert consumer.read() == [str(number) for number in range(50)]
+
+
+def test_interest_follows_consumers() -> None:
+    with Network("A", "B", "C") as network:
+        network.link("AB", "BC")
+        first = network["C"].consume("a")
+        eventually(lambda: network["A"].knows("C") == ("a",), what="a")
+        second = network["C"].consume("b", "a.*")
+        eventually(lambda: network["A"].knows("C") == ("a", "a.*", "b"), what="a and b")
+        first.leave()
+        eventually(lambda: network["A"].knows("C") == ("a.*", "b"), what="without the first")
+        second.change("b")
+        eventually(lambda: network["A"].knows("C") == ("b",), what="the change")
+        assert network["A"].knows("B") == ()  # a gateway never counts
+        second.leave()
+        eventually(lambda: network["A"].knows("C") == (), what="nothing")
+        network["A"].say("x", type="b")
+        time.sleep(0.1)
+        assert [state.feed.totals.received for state in network["A"].links.states()] == [0]
+        assert [state.gateway.batches for state in network["B"].links.states()] == [0, 0]
+
+
+def test_a_change_loses_nothing_of_what_did_not_change() -> None:
+    with Network("A", "B") as network:
+        network.link("AB")
+        consumer = network["B"].consume("kept", "x0")
+        eventually(lambda: network["A"].knows("B") == ("kept", "x0"), what="the interest at A")
+        stop = threading.Event()
+        said: list[str] = []
+
+        def talk() -> None:
+            while not stop.is_set():
+                said.append(str(len(said)))
+                network["A"].say(said[-1], type="kept")
+                time.sleep(0.0005)
+
+        speaker = threading.Thread(target=talk)
+        speaker.start()
+        for number in range(100):
+            consumer.change("kept", f"x{number}")
+        stop.set()
+        speaker.join(10)
+        eventually(lambda: len(consumer.read()) >= len(said), what="all events")
+        assert consumer.read() == said
+
+
+def _wait_links_known(network: Network, shape: tuple[str, ...]) -> None:
+    def known() -> bool:
+        wanted = sorted("".join(sorted(pair)) for pair in shape)
+        for node in network.nodes.values():
+            with node.channel.lock:
+                told = {n.name: n.peers for n in node.channel.federation.notices}
+            links = sorted(a + b for a, peers in told.items() for b in peers if a < b and a in told.get(b, ()))
+            if links != wanted:
+                return False
+        return True
+
+    eventually(known, what="all links known everywhere")
+
+
+def _check_all(consumers: dict[str, Consumer], said: dict[str, list[str]]) -> None:
+    total = sum(map(len, said.values()))
+    for consumer in consumers.values():
+        eventually(lambda consumer=consumer: len(consumer.read()) >= total, what="all events")
+    time.sleep(0.1)  # copies would come now
+    for consumer in consumers.values():
+        for origin, payloads in said.items():
+            assert [text for text in consumer.read() if text.startswith(origin)] == payloads
+        assert len(consumer.got) == total

@@ -1,0 +1,133 @@
+"""Which way events go: random federations, without threads. Each link is a queue whose order is kept."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import deque
+from pathlib import Path
+
+import networkx as nx
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robocorba.events.account import Account
+from robocorba.events.channel import Channel
+from robocorba.events.event import Run
+from robocorba.events.federation import Federation
+from robocorba.events.outlet import PullOutlet
+from robocorba.events.queue import QueuePolicy
+from robocorba.events.subscription import Fit, checked
+from robocorba.events.watermarks import Watermarks
+from tests.events_federation.network import run_of
+
+TYPES = ("a", "b")
+
+
+class Way:
+    """In place of a feed: what is on its way to `peer`."""
+
+    def __init__(self, peer: str) -> None:
+        self.peer, self.unseen = peer, 0
+        self.runs: deque[Run] = deque()
+        self.carried: list[bytes] = []
+
+    def offer(self, run: Run, fit: Fit, now: float) -> bool:
+        if run.via != self.peer:
+            self.runs.append(Run(run.header, run.times, run.payloads, run.first))
+            self.carried += run.payloads
+        return False
+
+
+class Place:
+    """A channel whose consumer wants events of `types`."""
+
+    def __init__(self, name: str, peers: list[str], types: set[str], folder: Path) -> None:
+        self.channel = Channel(Federation(name), Watermarks(folder / name), 1)
+        self.ways = {peer: Way(peer) for peer in peers}
+        self.channel.feeds.update(self.ways)  # type: ignore[arg-type]
+        self.outlet = PullOutlet(self.channel.lock, "1", checked([([(t, "")], 0) for t in types]), QueuePolicy(10**6))
+        self.outlet.connect(None)
+        self.channel.outlets["1"] = self.outlet
+        self.channel.changed()
+
+    def got(self) -> list[bytes]:
+        result: list[bytes] = []
+        while run := self.outlet.pull(0.0):
+            result += run.payloads
+        return result
+
+
+@st.composite
+def federations(draw: st.DrawFn) -> tuple[nx.Graph, dict[str, set[str]]]:
+    """Up to seven channels, all linked somehow, and what each of them wants."""
+    count = draw(st.integers(2, 7))
+    names = [chr(ord("A") + number) for number in range(count)]
+    graph: nx.Graph = nx.Graph()
+    for number in range(1, count):
+        graph.add_edge(names[number], names[draw(st.integers(0, number - 1))])
+    pairs = st.tuples(st.sampled_from(names), st.sampled_from(names))
+    graph.add_edges_from((a, b) for a, b in draw(st.lists(pairs, max_size=8)) if a != b)
+    return graph, {name: draw(st.sets(st.sampled_from(TYPES))) for name in names}
+
+
+@settings(max_examples=150, deadline=None)
+@given(federations(), st.data())
+def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
+    federation: tuple[nx.Graph, dict[str, set[str]]], data: st.DataObject
+) -> None:
+    graph, wants = federation
+    names = sorted(graph)
+    with tempfile.TemporaryDirectory() as folder:
+        places = {name: Place(name, sorted(graph[name]), wants[name], Path(folder)) for name in names}
+        notices = [place.channel.federation.own for place in places.values()]
+        for place in places.values():
+            place.channel.federation.learn(notices)
+            place.channel.changed()
+
+        said: dict[tuple[str, str], list[bytes]] = {}
+        events = st.lists(st.tuples(st.sampled_from(names), st.sampled_from(TYPES)), max_size=12)
+        for count, (origin, type) in enumerate(data.draw(events)):
+            said.setdefault((origin, type), []).append(b"%d" % count)
+            places[origin].channel.publish(run_of(str(count), type=type, source=origin), Account())
+            _carry(places, data, at_most=2)
+        _carry(places, data)
+
+        for name, place in places.items():
+            got = place.got()
+            assert len(got) == len(set(got))
+            for (_, type), payloads in said.items():
+                expected = payloads if type in wants[name] else []
+                assert [payload for payload in got if payload in payloads] == expected
+        distances = dict(nx.all_pairs_shortest_path_length(graph))
+        for (origin, type), payloads in said.items():
+            wanting = [name for name in names if type in wants[name] and name != origin]
+            for here in names:
+                for way in places[here].ways.values():
+                    is_on_a_way = any(
+                        distances[origin][here] + 1 + distances[way.peer][there] == distances[origin][there]
+                        for there in wanting
+                    )
+                    assert [p for p in way.carried if p in payloads] == (payloads if is_on_a_way else [])
+
+
+def _carry(places: dict[str, Place], data: st.DataObject, at_most: int = 10**6) -> None:
+    """Move runs from one channel to the next, in any order of the links."""
+    for _ in range(at_most):
+        loaded = [(name, way) for name, place in places.items() for way in place.ways.values() if way.runs]
+        if not loaded:
+            return
+        name, way = data.draw(st.sampled_from(loaded), label="link")
+        run = way.runs.popleft()
+        run.via = name
+        places[way.peer].channel.forward([run])
+
+
+def test_events_that_nobody_needs_there_are_counted_as_unseen(tmp_path: Path) -> None:
+    place = Place("A", ["B", "C"], set(), tmp_path)
+    other = Place("B", ["A"], {"a"}, tmp_path)
+    third = Place("C", ["A"], set(), tmp_path)
+    place.channel.federation.learn([other.channel.federation.own, third.channel.federation.own])
+    place.channel.changed()
+    for type in ("a", "b", "b"):
+        place.channel.publish(run_of("x", type=type), Account())
+    assert [(way.unseen, len(way.runs)) for way in place.ways.values()] == [(2, 1), (3, 0)]

@@ -1,0 +1,470 @@
+"""What a channel adds to the standard: headers, subscriptions, batches, queues, accounts; and how it refuses."""
+
+from __future__ import annotations
+
+import math
+import random
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import omniORB
+import pytest
+from omniORB import CORBA
+
+from robocorba.errors import InvalidEvent, InvalidSubscription
+from robocorba.event_client import Event, EventClient
+from robocorba.events.queue import OverflowRule, QueuePolicy
+from robocorba.stubs import RoboCorba
+from tests.system.event_place import EventConsumer, Place, PushConsumer, open_place, text
+from tests.system.processes import eventually
+
+pytestmark = pytest.mark.system
+QUEUE = RoboCorba.QueuePolicy(1000, RoboCorba.DISCARD_OLDEST, 0.0)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    with open_place(tmp_path_factory.mktemp("channel")) as place:
+        place.start("lab")
+        yield place
+
+
+@pytest.fixture
+def channel(place: Place) -> Iterator[Any]:
+    """The channel; whoever subscribed to it in a test leaves with it."""
+    channel = place.channel("lab")
+    yield channel
+    place.balanced_states("lab")
+
+
+@pytest.fixture
+def client(place: Place) -> Iterator[Callable[[str], EventClient]]:
+    """Makes clients by the name of their source, closed at the end."""
+    made: list[EventClient] = []
+
+    def make(source: str) -> EventClient:
+        made.append(EventClient(place.orb, "lab", source))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+class Receiver:
+    """Notes what a subscription receives."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.together: list[list[Event]] = []
+
+    def __call__(self, event: Event) -> None:
+        self.events.append(event)
+
+    def take_together(self, found: Any) -> None:
+        self.together.append([*found])
+
+    @property
+    def payloads(self) -> list[Any]:
+        return [event.payload for event in self.events]
+
+
+def pattern(type: str, source: str = "") -> Any:
+    return RoboCorba.EventPattern(type, source)
+
+
+def wanted(*types: str) -> list[Any]:
+    return [RoboCorba.Clause([pattern(type)], 0.0) for type in types]
+
+
+def event(type: str = "t", payload: bytes = b"\xc0", **fields: Any) -> Any:
+    header = RoboCorba.EventHeader(type, "A", "", 0, 0.0, 0, 0.0, RoboCorba.MSGPACK)
+    for field, value in fields.items():
+        setattr(header, field, value)
+    return RoboCorba.Event(header, payload)
+
+
+def account(subscription: Any) -> Any:
+    return subscription.proxy.state().events
+
+
+def is_settled(subscription: Any) -> bool:
+    return bool(account(subscription).queued == 0)
+
+
+# ---- headers and plain events ----
+
+
+def test_who_pushes_with_headers_reaches_both_kinds_of_consumer(
+    place: Place, channel: Any, client: Callable[[str], EventClient]
+) -> None:
+    plain, receive = PushConsumer(), Receiver()
+    proxy = channel.for_consumers().obtain_push_supplier()
+    proxy.connect_push_consumer(place.orb.activate(plain))
+    puller = channel.for_consumers().obtain_pull_supplier()
+    puller.connect_pull_consumer(None)
+    robot = client("A")
+    robot.subscribe(receive)
+    before = time.time()
+    robot.push("robot.state", {"x": 1.5, "name": "říp"}, priority=3, expiry_s=60.0)
+    eventually(lambda: plain.got and receive.events)
+    (one,) = receive.events
+    assert one[:3] == ("robot.state", "A", {"x": 1.5, "name": "říp"})
+    assert (one.origin, one.priority, one.expiry) == ("lab", 3, 60.0)
+    assert before <= one.time <= time.time()
+    for struct in (*plain.got, puller.pull().value()):
+        assert isinstance(struct, RoboCorba.Event)
+        assert (struct.header.type, struct.header.origin, struct.header.number) == ("robot.state", "lab", one.number)
+    proxy.disconnect_push_supplier()
+    puller.disconnect_pull_supplier()
+
+
+def test_who_pushes_plain_reaches_consumers_with_headers(channel: Any, client: Callable[[str], EventClient]) -> None:
+    receive, strings = Receiver(), Receiver()
+    observer = client("B")
+    observer.subscribe(receive)
+    observer.subscribe(strings, "string")
+    supplier = channel.for_suppliers().obtain_push_consumer()
+    supplier.connect_push_supplier(None)
+    supplier.push(text("řeč"))
+    supplier.push(CORBA.Any(CORBA.TC_long, 7))
+    supplier.push(CORBA.Any(RoboCorba._tc_Event, event("robot.state", b"\x07")))
+    eventually(lambda: len(receive.events) == 3)
+    assert [(e.type, e.source, e.payload, e.origin) for e in receive.events] == [
+        ("string", "", "řeč", "lab"),
+        ("long", "", 7, "lab"),
+        ("robot.state", "A", 7, "lab"),
+    ]
+    assert [e.number for e in receive.events] == list(range(receive.events[0].number, receive.events[0].number + 3))
+    eventually(lambda: strings.payloads == ["řeč"])
+
+
+# ---- subscriptions ----
+
+
+def test_wildcards_and_disjunctions_select(client: Callable[[str], EventClient]) -> None:
+    a, b = client("A"), client("B")
+    states, digits, from_b, everything = (Receiver() for _ in range(4))
+    a.subscribe(states, "robot.*.state", "door")
+    a.subscribe(digits, "t?")
+    a.subscribe(from_b, ("*", "B"))
+    a.subscribe(everything)
+    for robot, type in ((a, "robot.1.state"), (b, "robot.1.state"), (b, "robot.1"), (a, "door"), (b, "t1"), (a, "t12")):
+        robot.push(type, [robot.source, type])
+    eventually(lambda: len(everything.events) == 6)
+    eventually(lambda: [e.type for e in states.events] == ["robot.1.state", "robot.1.state", "door"])
+    eventually(lambda: [e.type for e in digits.events] == ["t1"])
+    eventually(lambda: [e.type for e in from_b.events] == ["robot.1.state", "robot.1", "t1"])
+
+
+def test_a_change_of_subscription_takes_effect_at_once(client: Callable[[str], EventClient]) -> None:
+    robot, receive = client("A"), Receiver()
+    subscription = robot.subscribe(receive, "a")
+    for round_ in range(10):
+        subscription.change("b" if round_ % 2 else "a")
+        robot.push("a", f"a{round_}")
+        robot.push("b", f"b{round_}")
+    eventually(lambda: len(receive.events) == 10)
+    assert receive.payloads == [f"{'b' if round_ % 2 else 'a'}{round_}" for round_ in range(10)]
+
+
+def test_a_conjunction_delivers_its_events_together_within_the_window(
+    place: Place, channel: Any, client: Callable[[str], EventClient]
+) -> None:
+    consumer, robot, receive = EventConsumer(), client("A"), Receiver()
+    clauses = [
+        RoboCorba.Clause([pattern("x")], 0.0),
+        RoboCorba.Clause([pattern("arm", "A"), pattern("gate")], 5.0),
+    ]
+    proxy = channel.subscribe("", place.orb.activate(consumer), clauses, QUEUE)
+    robot.subscribe_together(receive.take_together, "arm", "gate")
+    supplier = channel.supply("A")
+    now = time.time()
+    for type, age, payload in (("arm", 20.0, b"1"), ("gate", 10.0, b"2"), ("x", 0.0, b"3"), ("arm", 8.0, b"4")):
+        supplier.pushEvent(event(type, payload, time=now - age))
+    eventually(lambda: consumer.together)
+    ((which, events),) = consumer.together
+    assert (which, [e.payload for e in events]) == (1, [b"4", b"2"])
+    assert consumer.payloads == [b"3"]
+    assert len({e.header.number for e in events}) == 2
+    eventually(lambda: len(receive.together) == 1)  # without a window, of the first two
+    assert [e.payload for e in receive.together[0]] == [1 + 48, 2 + 48]  # msgpack's small integers
+    events_ = proxy.state().events
+    assert (events_.received, events_.delivered, events_.expired, events_.queued) == (4, 3, 1, 0)
+    proxy.disconnect_push_supplier()
+
+
+# ---- order, batches, queues ----
+
+
+def test_events_of_each_supplier_keep_their_order(client: Callable[[str], EventClient]) -> None:
+    receivers = [Receiver() for _ in range(3)]
+    observer = client("observer")
+    subscriptions = [observer.subscribe(receive) for receive in receivers]
+    robots = [client(name) for name in "ABC"]
+
+    def talk(robot: EventClient) -> None:
+        for number in range(0, 120, 4):
+            robot.push("count", number)
+            robot.push_many("count", [number + 1, number + 2, number + 3])
+
+    threads = [threading.Thread(target=talk, args=(robot,)) for robot in robots]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    for receive, subscription in zip(receivers, subscriptions, strict=True):
+        eventually(lambda receive=receive: len(receive.events) == 360)
+        numbers = [e.number for e in receive.events]
+        assert numbers == list(range(numbers[0], numbers[0] + 360))
+        for name in "ABC":
+            assert [e.payload for e in receive.events if e.source == name] == list(range(120))
+        eventually(lambda subscription=subscription: is_settled(subscription))
+        assert account(subscription).delivered == 360
+
+
+def test_a_batch_is_taken_in_and_passed_on_in_one_call(place: Place, channel: Any) -> None:
+    consumer = EventConsumer()
+    proxy = channel.subscribe("", place.orb.activate(consumer), wanted("t"), QUEUE)
+    one = event()
+    payloads = [bytes([k]) for k in range(100)]
+    channel.supply("A").pushRuns([RoboCorba.EventRun(one.header, [0.0] * 100, payloads)])
+    eventually(lambda: len(consumer.got) == 100)
+    assert (consumer.payloads, consumer.calls) == (payloads, 1)
+    proxy.disconnect_push_supplier()
+
+
+def test_suspended_events_wait_until_resume(client: Callable[[str], EventClient]) -> None:
+    robot, receive = client("A"), Receiver()
+    subscription = robot.subscribe(receive)
+    robot.push("t", 0)
+    eventually(lambda: receive.payloads == [0])
+    subscription.proxy.suspend()
+    assert subscription.proxy.state().condition == RoboCorba.SUSPENDED
+    robot.push_many("t", [1, 2])
+    assert (receive.payloads, account(subscription).queued) == ([0], 2)
+    subscription.proxy.resume()
+    eventually(lambda: receive.payloads == [0, 1, 2])
+    assert subscription.proxy.state().condition == RoboCorba.CONNECTED
+
+
+def test_a_supplier_is_blocked_until_there_is_room(client: Callable[[str], EventClient]) -> None:
+    robot, receive = client("A"), Receiver()
+    subscription = robot.subscribe(receive, queue=QueuePolicy(4, OverflowRule.BLOCK_SUPPLIER, 9.0))
+    subscription.proxy.suspend()
+    pushing = threading.Thread(target=robot.push_many, args=("t", range(10)))
+    pushing.start()
+    eventually(lambda: account(subscription).queued == 4)
+    assert pushing.is_alive()
+    subscription.proxy.resume()
+    pushing.join(10)
+    assert not pushing.is_alive()
+    eventually(lambda: receive.payloads == list(range(10)))
+    eventually(lambda: account(subscription).delivered == 10)
+
+
+def test_a_supplier_is_blocked_no_longer_than_the_limit(client: Callable[[str], EventClient]) -> None:
+    robot, receive = client("A"), Receiver()
+    subscription = robot.subscribe(receive, queue=QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.05))
+    subscription.proxy.suspend()
+    for number in range(4):
+        robot.push("t", number)
+    assert (account(subscription).queued, account(subscription).discarded) == (2, 2)
+    subscription.proxy.resume()
+    eventually(lambda: receive.payloads == [0, 1])
+
+
+def test_the_lowest_priority_goes_first_and_the_expired_are_not_delivered(
+    client: Callable[[str], EventClient],
+) -> None:
+    robot, receive = client("A"), Receiver()
+    subscription = robot.subscribe(receive, queue=QueuePolicy(3))
+    subscription.proxy.suspend()
+    robot.push("t", "expires", priority=9, expiry_s=0.05)
+    for number, priority in enumerate((1, 0, 2, 0, 2)):
+        robot.push("t", number, priority=priority)
+    time.sleep(0.1)
+    subscription.proxy.resume()
+    eventually(lambda: receive.payloads == [2, 4])
+    eventually(lambda: is_settled(subscription))
+    events = account(subscription)
+    assert (events.received, events.delivered, events.discarded, events.expired) == (6, 2, 3, 1)
+
+
+def test_accounts_are_exact_at_every_moment(place: Place, channel: Any, client: Callable[[str], EventClient]) -> None:
+    observer, stop = client("observer"), threading.Event()
+    subscriptions = [
+        observer.subscribe(Receiver(), queue=QueuePolicy(5)),
+        observer.subscribe(Receiver(), "a", queue=QueuePolicy(5, OverflowRule.DISCARD_NEWEST)),
+        observer.subscribe_together(lambda found: None, "a", "b", window_s=0.001),
+    ]
+
+    def talk(robot: EventClient) -> None:
+        while not stop.is_set():
+            robot.push_many("a", range(9), expiry_s=0.002)
+            robot.push("b", 1, priority=1)
+
+    threads = [threading.Thread(target=talk, args=(client(name),)) for name in "AB"]
+    for thread in threads:
+        thread.start()
+    for _ in range(50):
+        place.balanced_states("lab")
+    subscriptions[1].proxy.suspend()
+    for _ in range(20):
+        place.balanced_states("lab")
+    stop.set()
+    for thread in threads:
+        thread.join(10)
+    states = [state for state in place.balanced_states("lab") if state.kind == RoboCorba.PUSH_SUPPLIER]
+    assert sum(state.events.discarded for state in states) > 0
+    assert sum(state.events.delivered for state in states) > 0
+
+
+def test_a_consumer_that_raises_loses_that_event_only(place: Place, channel: Any) -> None:
+    class Moody(EventConsumer):
+        def pushRuns(self, runs: Any) -> None:
+            if runs[0].payloads[0] == b"bad":
+                raise ValueError("a fault of the consumer")
+            super().pushRuns(runs)
+
+    consumer = Moody()
+    proxy = channel.subscribe("", place.orb.activate(consumer), wanted("t"), QUEUE)
+    supplier = channel.supply("A")
+    for number, payload in enumerate([b"1", b"bad", b"2"], start=1):
+        supplier.pushEvent(event(payload=payload))
+        eventually(lambda number=number: proxy.state().events.queued == 0 and proxy.state().events.received == number)
+    assert consumer.payloads == [b"1", b"2"]
+    assert (proxy.state().events.delivered, proxy.state().events.discarded) == (2, 1)
+    assert proxy.state().condition == RoboCorba.CONNECTED
+    proxy.disconnect_push_supplier()
+
+
+# ---- what is refused ----
+
+
+@pytest.mark.parametrize(
+    ("field", "one"),
+    [
+        ("type", event("")),
+        ("type", event("x" * 201)),
+        ("source", event(source="x" * 201)),
+        ("expiry", event(expiry=-1.0)),
+        ("expiry", event(expiry=math.nan)),
+        ("time", event(time=math.nan)),
+        ("time", event(time=math.inf)),
+        ("payload", event(payload=bytes(8 * 2**20 + 1))),
+    ],
+)
+def test_an_event_that_is_refused_names_its_field(channel: Any, field: str, one: Any) -> None:
+    supplier = channel.supply("A")
+    last = channel.state().lastNumber
+    with pytest.raises(RoboCorba.InvalidEvent) as refused:
+        supplier.pushEvent(one)
+    assert refused.value.field == field and refused.value.reason
+    good = RoboCorba.EventRun(event().header, [0.0], [b""])
+    with pytest.raises(RoboCorba.InvalidEvent) as refused:
+        supplier.pushRuns([good, RoboCorba.EventRun(one.header, [one.header.time], [one.payload])])
+    assert refused.value.field == field
+    with pytest.raises(CORBA.BAD_PARAM):
+        supplier.push(CORBA.Any(RoboCorba._tc_Event, one))
+    assert channel.state().lastNumber == last  # of a call that is refused nothing is taken in
+
+
+def test_a_run_with_times_that_are_missing_is_refused(channel: Any) -> None:
+    with pytest.raises(RoboCorba.InvalidEvent) as refused:
+        channel.supply("A").pushRuns([RoboCorba.EventRun(event().header, [0.0], [b"", b""])])
+    assert refused.value.field == "times"
+
+
+@pytest.mark.parametrize(
+    ("where", "clauses"),
+    [
+        ("[1].patterns", [*wanted("a"), RoboCorba.Clause([], 0.0)]),
+        ("[0].window", [RoboCorba.Clause([pattern("a")], -1.0)]),
+        ("[0].patterns[1].source", [RoboCorba.Clause([pattern("a"), pattern("b", "x" * 201)], 0.0)]),
+    ],
+)
+def test_a_subscription_that_is_refused_names_the_place(
+    place: Place, channel: Any, where: str, clauses: list[Any]
+) -> None:
+    consumer = place.orb.activate(EventConsumer())
+    with pytest.raises(RoboCorba.InvalidSubscription) as refused:
+        channel.subscribe("", consumer, clauses, QUEUE)
+    assert refused.value.where == where and refused.value.reason
+    proxy = channel.subscribe("", consumer, wanted("a"), QUEUE)
+    with pytest.raises(RoboCorba.InvalidSubscription) as refused:
+        proxy.changeSubscription(clauses)
+    assert refused.value.where == where
+    assert [clause.patterns[0].type for clause in proxy.state().subscribed] == ["a"]
+    proxy.disconnect_push_supplier()
+
+
+@pytest.mark.parametrize(
+    ("field", "queue"),
+    [
+        ("size", RoboCorba.QueuePolicy(0, RoboCorba.DISCARD_OLDEST, 0.0)),
+        ("size", RoboCorba.QueuePolicy(1_000_001, RoboCorba.DISCARD_OLDEST, 0.0)),
+        ("blockLimit", RoboCorba.QueuePolicy(1, RoboCorba.BLOCK_SUPPLIER, 10.1)),
+        ("blockLimit", RoboCorba.QueuePolicy(1, RoboCorba.BLOCK_SUPPLIER, math.nan)),
+    ],
+)
+def test_a_queue_that_is_refused_names_its_field(place: Place, channel: Any, field: str, queue: Any) -> None:
+    with pytest.raises(RoboCorba.InvalidQueue) as refused:
+        channel.subscribe("", place.orb.activate(EventConsumer()), wanted("a"), queue)
+    assert refused.value.field == field and refused.value.reason
+
+
+def test_what_does_not_exist_or_is_nil_is_refused(place: Place, channel: Any) -> None:
+    with pytest.raises(RoboCorba.UnknownSubscription) as refused:
+        channel.unsubscribe("nobody")
+    assert refused.value.name == "nobody"
+    with pytest.raises(CORBA.BAD_PARAM):
+        channel.subscribe("", None, wanted("a"), QUEUE)
+
+
+def test_the_client_refuses_before_it_asks(client: Callable[[str], EventClient]) -> None:
+    robot = client("A")
+    with pytest.raises(InvalidEvent) as refused:
+        robot.push("t", object())
+    assert refused.value.field == "payload"
+    with pytest.raises(InvalidEvent):
+        robot.push("", 1)
+    with pytest.raises(InvalidSubscription):
+        robot.subscribe(Receiver(), "x" * 201)
+
+
+def test_garbage_leaves_the_server_alive(place: Place, channel: Any, client: Callable[[str], EventClient]) -> None:
+    # Not GIOP, then GIOP with a random body.
+    chance = random.Random(1)
+    for start in (
+        b"",
+        b"GET / HTTP/1.0\r\n\r\n",
+        b"GIOP\1\2\1\0",
+        b"GIOP\1\2\1\0\x40\0\0\0",
+        b"GIOP\1\2\1\0\xff\xff\xff\x7f",
+    ):
+        with socket.create_connection(("127.0.0.1", place.port + 1), 5) as connection:
+            connection.sendall(start + chance.randbytes(200))
+    # Payloads that are not what they say; in one another struct goes by the name of our own.
+    members = [CORBA.StructMember("x", CORBA.TC_long, None)]
+    type = CORBA.ORB_init().create_struct_tc("IDL:RoboCorba/Evens:1.0", "Evens", members)
+    made = omniORB.createUnknownStruct("IDL:RoboCorba/Evens:1.0", ["x"])
+    forged = omniORB.cdrMarshal(CORBA.TC_any, CORBA.Any(type, made(5))).replace(b"/Evens:", b"/Event:")
+    plain, receive = PushConsumer(), Receiver()
+    proxy = channel.for_consumers().obtain_push_supplier()
+    proxy.connect_push_consumer(place.orb.activate(plain))
+    robot = client("A")
+    robot.subscribe(receive)
+    supplier = channel.supply("B")
+    supplier.pushEvent(event(payload=b"\xc1 not msgpack"))
+    supplier.pushEvent(event(payload=b"no any", encoding=RoboCorba.CDR_ANY))
+    supplier.pushEvent(event(payload=forged, encoding=RoboCorba.CDR_ANY))
+    robot.push("t", "end")
+    eventually(lambda: receive.payloads[-1:] == ["end"])
+    assert receive.payloads[:2] == [b"\xc1 not msgpack", b"no any"]
+    eventually(lambda: plain.got and plain.got[-1].header.source == "A")
+    assert proxy.state().condition == RoboCorba.CONNECTED
+    proxy.disconnect_push_supplier()

@@ -1,0 +1,415 @@
+"""Four channels in every shape: who gets what, how often, and what the links say of it."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator, Sequence
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.event_client import Event
+from robocorba.events.event import MAX_PAYLOAD_BYTES
+from robocorba.stubs import RoboCorba
+from tests.system.federation_channels import LIMIT_S, Channels, Consumer, Counts, channels
+from tests.system.processes import eventually
+
+pytestmark = pytest.mark.system
+
+SHAPES = {
+    "mesh": ("AB", "AC", "AD", "BC", "BD", "CD"),
+    "ring": ("AB", "BC", "CD", "AD"),
+    "diamond": ("AB", "AC", "BD", "CD"),
+    "chain": ("AB", "BC", "CD"),
+    "star": ("AB", "AC", "AD"),
+}
+
+
+@pytest.fixture(scope="module")
+def federation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Channels]:
+    with channels(tmp_path_factory.mktemp("federation"), *"ABCD") as started:
+        yield started
+
+
+@pytest.fixture
+def at(federation: Channels) -> Iterator[Channels]:
+    """The federation, without any consumer before and after."""
+    yield federation
+    for client in federation.clients.values():
+        client.close()
+
+
+def interest(federation: Channels, name: str, peer: str) -> list[tuple[str, str]]:
+    return [(pattern.type, pattern.source) for pattern in federation.outgoing(name, peer).interest]
+
+
+@contextlib.contextmanager
+def talking(federation: Channels, name: str, type: str = "t", pause_s: float = 0.002) -> Iterator[list[int]]:
+    """Numbers that are pushed at a channel one by one meanwhile; pushes that may have failed are left out of the list,
+    and their numbers are not used again."""
+    said: list[int] = []
+    stop = threading.Event()
+
+    def talk() -> None:
+        number = 0
+        while not stop.wait(pause_s):
+            federation.clients[name].push(type, number)
+            said.append(number)
+            number += 1
+
+    speaker = threading.Thread(target=talk)
+    speaker.start()
+    try:
+        yield said
+    finally:
+        stop.set()
+        speaker.join(LIMIT_S)
+        assert not speaker.is_alive()
+
+
+def say_all(federation: Channels, count: int) -> dict[str, list[int]]:
+    """Each channel's client says so many things, one by one, all at the same time."""
+
+    def talk(name: str) -> None:
+        for number in range(count):
+            federation.clients[name].push("t", number)
+
+    speakers = [threading.Thread(target=talk, args=(name,)) for name in federation.clients]
+    for speaker in speakers:
+        speaker.start()
+    for speaker in speakers:
+        speaker.join(LIMIT_S)
+    return {name: list(range(count)) for name in federation.clients}
+
+
+def check_got(consumers: dict[str, Consumer], said: dict[str, list[int]]) -> None:
+    """Each consumer gets exactly one copy of everything, in order."""
+    for name, consumer in consumers.items():
+        for origin, numbers in said.items():
+            eventually(
+                lambda consumer=consumer, origin=origin, numbers=numbers: (
+                    len(consumer.payloads(origin)) >= len(numbers)
+                ),
+                LIMIT_S,
+                f"what {origin} said at {name}",
+            )
+    time.sleep(0.2)  # copies would come now
+    for consumer in consumers.values():
+        for origin, numbers in said.items():
+            assert consumer.payloads(origin) == numbers
+
+
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+def test_each_consumer_gets_exactly_one_copy(at: Channels, shape: tuple[str, ...]) -> None:
+    at.shape(*shape)
+    consumers = {name: Consumer(client, ()) for name, client in at.clients.items()}
+    at.wait_reaches(consumers, "ABCD")
+    check_got(consumers, say_all(at, 100))
+    at.check_links(*shape)
+
+
+def test_a_link_told_to_both_ends_is_one_link(at: Channels) -> None:
+    at.shape("AB")
+    at.channel("B").addPeer(RoboCorba.PeerAddress("A", "", False))
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    at.clients["A"].push_many("t", range(50))
+    check_got({"B": consumer}, {"A": list(range(50))})
+    assert [link.peer for link in at.channel("B").state().links] == ["A", "A"]
+    at.check_links("AB")
+
+
+def test_interest_follows_consumers_and_gateways_never_count(at: Channels) -> None:
+    at.shape("AB", "BC")
+    robots = Consumer(at.clients["C"], ("robot.*",))
+    doors = Consumer(at.clients["C"], ("door", "robot.state"))
+    eventually(lambda: interest(at, "B", "C") == [("door", "*"), ("robot.*", "*")], LIMIT_S, "the union")
+    assert interest(at, "A", "B") == []  # the gateway of C is no consumer of B
+    robots.subscription.end()
+    eventually(lambda: interest(at, "B", "C") == [("door", "*"), ("robot.state", "*")], LIMIT_S, "one less")
+    doors.subscription.change(("lamp", "L1"))
+    eventually(lambda: interest(at, "B", "C") == [("lamp", "L1")], LIMIT_S, "the change")
+    assert doors.subscription.wait_in_force("B")
+    doors.subscription.end()
+    eventually(lambda: interest(at, "B", "C") == [], LIMIT_S, "nothing, since the last one has left")
+
+
+def test_an_uninterested_channel_receives_nothing(at: Channels) -> None:
+    at.shape("AB", "BC")
+    wanting = Consumer(at.clients["B"], ("wanted",))
+    assert wanting.subscription.wait_in_force("A")
+    at.clients["A"].push_many("unwanted", range(500))
+    at.clients["A"].push_many("wanted", range(10))
+    eventually(lambda: len(wanting.payloads("A", "wanted")) == 10, LIMIT_S, "what is wanted")
+
+    out, came = at.outgoing("A", "B"), at.incoming("B", "A")
+    assert (out.unseen, out.events.received) == (500, 10)
+    assert (came.events.received, came.repeated) == (10, 0)
+    for name, peer in ("BC", "CB"):  # nobody there asked for anything
+        link = at.outgoing(name, peer)
+        assert (link.batches, link.bytes, Counts.of(link.events)) == (0, 0, Counts(0, 0, 0, 0, 0, 0))
+    link = at.incoming("C", "B")
+    assert (link.batches, link.bytes, link.events.received) == (0, 0, 0)
+    assert at.outgoing("B", "C").unseen == 10
+
+
+def test_a_conjunction_of_a_local_and_a_remote_event_comes_true_once_for_each_pair(at: Channels) -> None:
+    at.shape("AB")
+    found: list[Sequence[Event]] = []
+    pairs = at.clients["B"].subscribe_together(found.append, "local", "remote")
+    assert pairs.wait_in_force("A")
+    for number in range(20):
+        at.clients["A"].push("remote", number)
+        at.clients["B"].push("local", number)
+    eventually(lambda: len(found) >= 20, LIMIT_S, "all pairs")
+    time.sleep(0.2)
+    assert [[(event.type, event.origin, event.payload) for event in pair] for pair in found] == [
+        [("local", "B", number), ("remote", "A", number)] for number in range(20)
+    ]
+
+
+def test_a_change_of_subscriptions_loses_nothing_of_what_did_not_change(at: Channels) -> None:
+    at.shape("AB", "BC")
+    consumer = Consumer(at.clients["C"], ("t", "probe"))
+    at.wait_reaches({"C": consumer}, "AB")
+    with talking(at, "A") as said:
+        changes = 0
+        while changes < 40 or len(said) < 100:
+            consumer.subscription.change("t", f"x{changes}")
+            other = Consumer(at.clients["C"], ("t", f"y{changes}"))
+            other.subscription.end()
+            changes += 1
+    check_got({"C": consumer}, {"A": said})
+
+
+def test_accounts_are_exact_at_any_moment(at: Channels) -> None:
+    at.shape("AB", "BC")
+    consumer = Consumer(at.clients["C"], ("t", "probe"))
+    at.wait_reaches({"C": consumer}, "AB")
+    with talking(at, "A", pause_s=0.0005) as said:
+        for _ in range(30):
+            for name in "ABC":
+                for link in at.links(name).values():
+                    assert Counts.of(link.events).is_exact
+    check_got({"C": consumer}, {"A": said})
+    at.check_links("AB", "BC")
+    probes = len(consumer.payloads("A", "probe"))
+    assert at.incoming("C", "B").events.received == len(said) + probes + len(consumer.payloads("B", "probe"))
+    assert at.outgoing("B", "C").lag == 0.0
+
+
+def test_batches_grow_under_load(at: Channels) -> None:
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    with at.stopped("B"):
+        for number in range(2000):
+            at.clients["A"].push("t", number)
+    check_got({"B": consumer}, {"A": list(range(2000))})
+    assert at.outgoing("A", "B").batches < 400
+
+
+def test_expired_events_are_dropped_on_the_way(at: Channels) -> None:
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    with at.stopped("B"):
+        for number in range(200):
+            at.clients["A"].push("t", -1 - number, expiry_s=0.2)
+            at.clients["A"].push("t", number)
+        time.sleep(0.3)
+    check_got({"B": consumer}, {"A": list(range(200))})
+
+    # At the link of A, at the gateway of B, or, on a busy machine, already at the proxy of their supplier.
+    states = [at.channel(name).state() for name in "AB"]
+    accounts = [Counts.of(part.events) for state in states for part in (*state.proxies, *state.links)]
+    assert all(account.is_exact for account in accounts)
+    assert sum(account.expired for account in accounts) >= 200
+
+
+def test_a_channel_that_was_suspended_gets_all_it_missed_once(at: Channels) -> None:
+    """Longer than a session lasts without a sign."""
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    with talking(at, "A") as said:
+        eventually(lambda: consumer.events, LIMIT_S, "traffic")
+        with at.stopped("B"):
+            eventually(lambda: at.outgoing("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "the end of the link")
+            assert at.outgoing("A", "B").problem
+            eventually(lambda: at.incoming("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "the end at the gateway")
+            assert at.outgoing("A", "B").events.queued > 0
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
+    check_got({"B": consumer}, {"A": said})
+
+
+def test_a_removed_peer_stays_removed_until_it_is_added_again(at: Channels) -> None:
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    at.channel("A").removePeer("B")
+    eventually(lambda: at.links("A") == at.links("B") == {}, LIMIT_S, "the end of both directions")
+    at.clients["A"].push("t", 1)
+    for name in "AB":
+        at.kill(name)
+        at.spawn(name)
+    for name in "AB":
+        at.wait_ready(name)
+    assert at.links("A") == at.links("B") == {}
+    assert at.channel("A").peers() == at.channel("B").peers() == []
+    with pytest.raises(RoboCorba.UnknownPeer) as unknown:
+        at.channel("A").removePeer("B")
+    assert (unknown.value.peer, unknown.value.known) == ("B", [])
+
+    # B can't link by itself what A has removed, and is told why.
+    at.channel("B").addPeer(RoboCorba.PeerAddress("A", "", False))
+    eventually(lambda: "A has removed B; add it there again" in at.incoming("B", "A").problem, LIMIT_S, "the reason")
+    at.channel("A").addPeer(RoboCorba.PeerAddress("B", "", False))
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link again")
+    assert consumer.subscription.wait_in_force("A")
+    at.clients["A"].push("t", 2)
+    eventually(lambda: consumer.payloads("A") == [2], LIMIT_S, "an event over the link")
+
+
+def test_wrong_addresses_are_told_in_the_state_of_the_link(at: Channels) -> None:
+    at.shape("AB")
+    naming = f"127.0.0.1:{at.port}"
+    wrong = {
+        "nowhere": ("127.0.0.1:1", "ConnectFailed"),
+        "another": (at.address("B"), "there is no channel 'another' at this address"),
+        "misnamed": (f"corbaloc::{at.address('B')}/EventChannels/B", "the channel there is 'B', not 'misnamed'"),
+        "itself": (f"corbaloc::{at.address('A')}/EventChannels/A", "the channel there is 'A', not 'itself'"),
+        "naming": (f"corbaloc::{naming}/NameService", "what is at this address is no event channel"),
+        "garbage": ("no uri", "leads to no object"),
+        "unbound": ("", f"the naming service at {naming} does not know it"),
+    }
+    for name, (address, _) in wrong.items():
+        at.channel("A").addPeer(RoboCorba.PeerAddress(name, address, False))
+    problems: dict[str, str] = {}
+
+    def all_told() -> bool:
+        problems.update({name: at.incoming("A", name).problem for name in wrong})
+        return all(expected in problems[name] for name, (_, expected) in wrong.items())
+
+    eventually(all_told, LIMIT_S, "all problems")
+    assert at.is_up("AB")
+    for name in wrong:
+        at.channel("A").removePeer(name)
+    assert [peer.name for peer in at.channel("A").peers()] == ["B"]
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("A", "itself"), ("", "letters"), ("a/b", "letters"), ("x" * 61, "letters")]
+)
+def test_names_that_can_not_be_peers_are_refused(at: Channels, name: str, reason: str) -> None:
+    with pytest.raises(RoboCorba.InvalidPeer) as refused:
+        at.channel("A").addPeer(RoboCorba.PeerAddress(name, "", False))
+    assert refused.value.field == "name"
+    assert reason in refused.value.reason
+
+
+def test_a_peer_at_a_new_address_is_found_there(at: Channels) -> None:
+    at.shape("AB")
+    at.channel("A").addPeer(RoboCorba.PeerAddress("B", "127.0.0.1:1", False))
+    eventually(lambda: "ConnectFailed" in at.incoming("A", "B").problem, LIMIT_S, "the wrong address")
+    at.channel("A").addPeer(RoboCorba.PeerAddress("B", at.address("B"), False))
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link again")
+
+
+@pytest.mark.parametrize("victim", ["A", "B"])
+def test_a_killed_end_comes_back_without_duplicates(at: Channels, victim: str) -> None:
+    """A supplies B; what is said before and after the kill arrives once, and numbers rise."""
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    at.clients["A"].push_many("t", range(50))
+    eventually(lambda: len(consumer.payloads("A")) == 50, LIMIT_S, "the first events")
+    at.kill(victim)
+    at.spawn(victim)
+    at.wait_ready(victim)
+    at.clients["A"].push_many("t", range(50, 100))  # nothing is waited for: they wait for the link
+    check_got({"B": consumer}, {"A": list(range(100))})
+    numbers = [event.number for event in consumer.events]
+    assert numbers == sorted(set(numbers))
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
+
+
+def test_a_receiver_killed_under_traffic_repeats_nothing_and_all_that_waited_arrives(at: Channels) -> None:
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t",))
+    assert consumer.subscription.wait_in_force("A")
+    with talking(at, "A") as said:
+        eventually(lambda: len(consumer.events) > 50, LIMIT_S, "traffic")
+        at.kill("B")
+        killed = len(said)
+        at.spawn("B")
+        at.wait_ready("B")
+        eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
+    eventually(lambda: consumer.payloads("A")[-1:] == said[-1:], LIMIT_S, "the last event")
+    got = consumer.payloads("A")
+    assert got == sorted(set(got))
+    lost = set(said) - set(got)
+    assert all(number <= killed for number in lost)  # what waited at A came; what B held went with it
+
+
+def test_a_link_comes_back_without_the_naming_service(at: Channels) -> None:
+    """Peers remember where they were; the names are bound again when it is there."""
+    at.shape("AB")
+    at.kill_naming()
+    at.kill("B")
+    at.spawn("B")
+    at.wait_ready("B")
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
+    at.start_naming()
+    at.orb.resolve("EventChannels/B", RoboCorba.EventChannel, timeout_s=LIMIT_S)
+
+
+def test_a_channel_ends_in_order_while_its_peer_hangs(at: Channels) -> None:
+    """And is still a peer of it: both find each other again."""
+    at.shape("AB")
+    with at.stopped("B"):
+        eventually(lambda: at.incoming("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "calls that hang")
+        at.processes["A"].terminate()
+        assert at.processes["A"].wait(LIMIT_S) == 0
+    at.spawn("A")
+    at.wait_ready("A")
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
+
+
+def test_an_event_that_no_link_can_carry_holds_up_nothing(at: Channels) -> None:
+    """A plain value may be larger than any event with a header; here it reaches its own channel's consumers only."""
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("*",))
+    assert consumer.subscription.wait_in_force("A")
+    plain = at.channel("A").for_suppliers().obtain_push_consumer()
+    plain.connect_push_supplier(None)
+    for text in ("before", "x" * (MAX_PAYLOAD_BYTES + 1), "after"):
+        plain.push(CORBA.Any(CORBA.TC_string, text))
+    eventually(lambda: len(consumer.payloads("A", "string")) == 2, LIMIT_S, "the others")
+    assert consumer.payloads("A", "string") == ["before", "after"]
+    eventually(lambda: at.outgoing("A", "B").events.queued == 0, LIMIT_S, "all acknowledged")
+    assert Counts.of(at.outgoing("A", "B").events) == Counts(3, 2, 0, 1, 0, 0)
+    assert Counts.of(at.incoming("B", "A").events) == Counts(2, 2, 0, 0, 0, 0)
+    plain.disconnect_push_consumer()
+
+
+def test_a_channel_that_lost_its_files_is_linked_again_and_its_events_are_new(at: Channels) -> None:
+    at.shape("AB")
+    consumer = Consumer(at.clients["B"], ("t", "probe"))
+    assert consumer.subscription.wait_in_force("A")
+    at.clients["A"].push("t", 1)
+    eventually(lambda: consumer.payloads("A") == [1], LIMIT_S, "the first event")
+    at.kill("A")
+    at.forget("A")
+    at.spawn("A")
+    at.wait_ready("A")
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
+    # Its proxies are forgotten as well.
+    at.clients["A"] = type(at.clients["A"])(at.orb, "A", "A")
+    assert consumer.subscription.wait_in_force("A")
+    at.clients["A"].push("t", 2)
+    eventually(lambda: consumer.payloads("A") == [1, 2], LIMIT_S, "the second event")
+    assert consumer.events[1].number > consumer.events[0].number
+    assert at.incoming("B", "A").repeated == 0
