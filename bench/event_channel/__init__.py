@@ -1,0 +1,1 @@
+"""One event channel beside other brokers: latency, throughput, a stalled consumer, many consumers, memory."""

@@ -1,0 +1,130 @@
+"""The events of these benches: 100 bytes that say who sent them, as which one, and when."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+SIZE = 100
+_STAMP = struct.Struct("<QQ")
+_REST = bytes(SIZE - _STAMP.size)
+#: A number holds its supplier above these bits.
+_SUPPLIER_SHIFT = 48
+
+
+def stamped(number: int, supplier: int = 0) -> bytes:
+    """Event `number` of a supplier, made now. CLOCK_MONOTONIC is the same in all processes of a machine."""
+    return _STAMP.pack(supplier << _SUPPLIER_SHIFT | number, time.monotonic_ns()) + _REST
+
+
+def stamped_run(first: int, count: int, supplier: int = 0) -> list[bytes]:
+    """`count` events from number `first` on, all made now."""
+    base, now = supplier << _SUPPLIER_SHIFT | first, time.monotonic_ns()
+    return [_STAMP.pack(base + place, now) + _REST for place in range(count)]
+
+
+class Arrivals(NamedTuple):
+    """What a consumer got, in the order in which it came. Arrays of equal length; moments in ns of CLOCK_MONOTONIC."""
+
+    suppliers: np.ndarray
+    numbers: np.ndarray
+    made: np.ndarray
+    came: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def latencies_us(self) -> np.ndarray:
+        """From just before the call that sent it to its arrival in the consumer's own code."""
+        return (self.came - self.made) / 1e3
+
+    def from_number(self, first: int) -> Arrivals:
+        """Those whose number is at least `first`."""
+        keep = self.numbers >= first
+        return Arrivals(*(column[keep] for column in self))
+
+
+class Quality(NamedTuple):
+    """How a delivery went: 0 for everything is perfect. misordered: events that came after a later one."""
+
+    lost: int
+    repeated: int
+    misordered: int
+
+
+def quality(arrivals: Arrivals, sent: Sequence[range]) -> Quality:
+    """Compare with the numbers that each supplier sent. Order is that of each supplier; there is none among them."""
+    lost = repeated = misordered = 0
+    for supplier, numbers in enumerate(sent):
+        got = arrivals.numbers[arrivals.suppliers == supplier].astype(np.int64)
+        got = got[(got >= numbers.start) & (got < numbers.stop)]
+        unique = len(np.unique(got))
+        lost += len(numbers) - unique
+        repeated += len(got) - unique
+        if len(got):
+            misordered += int(np.count_nonzero(got < np.maximum.accumulate(got)))
+    return Quality(lost, repeated, misordered)
+
+
+def gaps(arrivals: Arrivals, sent: range) -> list[tuple[int, int]]:
+    """What of the numbers that one supplier sent did not come: (start, stop) of each stretch, rising."""
+    missing = np.setdiff1d(np.arange(sent.start, sent.stop), arrivals.numbers)
+    stretches = np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1)
+    return [(int(stretch[0]), int(stretch[-1]) + 1) for stretch in stretches if len(stretch)]
+
+
+class Tally:
+    """Collects what arrives. It only keeps it, so that no broker pays for the checks; `arrivals` looks inside."""
+
+    def __init__(self) -> None:
+        self._came: list[int] = []
+        self._payloads: list[Sequence[bytes]] = []
+        self._lock = threading.Lock()
+        self.count = 0
+
+    def receive(self, payloads: Sequence[bytes]) -> None:
+        """Called with what came in one go, from any thread."""
+        moment = time.monotonic_ns()
+        with self._lock:
+            self._came.append(moment)
+            self._payloads.append(payloads)
+            self.count += len(payloads)
+
+    def take(self) -> Arrivals:
+        """What has come since the last time."""
+        with self._lock:
+            came, payloads, self._came, self._payloads, self.count = self._came, self._payloads, [], [], 0
+        return _arrivals(came, payloads)
+
+    def wait(self, count: int, quiet_s: float, limit_s: float) -> None:
+        """Until `count` events have come, or none came for `quiet_s`, or `limit_s` have passed."""
+        deadline = time.monotonic() + limit_s
+        before, changed_at = -1, time.monotonic()
+        while (now := time.monotonic()) < deadline and self.count < count:
+            if self.count != before:
+                before, changed_at = self.count, now
+            elif now > changed_at + quiet_s:
+                return
+            time.sleep(0.01)
+
+
+def _arrivals(came: Sequence[int], payloads: Sequence[Sequence[bytes]]) -> Arrivals:
+    sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
+    stamps = np.frombuffer(b"".join(_flat(payloads)), np.uint64).reshape(-1, 2)
+    words = stamps[:, 0]
+    return Arrivals(
+        (words >> np.uint64(_SUPPLIER_SHIFT)).astype(np.int64),
+        (words & np.uint64((1 << _SUPPLIER_SHIFT) - 1)).astype(np.int64),
+        stamps[:, 1].astype(np.int64),
+        np.repeat(np.array(came, np.int64), sizes),
+    )
+
+
+def _flat(payloads: Sequence[Sequence[bytes]]) -> Iterator[bytes]:
+    return (payload[: _STAMP.size] for together in payloads for payload in together)
