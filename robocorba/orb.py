@@ -19,6 +19,7 @@ naming context RoboCorba, and bound again when the naming service comes back wit
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import signal
 import threading
@@ -218,6 +219,7 @@ class Orb:
 
     def run(self) -> None:
         """Serve until SIGTERM, SIGINT or `stop`. Only in the main thread."""
+        gc.freeze()  # what a server has loaded by now stays: collecting it again and again would delay calls
         self._let_calls_in()
         signals = (signal.SIGTERM, signal.SIGINT)
         before = [signal.signal(number, lambda *_: self.stop()) for number in signals]

@@ -18,12 +18,13 @@ from bench.event_channel.peers.nats import PEER as NATS
 from bench.event_channel.peers.omnievents import PEER as OMNIEVENTS
 from bench.event_channel.peers.ours import CLIENT, HEADER, PLAIN
 from bench.event_channel.peers.redis import PEER as REDIS
+from bench.event_channel.peers.relay import PEER as RELAY
 from bench.event_channel.peers.zenoh import PEER as ZENOH
 from bench.event_channel.peers.zeromq import PEER as ZEROMQ
 from bench.event_channel.stage import Role, Stage, collect, trio
 from bench.report import PROGRESS, quantile
 
-PEERS = [peer.name for peer in (PLAIN, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
+PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
 RATE = 1000.0
 #: Peers take turns after so many events. A turn begins with some that don't count: its processes have slept.
 TURN, WARM_UP = 200, 50

@@ -15,7 +15,7 @@ from bench.event_channel.peers import installed
 from bench.event_channel.peers.mosquitto import PEER as MQTT
 from bench.event_channel.peers.nats import PEER as NATS
 from bench.event_channel.peers.omnievents import PEER as OMNIEVENTS
-from bench.event_channel.peers.ours import CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+from bench.event_channel.peers.ours import CLIENT, HEADER, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES
 from bench.event_channel.peers.redis import PEER as REDIS
 from bench.event_channel.peers.zenoh import PEER as ZENOH
 from bench.event_channel.peers.zeromq import PEER as ZEROMQ
@@ -48,13 +48,14 @@ class Way(NamedTuple):
         return self.peer.startswith("ours")
 
 
-BEST, BEST_RUNS, ZENOH_WAY = Way(HEADER.name, 4), Way(HEADER.name, run=100), Way(ZENOH.name)
+BEST, BEST_RUNS, ZENOH_WAY = Way(ON_ONE_CORE.name, 4), Way(HEADER.name, run=100), Way(ZENOH.name)
 WAYS = [
     Way(PLAIN.name),
     Way(PLAIN_TO_BATCHES.name),
     Way(PLAIN_TO_BATCHES.name, 4),
     Way(HEADER.name),
     Way(HEADER.name, 2),
+    Way(HEADER.name, 4),
     BEST,
     Way(CLIENT.name, 4),
     BEST_RUNS,

@@ -12,8 +12,6 @@ import time
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import networkx as nx
-
 from robocorba.errors import InvalidPeer
 from robocorba.events.subscription import MAX_UNION, Pattern
 
@@ -121,6 +119,8 @@ class Federation:
 
     def _distances(self, channel: str) -> dict[str, int]:
         """How many links away from one channel the others are."""
+        import networkx as nx  # here: every client of a channel loads this module, and would wait 0.2 s for it
+
         if channel not in self._ways:
             known = channel in self._graph
             self._ways[channel] = nx.single_source_shortest_path_length(self._graph, channel) if known else {}
@@ -128,6 +128,8 @@ class Federation:
 
     def _find_ways(self) -> None:
         """Shortest ways over the links that both ends tell of; an end that tells nothing yet is believed."""
+        import networkx as nx
+
         graph: nx.Graph[str] = nx.Graph()
         graph.add_node(self.name)
         for notice in self._notices.values():

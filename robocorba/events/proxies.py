@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
 from typing import Any, NamedTuple
 
@@ -30,6 +32,8 @@ from robocorba.events.subscription import ALL, Subscription
 MAX_PROXIES = 10_000
 #: A proxy without a client that could be asked whether it lives goes after so long without use, where room is needed.
 UNUSED_S = 3600.0
+#: Clients that are told at the same time that the channel was destroyed: those that hang cost a second each.
+CALLED_AT_ONCE = 16
 
 _log = logging.getLogger(__name__)
 
@@ -193,11 +197,8 @@ class Proxies:
             everything = list(self._all.values())
             with self._channel.lock:
                 self._channel.is_destroyed = True
-        for proxy in everything:
-            try:
-                self._remove(proxy)
-            except ProxyGone:
-                continue  # it went by itself meanwhile
+        with ThreadPoolExecutor(CALLED_AT_ONCE) as callers:
+            list(callers.map(self._remove_if_there, everything))
 
     # ---- from the server ----
 
@@ -303,6 +304,10 @@ class Proxies:
         self._interest_changed()
         if proxy.client:
             proxy.client.disconnect()
+
+    def _remove_if_there(self, proxy: Proxy) -> None:
+        with contextlib.suppress(ProxyGone):  # it went by itself meanwhile
+            self._remove(proxy)
 
     def _give_up(self, proxy: Proxy, reason: str) -> None:
         """A client is gone. A durable subscription waits for its next one; everything else ends."""

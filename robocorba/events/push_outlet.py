@@ -4,6 +4,9 @@ An event reaches it in one of two ways. Where nothing waits and the consumer is 
 supplier's own thread makes the call. Else the event waits in the queue, and the outlet's thread, which
 lives while there is work, takes it from there. Only one of them calls the client at any time.
 
+In a flood a consumer that takes batches is left to its thread: the supplier has its answer sooner, and calls of
+many events get more of them through. A plain one, which gets one event a call, would only fall behind.
+
 A consumer that does not answer is stalled: it is asked again and again, with growing pauses, whether it is there.
 When it answers, delivery goes on where it stopped. When it does not for MAX_FAILURES times, it is given up.
 """
@@ -21,6 +24,7 @@ from robocorba.events.event import Run, merged
 from robocorba.events.outlet import Condition, Outlet
 from robocorba.events.queue import Item, QueuePolicy
 from robocorba.events.subscription import Fit, Subscription
+from robocorba.events.turns import Turns
 
 #: Longest call from a supplier's thread: what one consumer that hangs costs the others, once.
 INLINE_LIMIT_S = 0.05
@@ -29,6 +33,8 @@ CALL_LIMIT_S = 10.0
 PING_LIMIT_S = 1.0
 #: A consumer is quick while its calls take less than this on average.
 QUICK_S = 0.002
+#: An event in a flood follows the one before within so many times a call's duration, and within this.
+FLOOD_GAP, LONGEST_GAP_S = 1.5, 0.0005
 #: After a stall, time for the consumer to end what it had begun: the next event must not overtake it.
 SETTLE_S = 0.1
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
@@ -36,9 +42,14 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
 IDLE_S = 5.0
 #: What goes out in one call to a consumer that takes batches.
 BATCH_EVENTS, BATCH_BYTES = 1000, 2**20
+#: Where more than so many came during a call of the outlet's thread, it rests before the next one.
+FEW, REST_S = 1, 0.001
+#: Threads of outlets that call at the same time, for how long one that hangs counts, and calls that one makes in a row.
+TURNS, TURN_LIMIT_S, TURN_CALLS = 4, 0.05, 16
 #: How often a consumer may fail in a row. With the pauses in between, one that died is given up after 17 s.
 MAX_FAILURES = 20
 
+_turns = Turns(TURNS, TURN_LIMIT_S)
 _log = logging.getLogger(__name__)
 
 
@@ -59,7 +70,7 @@ class PushOutlet(Outlet):
         self._busy = False
         #: How many events a supplier's thread may deliver in one call: none before the thread has made the first one.
         self._inline = 0
-        self._mean_s = 0.0
+        self._mean_s = self._flood_until = 0.0
         self._failed = 0
         self._thread: threading.Thread | None = None
 
@@ -95,11 +106,15 @@ class PushOutlet(Outlet):
 
     def offer(self, run: Run, fit: Fit, now: float) -> bool:
         count = len(run.payloads)
-        if count > self._inline or self._busy or self._queue.length or fit.slots:
+        if count > self._inline or self._busy or self._queue.length or fit.slots or self._is_flooded():
             return super().offer(run, fit, now)
         self.account.received += count
         self._busy, self._in_flight = True, count
         return True
+
+    def _is_flooded(self) -> bool:
+        """Whether events follow each other faster than calls do, to a consumer that takes batches."""
+        return self._inline > 1 and time.perf_counter() < self._flood_until
 
     def deliver(self, run: Run) -> bool:
         client = self.client
@@ -138,10 +153,16 @@ class PushOutlet(Outlet):
     def _run(self) -> None:
         while (task := self._next_task()) is not None:
             client, items = task
-            if items:
-                self._call(client, items)
-            else:
+            if not items:
                 self._probe(client)
+                continue
+            with _turns.one():
+                self._call(client, items)
+                for _ in range(TURN_CALLS - 1):
+                    if not (items := self._next_of_turn(client)):
+                        break
+                    self._call(client, items)
+            self._rest(client)
 
     def _next_task(self) -> tuple[Consumer, list[Item]] | None:
         """Whom to give what; nothing, where it has to be asked whether it is there; None at the end of work."""
@@ -163,6 +184,15 @@ class PushOutlet(Outlet):
             self._thread = None
             return None
 
+    def _next_of_turn(self, client: Consumer) -> list[Item]:
+        """What to deliver next in the same turn to a client that takes one event a call; nothing at its end."""
+        with self._lock:
+            is_over = client.takes_batches or client is not self.client or self.condition is not Condition.CONNECTED
+            items = [] if is_over or self._busy or not self._queue.length else self._next_items(client)
+            if items:
+                self._busy, self._in_flight = True, sum(map(len, items))
+            return items
+
     def _next_items(self, client: Consumer) -> list[Item]:
         if client.takes_batches:
             items = self._take(BATCH_EVENTS, BATCH_BYTES)
@@ -170,6 +200,11 @@ class PushOutlet(Outlet):
             return [*merged(runs)] if len(runs) == len(items) else items
         run = self._take_one()
         return [run] if run else []
+
+    def _rest(self, client: Consumer) -> None:
+        """Let a batch grow, where events come faster than calls are made."""
+        if client.takes_batches and FEW < self._queue.length < min(BATCH_EVENTS, self.policy.size // 2):
+            time.sleep(REST_S)
 
     def _pause(self) -> bool:
         """Wait before the next question; False where there is nothing to ask any more."""
@@ -193,6 +228,7 @@ class PushOutlet(Outlet):
         self.account.delivered += count
         self._failed = 0
         self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
+        self._flood_until = time.perf_counter() + min(FLOOD_GAP * self._mean_s, LONGEST_GAP_S)
         if self._mean_s > QUICK_S or client is not self.client or self.condition is not Condition.CONNECTED:
             self._inline = 0
         else:

@@ -29,11 +29,12 @@ SCHEMA_VERSION = 1
 #: Numbers of events begin with the second of the start, counted from 2020 on, in their upper 32 bits.
 FIRST_SECOND = 1_577_836_800
 COUNT_BITS = 32
+#: Those of proxies with the second in which the file was made, above so many bits.
+ID_BITS = 10
 
 _SCHEMA = (
     "CREATE TABLE starts (second INTEGER NOT NULL)",
     "CREATE TABLE ids (next INTEGER NOT NULL)",
-    "INSERT INTO ids VALUES (1)",
     "CREATE TABLE records (kind TEXT NOT NULL, key TEXT NOT NULL, value BLOB NOT NULL, PRIMARY KEY (kind, key))",
     f"PRAGMA application_id = {APPLICATION_ID}",
     f"PRAGMA user_version = {SCHEMA_VERSION}",
@@ -88,6 +89,8 @@ class Store:
         if not self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             for statement in _SCHEMA:
                 self._db.execute(statement)
+            # Where an older file was lost, its numbers must not come again: clients still hold them.
+            self._db.execute("INSERT INTO ids VALUES (?)", ((int(time.time()) - FIRST_SECOND) << ID_BITS,))
         self._db.execute("COMMIT")
         found = [self._db.execute(f"PRAGMA {what}").fetchone()[0] for what in ("application_id", "user_version")]
         if found != [APPLICATION_ID, SCHEMA_VERSION]:

@@ -103,7 +103,8 @@ class EventConsumer(PushConsumer):
         super().__init__(orb, uri, RoboCorba.EventConsumer)
 
     def deliver(self, items: Sequence[Item], limit_s: float) -> None:
-        self._set_limit(limit_s)
+        if limit_s != self._limit_s:
+            self._set_limit(limit_s)
         try:
             if isinstance(items[0], Together):
                 self._remote.pushTogether(items[0].which, events.together(items[0]))

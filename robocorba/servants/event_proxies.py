@@ -62,7 +62,8 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     @translating
     def pushRuns(self, runs: Any) -> None:
         for run in [events.run_of(struct) for struct in runs]:  # all are checked before any goes in
-            self._inlet.push(run)
+            if run.payloads:
+                self._inlet.push(run)
 
     @translating
     def disconnect_push_consumer(self) -> None:

@@ -101,14 +101,53 @@ def test_events_come_in_order_by_the_thread_or_in_line(channel: Channel, takes_b
     assert totals(outlet) == Totals(received=100, delivered=100)
 
 
-def test_in_line_a_supplier_has_delivered_when_it_returns(channel: Channel) -> None:
-    consumer = Consumer()
+@pytest.mark.parametrize("takes_batches", [False, True])
+def test_in_line_a_supplier_has_delivered_when_it_returns(
+    channel: Channel, takes_batches: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(push_outlet, "LONGEST_GAP_S", 0.0 if takes_batches else 60.0)  # plain ones are called anyway
+    consumer = Consumer(takes_batches)
     outlet = push_outlet_of(channel, consumer)
     say(channel, 0)
     eventually(lambda: is_settled(outlet))
     for number in range(1, 20):
         say(channel, number)
         assert told(consumer)[-1] == number
+
+
+def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(push_outlet, "REST_S", 0.3)
+    calls: list[int] = []
+    is_called, may_end = threading.Event(), threading.Event()
+
+    def take(items: Sequence[Item]) -> None:
+        calls.append(sum(map(len, items)))
+        is_called.set()
+        assert may_end.wait(20)
+
+    consumer = Consumer(answer=take)
+    outlet = push_outlet_of(channel, consumer)
+    say(channel, 0)
+    assert is_called.wait(20)
+    for number in range(1, 4):
+        say(channel, number)  # while the first one is still being delivered
+    may_end.set()
+    for number in range(4, 9):
+        say(channel, number)  # while the thread rests
+    eventually(lambda: is_settled(outlet))
+    assert calls == [1, 8]
+    assert told(consumer) == list(range(9))
+
+
+def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(push_outlet, "FLOOD_GAP", 1e9)
+    monkeypatch.setattr(push_outlet, "LONGEST_GAP_S", 60.0)
+    callers: list[str] = []
+    outlet = push_outlet_of(channel, Consumer(answer=lambda items: callers.append(threading.current_thread().name)))
+    for number in range(5):
+        say(channel, number)
+        eventually(lambda: is_settled(outlet))
+    assert callers == ["to 1"] * 5
 
 
 def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Channel) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import omniORB  # noqa: F401  the standard's stubs can be imported from here on
 
-from bench.event_channel.peers import mosquitto, nats, omnievents, ours, redis, zenoh, zeromq
+from bench.event_channel.peers import mosquitto, nats, omnievents, ours, redis, relay, zenoh, zeromq
 from bench.event_channel.peers.base import Peer
 
 PEERS: dict[str, Peer] = {
@@ -15,6 +15,8 @@ PEERS: dict[str, Peer] = {
         ours.HEADER,
         ours.CLIENT,
         ours.BOUNDED,
+        ours.ON_ONE_CORE,
+        relay.PEER,
         omnievents.PEER,
         redis.PEER,
         mosquitto.PEER,

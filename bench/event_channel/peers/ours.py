@@ -15,7 +15,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from bench.event_channel.peers.base import Broker, OneByOne, Receive, Start, free_port, split
+from bench.event_channel.peers.base import Broker, OneByOne, Receive, Start, free_port, lacking, split
 from bench.event_channel.peers.cos import PlainConsumer, PlainSupplier
 from bench.event_channel.stamps import SIZE
 from robocorba.conversion import events
@@ -118,7 +118,7 @@ class ClientConsumer:
 
 
 class Ours:
-    """supply and consume make the two ends of a channel."""
+    """supply and consume make the two ends of a channel. before: stands before the command that starts the channel."""
 
     batches = True
 
@@ -128,16 +128,17 @@ class Ours:
         batches: bool,
         supply: Callable[[Orb, Any], Any],
         consume: Callable[[Orb, Any, Receive], Any],
+        before: Sequence[str] = (),
     ) -> None:
         self.name, self.batches = name, batches
-        self._supply, self._consume = supply, consume
+        self._supply, self._consume, self._before = supply, consume, before
 
     def missing(self) -> str:
-        return ""
+        return lacking(programs=self._before[:1])
 
     @contextlib.contextmanager
     def broker(self, folder: Path, start: Start) -> Iterator[Broker]:
-        yield start_channel(folder, start)
+        yield start_channel(folder, start, self._before)
 
     @contextlib.contextmanager
     def supplier(self, address: str) -> Iterator[Any]:
@@ -158,12 +159,12 @@ class Ours:
                     consumer.close()
 
 
-def start_channel(folder: Path, start: Start) -> Broker:
+def start_channel(folder: Path, start: Start, before: Sequence[str] = ()) -> Broker:
     """A channel in a process of its own, once it answers. Address: that of its naming service."""
     naming, endpoint = naming_service(folder, start), f"127.0.0.1:{free_port()}"
     state = folder / f"channel-{endpoint.rpartition(':')[2]}"
     where = ("--state", str(state), "--endpoint", endpoint, "--naming", naming, "--name", CHANNEL)
-    return Broker(naming, start(sys.executable, "-m", "servers.event_channel", *where))
+    return Broker(naming, start(*before, sys.executable, "-m", "servers.event_channel", *where))
 
 
 def naming_service(folder: Path, start: Start) -> str:
@@ -192,6 +193,9 @@ BOUNDED = Ours(
 )
 PLAIN_TO_BATCHES = Ours("ours, plain to batches", False, lambda _, channel: PlainSupplier(channel), AnyBatchConsumer)
 HEADER = Ours("ours, header", True, lambda _, channel: HeaderSupplier(channel), BatchConsumer)
+ON_ONE_CORE = Ours(
+    "ours, header, on one core", True, lambda _, channel: HeaderSupplier(channel), BatchConsumer, ("taskset", "-c", "0")
+)
 CLIENT = Ours(
     "ours, EventClient", True, lambda orb, _: ClientSupplier(orb), lambda orb, _, receive: ClientConsumer(orb, receive)
 )
