@@ -116,7 +116,8 @@ class Store:
     def next_id(self) -> int:
         """A number that no proxy of this channel had."""
         with self._guarded():
-            return int(self._db.execute("UPDATE ids SET next = next + 1 RETURNING next - 1").fetchone()[0])
+            ((id,),) = self._db.execute("UPDATE ids SET next = next + 1 RETURNING next - 1").fetchall()
+            return int(id)
 
     def proxies(self) -> list[ProxyRecord]:
         return self._all("proxy", ProxyRecord)
@@ -142,7 +143,7 @@ class Store:
     def save_notices(self, notices: Iterable[Notice]) -> None:
         """Keep these, and no others."""
         rows = [("notice", notice.name, msgspec.msgpack.encode(notice)) for notice in notices]
-        with self._guarded(), self._lock:
+        with self._guarded():
             self._db.execute("BEGIN")
             try:
                 self._db.execute("DELETE FROM records WHERE kind = 'notice'")
@@ -163,7 +164,7 @@ class Store:
             return [msgspec.msgpack.decode(value, type=schema) for (value,) in rows]
 
     def _save(self, kind: str, key: str, record: object) -> None:
-        with self._guarded(), self._lock:
+        with self._guarded():
             value = msgspec.msgpack.encode(record)
             # Not INSERT OR REPLACE, which would change the order.
             done = self._db.execute("UPDATE records SET value = ? WHERE kind = ? AND key = ?", (value, kind, key))
@@ -171,13 +172,15 @@ class Store:
                 self._db.execute("INSERT INTO records VALUES (?, ?, ?)", (kind, key, value))
 
     def _forget(self, kind: str, key: str) -> None:
-        with self._guarded(), self._lock:
+        with self._guarded():
             self._db.execute("DELETE FROM records WHERE kind = ? AND key = ?", (kind, key))
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
+        """One thread at a time: all share a connection, and what one does must not get into another's transaction."""
         try:
-            yield
+            with self._lock:
+                yield
         except sqlite3.OperationalError as wrong:
             if "locked" in str(wrong):
                 raise AlreadyRunning(f"another process uses {self.file}") from None

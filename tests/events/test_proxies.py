@@ -25,6 +25,7 @@ from robocorba.errors import (
 from robocorba.events import inlet as inlets
 from robocorba.events import proxies as module
 from robocorba.events.channel import Channel
+from robocorba.events.federation import Notice
 from robocorba.events.inlet import Inlet
 from robocorba.events.outlet import Condition, Outlet, PullOutlet
 from robocorba.events.proxies import Kind, Proxies, Proxy
@@ -297,6 +298,31 @@ def test_a_destroyed_channel_forgets_all_but_its_numbers(tmp_path: Path) -> None
     with Store(tmp_path / "s") as store:
         assert store.first_number() > first
         assert store.next_id() > id
+
+
+def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
+    ids: list[int] = []
+    with Store(tmp_path / "s") as store:
+
+        def number() -> None:
+            ids.extend(store.next_id() for _ in range(300))
+
+        def note(name: str) -> None:
+            for version in range(100):
+                store.save_notices([Notice(name, version, (), ())])
+                store.save_peer(PeerRecord(name, str(version)))
+
+        threads = [threading.Thread(target=number) for _ in range(3)]
+        threads += [threading.Thread(target=note, args=(name,)) for name in ("hall", "yard")]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(30)
+        assert len(ids) == len(set(ids)) == 900
+        assert [(peer.name, peer.address) for peer in store.peers()] in (
+            [("hall", "99"), ("yard", "99")],
+            [("yard", "99"), ("hall", "99")],
+        )
 
 
 def test_peers_are_kept_in_order_and_changed_in_place(tmp_path: Path) -> None:
