@@ -57,6 +57,7 @@ $(VENV)/.peers: $(VENV)/.installed
 bench-events: stubs $(VENV)/.peers
 	@$(BIN)/python -m bench.event_network
 	@$(BIN)/python -m bench.event_channel
+	@$(BIN)/python -m bench.event_chaos
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output
