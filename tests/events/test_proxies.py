@@ -281,12 +281,12 @@ def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
     with lab_in(tmp_path, clients) as lab:
         supplier = lab.known(Supplier())
         lab.proxies.connect(lab.proxies.obtain(Kind.PULL_CONSUMER), supplier)
-        for _ in range(300):
+        for _ in range(60):
             lab.proxies.connect(lab.proxies.obtain(Kind.PULL_SUPPLIER), None)
     supplier.runs = [said("t", b"1")]
     with lab_in(tmp_path, clients) as lab:
         outlets = [proxy for proxy in by_id(lab).values() if isinstance(proxy, Outlet)]
-        eventually(lambda: [outlet.account.received for outlet in outlets] == [1] * 300)
+        eventually(lambda: [outlet.account.received for outlet in outlets] == [1] * 60)
 
 
 def test_a_destroyed_channel_forgets_all_but_its_numbers(tmp_path: Path) -> None:
