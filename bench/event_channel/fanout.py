@@ -9,10 +9,10 @@ from typing import Any
 import psutil
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import at_most, tell
 from bench.event_channel.peers.ours import HEADER, PLAIN
-from bench.event_channel.stage import Role, Stage, collect, ready
-from bench.report import PROGRESS
+from bench.event_channel.stage import Stage, collect, ready
+from bench.processes import Process
+from bench.report import PROGRESS, at_most, tell
 
 CONSUMERS = (1, 10, 50, 100, 200)
 PROCESSES = 4
@@ -65,7 +65,7 @@ def _measure(peer: str, count: int, deliveries: int) -> dict[str, float]:
         return {"cpu": (_cpu_s(channel) - before) / made * 1e6, "wall": found["ns"] / made / 1e3, "lost": found["lost"]}
 
 
-def _flood(supplier: Role, consumers: list[Role], first: int, events: int) -> dict[str, int]:
+def _flood(supplier: Process, consumers: list[Process], first: int, events: int) -> dict[str, int]:
     supplier.say({"do": "flood", "first": first, "seconds": _LIMIT_S, "most": events})
     answer = supplier.hear(2 * _LIMIT_S)
     sent = range(first, first + events)

@@ -11,7 +11,6 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import Mark, at_most, tell
 from bench.event_channel.peers import installed
 from bench.event_channel.peers.mosquitto import PEER as MQTT
 from bench.event_channel.peers.nats import PEER as NATS
@@ -21,8 +20,9 @@ from bench.event_channel.peers.redis import PEER as REDIS
 from bench.event_channel.peers.relay import PEER as RELAY
 from bench.event_channel.peers.zenoh import PEER as ZENOH
 from bench.event_channel.peers.zeromq import PEER as ZEROMQ
-from bench.event_channel.stage import Role, Stage, collect, trio
-from bench.report import PROGRESS, quantile
+from bench.event_channel.stage import Stage, collect, trio
+from bench.processes import Process
+from bench.report import PROGRESS, Mark, at_most, quantile, tell
 
 PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
 RATE = 1000.0
@@ -56,7 +56,7 @@ def run(quick: bool) -> bool:
     return tell("event_channel_latency", title, rows, _marks(results), lambda axes: _draw(axes, results))
 
 
-def _turn(supplier: Role, consumer: Role, first: int) -> dict[str, Any]:
+def _turn(supplier: Process, consumer: Process, first: int) -> dict[str, Any]:
     count = WARM_UP + TURN
     supplier.say({"do": "pace", "first": first, "count": count, "rate": RATE})
     supplier.hear(count / RATE * 5 + 30)

@@ -10,10 +10,10 @@ import numpy as np
 import psutil
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import at_most, tell
 from bench.event_channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN
-from bench.event_channel.stage import Role, Stage, collect, ready
-from bench.report import PROGRESS
+from bench.event_channel.stage import Stage, collect, ready
+from bench.processes import Process
+from bench.report import PROGRESS, at_most, tell
 
 #: Who sends how many events a second, and who receives, how many in its process. Everybody gets everything.
 SUPPLIERS = {PLAIN.name: 50.0, HEADER.name: 100.0, CLIENT.name: 50.0}
@@ -65,7 +65,7 @@ def slope_an_hour(seconds: Sequence[float], sizes: Sequence[float]) -> float:
     return float(np.polyfit(at, size, 1)[0]) * 3600
 
 
-def _traffic(suppliers: dict[Role, float], consumers: list[Role], seconds: float) -> tuple[int, int]:
+def _traffic(suppliers: dict[Process, float], consumers: list[Process], seconds: float) -> tuple[int, int]:
     """How many events were sent, and how many of them did not arrive, over all consumers."""
     events = lost = 0
     until = time.monotonic() + seconds

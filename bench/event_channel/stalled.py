@@ -11,10 +11,10 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import at_most, tell
 from bench.event_channel.peers.ours import BOUND, BOUNDED, connected
-from bench.event_channel.stage import Role, Stage, collect, ready
-from bench.report import PROGRESS, quantile
+from bench.event_channel.stage import Stage, collect, ready
+from bench.processes import Process
+from bench.report import PROGRESS, at_most, quantile, tell
 
 HEALTHY = 9
 RATE = 200.0
@@ -52,19 +52,19 @@ def run(quick: bool) -> bool:
     return tell("event_channel_stalled", title, rounds, marks, lambda axes: _draw(axes, rounds))
 
 
-def _round(channel: Any, supplier: Role, consumers: list[Role], number: int) -> dict[str, Any]:
+def _round(channel: Any, supplier: Process, consumers: list[Process], number: int) -> dict[str, Any]:
     stalled, *healthy = consumers
     first = number * (BEFORE + DURING)
     before = _send(supplier, healthy, range(first, first + BEFORE), first + WARM_UP)
     collect(stalled, [range(first, first + BEFORE)], _LIMIT_S)
     accounts = {proxy.id: proxy.events for proxy in channel.state().proxies}
     sent = range(first + BEFORE, first + BEFORE + DURING)
-    os.kill(stalled.process.pid, signal.SIGSTOP)
+    os.kill(stalled.pid, signal.SIGSTOP)
     try:
         during = _send(supplier, healthy, sent, sent.start)
         proxy = max(channel.state().proxies, key=lambda proxy: proxy.events.queued).id
     finally:
-        os.kill(stalled.process.pid, signal.SIGCONT)
+        os.kill(stalled.pid, signal.SIGCONT)
     (got,) = collect(stalled, [sent], _LIMIT_S)
     account = _settled(channel, proxy)
     discarded = account.discarded - accounts[proxy].discarded
@@ -86,7 +86,7 @@ def _round(channel: Any, supplier: Role, consumers: list[Role], number: int) -> 
     }
 
 
-def _send(supplier: Role, consumers: list[Role], numbers: range, latencies_from: int) -> list[dict[str, Any]]:
+def _send(supplier: Process, consumers: list[Process], numbers: range, latencies_from: int) -> list[dict[str, Any]]:
     """Send events at RATE; what each of the consumers got."""
     supplier.say({"do": "pace", "first": numbers.start, "count": len(numbers), "rate": RATE})
     supplier.hear(len(numbers) / RATE * 5 + _LIMIT_S)

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import Mark, at_least, at_most, tell
 from bench.event_channel.peers import installed
 from bench.event_channel.peers.mosquitto import PEER as MQTT
 from bench.event_channel.peers.nats import PEER as NATS
@@ -19,8 +18,9 @@ from bench.event_channel.peers.ours import CLIENT, HEADER, ON_ONE_CORE, PLAIN, P
 from bench.event_channel.peers.redis import PEER as REDIS
 from bench.event_channel.peers.zenoh import PEER as ZENOH
 from bench.event_channel.peers.zeromq import PEER as ZEROMQ
-from bench.event_channel.stage import Role, Stage, collect, trio
-from bench.report import PROGRESS
+from bench.event_channel.stage import Stage, collect, trio
+from bench.processes import Process
+from bench.report import PROGRESS, Mark, at_least, at_most, tell
 
 #: Events a second that have to arrive, one a call and in runs.
 ONE_BY_ONE, IN_RUNS = 20_000, 300_000
@@ -92,7 +92,7 @@ def run(quick: bool) -> bool:
     )
 
 
-def _flood(way: Way, supplier: Role, consumer: Role, first: int, seconds: float) -> dict[str, Any]:
+def _flood(way: Way, supplier: Process, consumer: Process, first: int, seconds: float) -> dict[str, Any]:
     command: dict[str, Any] = {"first": first, "seconds": seconds, "most": MOST}
     command |= {"do": "runs", "size": way.run} if way.run else {"do": "flood", "threads": way.threads}
     supplier.say(command)

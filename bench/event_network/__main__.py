@@ -27,7 +27,7 @@ from bench.event_network.experiment import (
     split_cores,
 )
 from bench.event_network.networks import Network, counts, describe_round_trips, networks, round_trips_us
-from bench.event_network.processes import ProcessFailed
+from bench.processes import ProcessFailed
 from bench.report import PROGRESS
 
 ECHOES = 200

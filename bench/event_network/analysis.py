@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.event_network.experiment import FEDERATED, STANDARD, Outcome
+from bench.report import Mark, at_most
 
 #: What the paper tells of its Figure 13 in words: mean latencies in ms at one load, and that they fall with load.
 PAPER_LOAD, PAPER_STANDARD_MS, PAPER_FEDERATED_MS = 0.6, 18.5, 16.9
@@ -162,34 +163,22 @@ def run_row(run: Outcome) -> dict[str, Any]:
     }
 
 
-class Mark(NamedTuple):
-    """Something that has to be reached: `value` is to be at most `limit`."""
-
-    what: str
-    value: float
-    limit: float
-
-    @property
-    def is_reached(self) -> bool:
-        return self.value <= self.limit
-
-
 def marks(found: Sequence[Cell]) -> list[Mark]:
     """The worst cells against what has to be reached."""
     runs = [run for cell in found for run in (*cell.standard, *cell.federated)]
     across = [abs(run.forwarded - run.wanted_across) for run in runs if run.set_up == FEDERATED]
     result = [
-        Mark("events lost", sum(run.lost for run in runs), 0),
-        Mark("events over the federation's link too many or too few", sum(across), 0),
-        Mark("ratio of the means, worst load and delay", max(compare(cell).value for cell in found), RATIO_LIMIT),
+        at_most("events lost", sum(run.lost for run in runs), 0),
+        at_most("events over the federation's link too many or too few", sum(across), 0),
+        at_most("ratio of the means, worst load and delay", max(compare(cell).value for cell in found), RATIO_LIMIT),
     ]
     one_ms = [compare(cell).value for cell in found if cell.delay_us == 1000]
     if one_ms:
-        result.append(Mark("ratio of the means, worst load with 1 ms", max(one_ms), RATIO_LIMIT_1_MS))
+        result.append(at_most("ratio of the means, worst load with 1 ms", max(one_ms), RATIO_LIMIT_1_MS))
     by_delay = [merged([cell for cell in found if cell.delay_us == delay]) for delay in delays(found)]
     for cell in by_delay:
         value = compare(cell, "remote_us").value
-        result.append(Mark(f"ratio of remote events, {cell.delay_us / 1e3:g} ms", value, REMOTE_LIMIT))
+        result.append(at_most(f"ratio of remote events, {cell.delay_us / 1e3:g} ms", value, REMOTE_LIMIT))
     return result
 
 

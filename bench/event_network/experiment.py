@@ -21,7 +21,7 @@ import numpy as np
 from bench.event_network import mission
 from bench.event_network.load import Core
 from bench.event_network.networks import SUBNET_OF, Counts, Network, counts
-from bench.event_network.processes import Process
+from bench.processes import Process
 from robocorba.supervision.system import find_omninames
 
 STANDARD, FEDERATED = "standard", "federated"

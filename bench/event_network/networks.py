@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from bench.event_network.namespaces import Namespace
-from bench.event_network.processes import Process
+from bench.processes import Process
 
 #: Robots A and B are in room I with a computer for its channel, robot C in room II with the server computer.
 SUBNET_OF = {"A": "I", "B": "I", "channel": "I", "C": "II", "server": "II"}

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
-import os
-import platform
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.event_network import analysis
-from bench.event_network.analysis import Cell, Mark
+from bench.event_network.analysis import Cell
 from bench.event_network.experiment import FEDERATED, STANDARD, Outcome
-from bench.report import LOAD_BEFORE, RESULTS
+from bench.report import LOAD_BEFORE, RESULTS, write_csv, write_json
 
 NAME = "event_network"
 TITLE = "Figure 13: latency of a central and of federated event channels"
@@ -34,8 +30,7 @@ def tell(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     console = Console(width=150)
     console.print(_table(rows))
     for mark in marks:
-        verdict = "[green]reached[/green]" if mark.is_reached else "[red]missed[/red]"
-        console.print(f"{mark.what}: {mark.value:.4g}, must be at most {mark.limit:g}: {verdict}")
+        console.print(mark.sentence)
     held = analysis.worst_load(found)
     console.print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
     console.print("\nBeside the paper:")
@@ -44,10 +39,12 @@ def tell(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     console.print(f"\n{summary}\n", markup=False, soft_wrap=True)
     for key, value in about.items():
         console.print(f"{key}: {value}", markup=False, soft_wrap=True)
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    _write_json(rows, marks, sentences, summary, outcomes, about)
-    _write_csv(f"{NAME}.csv", rows)
-    _write_csv(f"{NAME}_runs.csv", [analysis.run_row(run) for run in outcomes])
+    runs = [analysis.run_row(run) for run in outcomes]
+    verdicts = [mark.as_json() for mark in marks]
+    beside = {"beside the paper": sentences, "markdown": summary}
+    write_json(NAME, TITLE, {**about, "rows": rows, "marks": verdicts, **beside, "runs": runs})
+    write_csv(NAME, rows)
+    write_csv(f"{NAME}_runs", runs)
     draw(found).savefig(RESULTS / f"{NAME}.png", dpi=120)
     written = f"{RESULTS / NAME}.json, .csv, _runs.csv and .png"
     console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {written}", soft_wrap=True)
@@ -134,34 +131,3 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
     for row in rows:
         table.add_row(*(f"{row[column]:.3g}" for column in shown))
     return table
-
-
-def _write_json(
-    rows: Sequence[Mapping[str, Any]],
-    marks: Sequence[Mark],
-    sentences: Sequence[str],
-    summary: str,
-    outcomes: Sequence[Outcome],
-    about: Mapping[str, Any],
-) -> None:
-    found = {
-        "title": TITLE,
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "load before": LOAD_BEFORE,
-        **about,
-        "rows": rows,
-        "marks": [{**mark._asdict(), "reached": bool(mark.is_reached)} for mark in marks],
-        "beside the paper": sentences,
-        "markdown": summary,
-        "runs": [analysis.run_row(run) for run in outcomes],
-    }
-    (RESULTS / f"{NAME}.json").write_text(json.dumps(found, indent=2) + "\n")
-
-
-def _write_csv(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    with (RESULTS / name).open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)

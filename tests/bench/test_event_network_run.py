@@ -13,7 +13,7 @@ import pytest
 from bench.event_network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
 from bench.event_network.namespaces import Namespace
 from bench.event_network.networks import Network, counts, networks, round_trips_us
-from bench.event_network.processes import Process, ProcessFailed
+from bench.processes import Process, ProcessFailed
 
 pytestmark = pytest.mark.system
 

@@ -1,4 +1,4 @@
-"""The processes of the experiment: spoken to by lines of JSON, and ended with whoever started them."""
+"""The processes of a bench: spoken to by lines of JSON, and ended with whoever started them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 PR_SET_PDEATHSIG = 1
 END_LIMIT_S = 10.0
 
@@ -23,17 +23,18 @@ _libc = ctypes.CDLL(None)
 
 
 class ProcessFailed(Exception):
-    """A process of the experiment did not answer in time, or ended."""
+    """A process of a bench did not answer in time, or ended."""
 
 
 class Process:
-    """A running command. Its stderr is kept in `log`; it gets SIGTERM where this process dies before it."""
+    """A running command, on some cores or on all. Its stderr is kept in `log`; it gets SIGTERM where this process dies
+    before it."""
 
     def __init__(
         self,
         command: Sequence[str],
         log: Path,
-        cores: Sequence[int],
+        cores: Sequence[int] = (),
         environment: Mapping[str, str] | None = None,
         pass_fds: Sequence[int] = (),
     ) -> None:
@@ -43,7 +44,8 @@ class Process:
 
         def before_it_runs() -> None:
             _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-            os.sched_setaffinity(0, cores)
+            if cores:
+                os.sched_setaffinity(0, cores)
 
         with log.open("w") as errors:
             self._process = subprocess.Popen(

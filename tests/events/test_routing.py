@@ -18,7 +18,7 @@ from robocorba.events.outlet import PullOutlet
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Fit, checked
 from robocorba.events.watermarks import Watermarks
-from tests.events_federation.network import run_of
+from tests.events.network import run_of
 
 TYPES = ("a", "b")
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from robocorba.events import feed, gateway
-from tests.events_federation.network import Consumer, Network, Weather
+from tests.events.network import Consumer, Network, Weather
 from tests.system.processes import eventually
 
 

@@ -17,7 +17,7 @@ from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.links import LinkStates
 from robocorba.events.store import PeerRecord
 from robocorba.events.watermarks import Watermarks
-from tests.events_federation.network import GatewayWire, Network, Node
+from tests.events.network import GatewayWire, Network, Node
 from tests.system.processes import eventually
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from bench.event_channel import outcome
+from bench import report
 from bench.event_channel.memory import slope_an_hour
-from bench.event_channel.outcome import at_least, at_most, tell
+from bench.report import at_least, at_most, tell
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
 
@@ -29,7 +29,7 @@ def test_marks() -> None:
 def test_what_is_told_is_printed_and_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float
 ) -> None:
-    monkeypatch.setattr(outcome, "RESULTS", tmp_path)
+    monkeypatch.setattr(report, "RESULTS", tmp_path)
 
     def draw(axes: Axes) -> None:
         axes.plot([1, 2], [1, 2])

@@ -10,7 +10,8 @@ import pytest
 from bench.event_channel.peers import PEERS, installed
 from bench.event_channel.peers.base import Peer
 from bench.event_channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
-from bench.event_channel.stage import RoleFailed, Stage, collect, ready, trio
+from bench.event_channel.stage import Stage, collect, ready, trio
+from bench.processes import ProcessFailed
 
 pytestmark = pytest.mark.system
 
@@ -79,14 +80,14 @@ def test_what_did_not_come_is_told(stage: Stage) -> None:
 def test_a_role_that_ends_is_told_with_its_reason(stage: Stage) -> None:
     broker = stage.broker(HEADER.name)
     supplier = stage.supplier("nobody knows it", broker)
-    with pytest.raises(RoleFailed, match="nobody knows it"):
+    with pytest.raises(ProcessFailed, match="nobody knows it"):
         ready(supplier)
 
 
 def test_a_role_that_does_not_answer_is_told() -> None:
     with Stage() as stage:
         _, supplier, _ = trio(stage, HEADER.name)
-        with pytest.raises(RoleFailed, match="did not answer within"):
+        with pytest.raises(ProcessFailed, match="did not answer within"):
             supplier.hear(0.05)
 
 
