@@ -254,7 +254,7 @@ class _Consumer(RoboCorba__POA.EventConsumer):
     def _guard(receive: Callable[..., None], *arguments: Any) -> None:
         try:
             receive(*arguments)
-        except Exception:
+        except Exception:  # whatever the user's own code raises: the next event must come all the same
             _log.exception("a receiver of events failed")
 
 

@@ -278,7 +278,7 @@ class Orb:
                     raise NotReachable(f"{self._path(name)} is not reachable: {reason}") from None
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE_S)
-        omniORB.setClientCallTimeout(reference, round((call_timeout_s or 0) * 1000))
+        limit_calls(reference, call_timeout_s)
         return reference
 
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
@@ -300,7 +300,7 @@ class Orb:
     def _bindings(self, path: str, deadline: float) -> list[Any]:
         found = self._naming(_share(deadline)).resolve(self._components(path))
         context = found._unchecked_narrow(CosNaming.NamingContext)
-        omniORB.setClientCallTimeout(context, round(1000 * PROBE_TIMEOUT_S))
+        limit_calls(context, PROBE_TIMEOUT_S)
         bindings, rest = context.list(_LISTED_AT_ONCE)
         has_more = rest is not None
         while has_more:
@@ -326,7 +326,7 @@ class Orb:
     def _naming(self, timeout_s: float = PROBE_TIMEOUT_S) -> Any:
         root = self._orb.string_to_object(f"corbaloc:iiop:1.2@{self.naming}/NameService")
         context = root._unchecked_narrow(CosNaming.NamingContext)
-        omniORB.setClientCallTimeout(context, max(1, round(timeout_s * 1000)))
+        limit_calls(context, timeout_s)
         return context
 
     def _lookup(self, name: str, deadline: float) -> Any:
@@ -341,12 +341,12 @@ class Orb:
         try:
             if found is None:
                 raise _NotYet("nil is bound to it")
-            omniORB.setClientCallTimeout(found, max(1, round(_share(deadline) * 1000)))
+            limit_calls(found, _share(deadline))
             reference = found._narrow(interface)
             if reference is None:
                 kind = interface._NP_RepositoryId
                 raise NotReachable(f"what is bound to {self._path(name)} at {self.naming} is not a {kind}")
-            omniORB.setClientCallTimeout(reference, max(1, round(_share(deadline) * 1000)))
+            limit_calls(reference, _share(deadline))
             if reference._non_existent():
                 raise _NotYet("its server says that the object does not exist")
         except CORBA.SystemException as wrong:
@@ -414,6 +414,11 @@ def corbaname(naming: Address, name: str = "") -> str:
         return f"corbaname::{naming}"
     stringified = name.replace("\\", "\\\\").replace(".", "\\.")
     return f"corbaname::{naming}#{quote(stringified, safe=';/:?@&=+$,-_.!~*()')}"
+
+
+def limit_calls(reference: Any, timeout_s: float | None) -> None:
+    """How long each call by this very reference may take; None: as long as its ORB says."""
+    omniORB.setClientCallTimeout(reference, 0 if timeout_s is None else max(1, round(timeout_s * 1000)))
 
 
 def describe(error: BaseException) -> str:

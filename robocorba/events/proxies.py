@@ -199,6 +199,7 @@ class Proxies:
                 self._channel.is_destroyed = True
         with ThreadPoolExecutor(CALLED_AT_ONCE) as callers:
             list(callers.map(self._remove_if_there, everything))
+        self._interest_changed()
 
     # ---- from the server ----
 
@@ -301,7 +302,8 @@ class Proxies:
             except ServiceError as wrong:  # it ends all the same; after a restart it will be found dead
                 _log.error("%s", wrong)
         self._on_removed(proxy.id)
-        self._interest_changed()
+        if not self._is_destroyed:  # else it changes once, when all are gone
+            self._interest_changed()
         if proxy.client:
             proxy.client.disconnect()
 

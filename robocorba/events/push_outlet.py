@@ -172,9 +172,8 @@ class PushOutlet(Outlet):
                 if self.condition is Condition.STALLED and self._pause() and self.client:
                     return self.client, []
                 if self.condition is Condition.CONNECTED and self.client and self._queue and not self._busy:
-                    items = self._next_items(self.client)
+                    items = self._claim_next(self.client)
                     if items:
-                        self._busy, self._in_flight = True, sum(map(len, items))
                         return self.client, items
                     continue
                 left = idle_until - time.monotonic()
@@ -188,18 +187,21 @@ class PushOutlet(Outlet):
         """What to deliver next in the same turn to a client that takes one event a call; nothing at its end."""
         with self._lock:
             is_over = client.takes_batches or client is not self.client or self.condition is not Condition.CONNECTED
-            items = [] if is_over or self._busy or not self._queue.length else self._next_items(client)
-            if items:
-                self._busy, self._in_flight = True, sum(map(len, items))
-            return items
+            return [] if is_over or self._busy or not self._queue.length else self._claim_next(client)
 
-    def _next_items(self, client: Consumer) -> list[Item]:
+    def _claim_next(self, client: Consumer) -> list[Item]:
+        """What to deliver in one call; nothing where all that waited has expired."""
+        items: list[Item] = []
         if client.takes_batches:
             items = self._take(BATCH_EVENTS, BATCH_BYTES)
             runs = [item for item in items if isinstance(item, Run)]
-            return [*merged(runs)] if len(runs) == len(items) else items
-        run = self._take_one()
-        return [run] if run else []
+            if len(runs) == len(items):
+                items = [*merged(runs)]
+        elif run := self._take_one():
+            items = [run]
+        if items:
+            self._busy, self._in_flight = True, sum(map(len, items))
+        return items
 
     def _rest(self, client: Consumer) -> None:
         """Let a batch grow, where events come faster than calls are made."""

@@ -74,11 +74,10 @@ class Store:
         with self._guarded():
             file.parent.mkdir(parents=True, exist_ok=True)
             self._db = sqlite3.connect(file, isolation_level=None, check_same_thread=False, timeout=0.5)
-            try:
+            with contextlib.ExitStack() as stack:
+                stack.callback(self._db.close)
                 self._open()
-            except BaseException:
-                self._db.close()
-                raise
+                stack.pop_all()
 
     def _open(self) -> None:
         self._db.execute("PRAGMA locking_mode = EXCLUSIVE")

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import CosEventComm
-import omniORB
 from omniORB import CORBA
 
 from robocorba.conversion import events
@@ -16,7 +15,7 @@ from robocorba.errors import ClientGone, EventError, InvalidEvent, NotDelivered,
 from robocorba.events.event import Run, Together
 from robocorba.events.proxies import Kind
 from robocorba.events.queue import Item
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb, describe, limit_calls
 from robocorba.stubs import RoboCorba
 
 #: Longest call that tells a client that it is disconnected.
@@ -52,8 +51,9 @@ class _Client:
 
     def _set_limit(self, limit_s: float) -> None:
         """How long calls may take. The reference is this object's own, and one thread at a time calls it."""
-        omniORB.setClientCallTimeout(self._remote, max(1, round(limit_s * 1000)))
-        self._limit_s = limit_s
+        if limit_s != self._limit_s:
+            limit_calls(self._remote, limit_s)
+            self._limit_s = limit_s
 
     def disconnect(self) -> None:
         try:
@@ -72,8 +72,7 @@ class PushConsumer(_Client):
         super().__init__(orb, uri, interface, "disconnect_push_consumer")
 
     def deliver(self, items: Sequence[Item], limit_s: float) -> None:
-        if limit_s != self._limit_s:
-            self._set_limit(limit_s)
+        self._set_limit(limit_s)
         run = items[0]
         assert isinstance(run, Run)
         value = events.any_of(run)
@@ -103,8 +102,7 @@ class EventConsumer(PushConsumer):
         super().__init__(orb, uri, RoboCorba.EventConsumer)
 
     def deliver(self, items: Sequence[Item], limit_s: float) -> None:
-        if limit_s != self._limit_s:
-            self._set_limit(limit_s)
+        self._set_limit(limit_s)
         try:
             if isinstance(items[0], Together):
                 self._remote.pushTogether(items[0].which, events.together(items[0]))

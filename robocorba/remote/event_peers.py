@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-import omniORB
 from omniORB import CORBA
 
 from robocorba.conversion import events
@@ -13,7 +12,7 @@ from robocorba.errors import InvalidPeer, NotDelivered, NotReachable, SessionOve
 from robocorba.events.event import Run
 from robocorba.events.federation import Notice
 from robocorba.events.store import PeerRecord
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb, describe, limit_calls
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
 
@@ -36,7 +35,7 @@ class RemoteGateway:
         self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
 
     def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
-        omniORB.setClientCallTimeout(self._remote, max(1, round(limit_s * 1000)))
+        limit_calls(self._remote, limit_s)
         structs, unsendable = events.event_runs(runs)
         try:
             try:
@@ -59,8 +58,8 @@ class RemoteFeed:
         # Two references, since each has a limit of its own: both are called at the same time.
         self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
         self._quick = orb.reference(uri, RoboCorba.GatewayFeed)
-        omniORB.setClientCallTimeout(self._remote, round(CALL_LIMIT_S * 1000))
-        omniORB.setClientCallTimeout(self._quick, round(ACKNOWLEDGE_LIMIT_S * 1000))
+        limit_calls(self._remote, CALL_LIMIT_S)
+        limit_calls(self._quick, ACKNOWLEDGE_LIMIT_S)
 
     def renew(self, position: int, news: list[Notice]) -> list[Notice]:
         try:
@@ -111,7 +110,7 @@ class Joining:
         return self._orb.reference(uri, RoboCorba.EventChannel)
 
     def _join(self, record: PeerRecord, channel: Any) -> tuple[RemoteFeed, str]:
-        omniORB.setClientCallTimeout(channel, round(CALL_LIMIT_S * 1000))
+        limit_calls(channel, CALL_LIMIT_S)
         try:
             found = channel._get_name()
             if found != record.name:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import CosEventChannelAdmin
-import omniORB
 from omniORB import CORBA
 
 from robocorba.conversion import events
@@ -15,7 +14,7 @@ from robocorba.errors import NotDelivered, NotReachable, Refused
 from robocorba.events.event import Encoding, Run
 from robocorba.events.foreign import Echoes
 from robocorba.events.queue import Item
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb, describe, limit_calls
 from robocorba.remote.event_clients import PushConsumer, failure_of
 from robocorba.servants.foreign_consumer import ForeignConsumerServant
 
@@ -72,7 +71,7 @@ class ForeignChannel:
     def is_there(self) -> bool:
         try:
             for proxy in (self._taking, self._giving):
-                omniORB.setClientCallTimeout(proxy, round(CHECK_LIMIT_S * 1000))
+                limit_calls(proxy, CHECK_LIMIT_S)
                 if proxy._non_existent():
                     return False
         except CORBA.SystemException:
@@ -89,5 +88,5 @@ class ForeignChannel:
 
     @staticmethod
     def _limited(reference: Any) -> Any:
-        omniORB.setClientCallTimeout(reference, round(CALL_LIMIT_S * 1000))
+        limit_calls(reference, CALL_LIMIT_S)
         return reference
