@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import signal
+
 import pytest
 
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
+
+
+@pytest.fixture(scope="session", autouse=True)
+def sigint() -> None:
+    """Shells let what they start in the background ignore Ctrl-C, and it would be ignored by all that tests start."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

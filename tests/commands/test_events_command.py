@@ -136,6 +136,7 @@ def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) 
 
 def test_in_a_terminal_it_is_tables(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # what rich takes for a terminal
+    monkeypatch.setenv("TERM", "xterm")  # others are 80 columns wide whatever COLUMNS says
     monkeypatch.setenv("COLUMNS", "200")
     event_stats.show({"lab": state(), "hall": "does not answer"})
     shown = capsys.readouterr().out

@@ -20,7 +20,7 @@ from robocorba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.system import find_omninames
-from tests.system.processes import Launcher, claimed_ports, eventually
+from tests.system.processes import Launcher, claimed_ports, eventually, hang
 
 #: Of waits for what normally takes a second or two, on a busy machine.
 LIMIT_S = 30.0
@@ -118,7 +118,7 @@ class Channels:
     @contextlib.contextmanager
     def stopped(self, name: str) -> Iterator[None]:
         """A channel that is there, and does nothing."""
-        self.processes[name].send_signal(signal.SIGSTOP)
+        hang(self.processes[name].pid)
         try:
             yield
         finally:

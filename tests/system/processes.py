@@ -37,6 +37,12 @@ def eventually(condition: Callable[[], Any], timeout_s: float = 10.0, what: str 
     raise AssertionError(f"not within {timeout_s:g} s: {what or condition}")
 
 
+def hang(pid: int) -> None:
+    """Stop a process by SIGSTOP, and wait until it has: on a busy machine its threads may go on for a while."""
+    os.kill(pid, signal.SIGSTOP)
+    eventually(lambda: psutil.Process(pid).status() == psutil.STATUS_STOPPED, what=f"the stop of process {pid}")
+
+
 @contextlib.contextmanager
 def claimed_ports() -> Iterator[int]:
     """A port for a naming service such that it and the 14 after it are the caller's alone inside the `with`."""

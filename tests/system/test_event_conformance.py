@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -26,7 +27,7 @@ from tests.system.event_place import (
     open_place,
     text,
 )
-from tests.system.processes import eventually
+from tests.system.processes import eventually, hang
 
 pytestmark = pytest.mark.system
 GONE = CORBA.OBJECT_NOT_EXIST
@@ -389,7 +390,7 @@ def test_a_full_queue_loses_exactly_the_oldest_and_counts_them(lab: Lab, tmp_pat
     supplier.push(text("0"))
     eventually(lambda: lines(file) == ["0"])
     eventually(lambda: account().delivered == 1)
-    stalled.send_signal(signal.SIGSTOP)
+    hang(stalled.pid)
     supplier.push(text("1"))
     time.sleep(0.3)  # it is on its way to one who does not answer; whatever comes now waits
     for number in range(2, 17):
@@ -403,10 +404,14 @@ def test_a_full_queue_loses_exactly_the_oldest_and_counts_them(lab: Lab, tmp_pat
     assert (account().received, account().discarded, account().queued) == (17, 5, 0)
 
 
-@pytest.mark.parametrize("fate", [signal.SIGSTOP, signal.SIGKILL])
+def kill(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("fate", [hang, kill])
 @pytest.mark.parametrize("queue", [[], ["--queue", "100"]], ids=["plain", "header"])
 def test_a_consumer_that_stalls_or_dies_delays_nobody_and_is_evicted_in_the_end(
-    lab: Lab, tmp_path: Path, fate: signal.Signals, queue: list[str]
+    lab: Lab, tmp_path: Path, fate: Callable[[int], None], queue: list[str]
 ) -> None:
     supplier, healthy = lab.supplier(), PushConsumer()
     lab.for_push_consumer().connect_push_consumer(lab.reference(healthy))
@@ -414,7 +419,7 @@ def test_a_consumer_that_stalls_or_dies_delays_nobody_and_is_evicted_in_the_end(
     unlucky = lab.place.consumer("lab", tmp_path / "got", *queue)
     supplier.push(text("first"))
     eventually(lambda: lines(tmp_path / "got") == ["first"])
-    unlucky.send_signal(fate)
+    fate(unlucky.pid)
     count = len(lab.place.balanced_states("lab"))
     for number in range(50):
         supplier.push(text(str(number)))

@@ -17,7 +17,7 @@ from robocorba.orb import Orb, corbaname
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.system import find_omninames
-from tests.system.processes import HERE, eventually
+from tests.system.processes import HERE, eventually, hang
 
 pytestmark = pytest.mark.system
 
@@ -133,7 +133,7 @@ def test_a_kept_reference_is_never_told_that_its_object_is_gone(names: object, s
 def test_calls_to_a_server_that_hangs_end(names: object, serve: Callable, client: Orb) -> None:
     server = serve()
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner, call_timeout_s=0.3)
-    os.kill(server.pid, signal.SIGSTOP)
+    hang(server.pid)
     with pytest.raises(CORBA.TIMEOUT):
         planner._get_mapVersion()
     with pytest.raises(NotReachable, match="TIMEOUT"):
@@ -143,7 +143,7 @@ def test_calls_to_a_server_that_hangs_end(names: object, serve: Callable, client
 
 
 def test_a_naming_service_that_hangs_is_told(names: subprocess.Popen[str], client: Orb) -> None:
-    os.kill(names.pid, signal.SIGSTOP)
+    hang(names.pid)
     with pytest.raises(NotReachable, match="TIMEOUT"):
         resolve(client, 0.3)
     os.kill(names.pid, signal.SIGCONT)

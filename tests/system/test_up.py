@@ -17,7 +17,7 @@ from omniORB import CORBA
 
 from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
-from tests.system.processes import ROBOCORBA, Running, eventually, is_running, read_json, refusal
+from tests.system.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
 
 pytestmark = pytest.mark.system
 
@@ -198,7 +198,7 @@ def test_status_asks_every_object(echo_up: Start, launch: Launch) -> None:
 
 def test_status_tells_of_a_server_that_hangs(echo_up: Start, launch: Launch) -> None:
     running = echo_up().wait_ready()
-    os.kill(running.pid("echo"), signal.SIGSTOP)
+    hang(running.pid("echo"))
     code, out = status(launch, running)
     assert code == 1
     assert "RoboCorba/PathPlanner\tRoboCorba/PathPlanner is not reachable" in out
