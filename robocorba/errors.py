@@ -17,6 +17,8 @@ RoboCorbaError
 │   ├── UnknownFloor          the building has no such floor
 │   ├── NotFree               start or goal is too near to an obstacle
 │   └── NoPath                nothing leads there: the blockers are named
+├── SensingError
+│   └── InvalidScan           a field of a scan's request is out of range
 ├── EventError
 │   ├── InvalidEvent          a field of an event is out of range
 │   ├── InvalidSubscription   a subscription can't be used: where in it, and why
@@ -192,6 +194,18 @@ class NoPath(PathError):
     def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
         self.reason, self.blockers = reason, tuple(blockers)
         super().__init__("; ".join([reason, *map(str, self.blockers)]))
+
+
+class SensingError(RoboCorbaError):
+    """A virtual sensor refuses something."""
+
+
+class InvalidScan(SensingError):
+    """A field of a scan's request is out of range: `field` says which, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field} {reason}")
 
 
 class EventError(RoboCorbaError):
