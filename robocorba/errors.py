@@ -21,6 +21,7 @@ RoboCorbaError
 │   └── InvalidScan           a field of a scan's request is out of range
 ├── SimulationError
 │   ├── InvalidDescription    a field of a robot's description is out of range
+│   ├── PlaceTaken            a robot would stand in something there
 │   ├── NameTaken             a robot of this name is logged on
 │   ├── ServerFull            as many robots are logged on as may be: the limit, how many, when to try again
 │   ├── SessionExpired        the robot is not logged on any more
@@ -227,6 +228,14 @@ class InvalidDescription(SimulationError):
     def __init__(self, field: str, reason: str) -> None:
         self.field, self.reason = field, reason
         super().__init__(f"{field}: {reason}")
+
+
+class PlaceTaken(SimulationError):
+    """A robot at `x`, `y` on `floor` would stand in `blocker`: a robot, an object, or what stands (empty)."""
+
+    def __init__(self, floor: str, x: float, y: float, blocker: str) -> None:
+        self.floor, self.x, self.y, self.blocker = floor, x, y, blocker
+        super().__init__(f"{floor} ({x:g}, {y:g}) is not free: {blocker or 'a wall'}")
 
 
 class NameTaken(SimulationError):

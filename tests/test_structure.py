@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-DOMAIN = ("robocorba/maps/", "robocorba/planning/", "robocorba/events/", "robocorba/sensing/", "robocorba/errors.py")
+DOMAIN = (
+    "robocorba/maps/",
+    "robocorba/planning/",
+    "robocorba/events/",
+    "robocorba/sensing/",
+    "robocorba/simulation/",
+    "robocorba/errors.py",
+)
 SERVANTS = "robocorba/servants/"
 #: What knows the classes that omniidl made: to translate, to derive from them, or to narrow to them.
 STUBS_IN = (

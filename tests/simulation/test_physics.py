@@ -26,7 +26,7 @@ def robot(
 
 
 def run(floor: FloorPhysics, seconds: float) -> list[Contact]:
-    return [contact for _ in range(round(seconds / STEP_S)) for contact in floor.step()]
+    return [contact for _ in range(round(seconds / STEP_S)) for contact in floor.step().contacts]
 
 
 def test_a_robot_keeps_its_limits() -> None:
@@ -125,6 +125,85 @@ def test_what_stands_can_change_while_it_runs() -> None:
     assert floor.state()["A"][0] == pytest.approx(4 - RADIUS_M, abs=0.01)
 
 
+def carriers(force_n: float = 300.0, payload_kg: float = 4.0) -> FloorPhysics:
+    """A table of 12 kg with a robot at three of its sides, each holding its edge."""
+    floor = FloorPhysics()
+    floor.add_object("T1", (0.0, 0.0, 0.0), TABLE, 12.0)
+    for name, x, y, heading in (("A", 1.1, 0.0, math.pi), ("B", -1.1, 0.0, 0.0), ("C", 0.0, -0.9, math.pi / 2)):
+        robot(floor, name, x, y, heading)
+    for name, at in (("A", (0.5, 0.0)), ("B", (-0.5, 0.0)), ("C", (0.0, -0.3))):
+        floor.grip(name, "T1", at, force_n, payload_kg)
+    return floor
+
+
+def drive(floor: FloorPhysics, vx: float, vy: float) -> None:
+    """All three the same way in the world."""
+    for name in "ABC":
+        heading = floor.state()[name][2]
+        ahead = vx * math.cos(heading) + vy * math.sin(heading)
+        floor.command(name, (ahead, -vx * math.sin(heading) + vy * math.cos(heading), 0.0))
+
+
+def test_three_robots_carry_a_table_that_one_could_not() -> None:
+    floor = carriers()
+    for _ in range(250):
+        drive(floor, 0.3, 0.2)
+        step = floor.step()
+        assert not step.lost
+        assert not step.contacts  # carriers may overlap with what they hold
+    state = floor.state()
+    assert state["T1"][:2] == pytest.approx((1.45, 0.96), abs=0.06)
+    assert state["T1"][2] == pytest.approx(0.0, abs=0.02)
+    for name, hand in (("A", (0.5, 0.0)), ("B", (-0.5, 0.0)), ("C", (0.0, -0.3))):
+        x, y, heading = state[name][:3]
+        away = math.hypot(x - state["T1"][0] - hand[0], y - state["T1"][1] - hand[1])
+        assert away == pytest.approx(0.6, abs=0.02), name
+        assert heading == pytest.approx({"A": math.pi, "B": 0.0, "C": math.pi / 2}[name], abs=0.02)
+
+
+def test_a_grip_slips_where_its_force_does_not_do() -> None:
+    floor = carriers(force_n=5.0)
+    lost: set[str] = set()
+    floor.command("A", (-1.0, 0.0, 0.0))  # away from the others
+    for _ in range(200):
+        lost |= set(floor.step().lost)
+    assert "A" in lost
+    with pytest.raises(KeyError):
+        floor.release("A")
+    floor.release("B")
+    floor.grip("B", "T1", (-0.5, 0.0), 300.0, 4.0)
+
+
+def test_a_table_that_was_let_go_stands() -> None:
+    floor = carriers()
+    for _ in range(100):
+        drive(floor, 0.5, 0.0)
+        floor.step()
+    for name in "ABC":
+        floor.release(name)
+        floor.command(name, (-0.5, 0.0, 0.0))
+    before = floor.state()["T1"]
+    run(floor, 1.0)
+    after = floor.state()["T1"]
+    assert math.dist(before[:2], after[:2]) < 0.05
+    assert after[3:] == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_what_is_held_can_be_removed_and_so_can_whoever_holds_it() -> None:
+    floor = carriers()
+    floor.remove("A")
+    run(floor, 0.5)
+    floor.remove("T1")
+    run(floor, 0.5)
+    for name in "BC":
+        with pytest.raises(KeyError):
+            floor.release(name)
+    with pytest.raises(KeyError):
+        floor.grip("B", "T1", (0.0, 0.0), 300.0, 4.0)
+    with pytest.raises(KeyError):
+        floor.grip("B", "C", (0.0, 0.0), 300.0, 4.0)
+
+
 def trajectory(seed: int) -> str:
     """A hash of everything that happens among 30 robots and 5 tables in 10 s."""
     chance = np.random.default_rng(seed)
@@ -138,7 +217,7 @@ def trajectory(seed: int) -> str:
         if step % 50 == 0:
             for number in range(30):
                 floor.command(f"R{number}", tuple(chance.uniform(-1, 1, 3)))
-        digest.update(repr([set(contact) for contact in floor.step()].__len__()).encode())
+        digest.update(repr([set(contact) for contact in floor.step().contacts].__len__()).encode())
         digest.update(np.array(list(floor.state().values())).tobytes())
     return digest.hexdigest()
 
