@@ -230,7 +230,7 @@ class FloorPhysics:
         self._velocities = np.zeros((len(ids), 3))
         self._motion.set_float_buf(self._velocities)
         self._commands = np.array([commands.get(name, NO_COMMAND) for name in self._names]).reshape(-1, 4)
-        self._cells: Any = memoryview(self._commands)
+        self._cells: Any = self._commands.data
         self._name_of = name_of
         self._row_of = {name: row for row, name in enumerate(self._names)}
         self._read()
