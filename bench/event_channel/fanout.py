@@ -9,9 +9,9 @@ from typing import Any
 import psutil
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import at_most, tell
 from bench.event_channel.peers.ours import HEADER, PLAIN
 from bench.event_channel.stage import Role, Stage, collect, ready
+from bench.marks import at_most, tell
 from bench.report import PROGRESS
 
 CONSUMERS = (1, 10, 50, 100, 200)

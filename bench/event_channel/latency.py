@@ -11,7 +11,6 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import Mark, at_most, tell
 from bench.event_channel.peers import installed
 from bench.event_channel.peers.mosquitto import PEER as MQTT
 from bench.event_channel.peers.nats import PEER as NATS
@@ -22,6 +21,7 @@ from bench.event_channel.peers.relay import PEER as RELAY
 from bench.event_channel.peers.zenoh import PEER as ZENOH
 from bench.event_channel.peers.zeromq import PEER as ZEROMQ
 from bench.event_channel.stage import Role, Stage, collect, trio
+from bench.marks import Mark, at_most, tell
 from bench.report import PROGRESS, quantile
 
 PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]

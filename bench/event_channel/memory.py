@@ -10,9 +10,9 @@ import numpy as np
 import psutil
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import at_most, tell
 from bench.event_channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN
 from bench.event_channel.stage import Role, Stage, collect, ready
+from bench.marks import at_most, tell
 from bench.report import PROGRESS
 
 #: Who sends how many events a second, and who receives, how many in its process. Everybody gets everything.

@@ -11,9 +11,9 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import at_most, tell
 from bench.event_channel.peers.ours import BOUND, BOUNDED, connected
 from bench.event_channel.stage import Role, Stage, collect, ready
+from bench.marks import at_most, tell
 from bench.report import PROGRESS, quantile
 
 HEALTHY = 9

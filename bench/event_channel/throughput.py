@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
-from bench.event_channel.outcome import Mark, at_least, at_most, tell
 from bench.event_channel.peers import installed
 from bench.event_channel.peers.mosquitto import PEER as MQTT
 from bench.event_channel.peers.nats import PEER as NATS
@@ -20,6 +19,7 @@ from bench.event_channel.peers.redis import PEER as REDIS
 from bench.event_channel.peers.zenoh import PEER as ZENOH
 from bench.event_channel.peers.zeromq import PEER as ZEROMQ
 from bench.event_channel.stage import Role, Stage, collect, trio
+from bench.marks import Mark, at_least, at_most, tell
 from bench.report import PROGRESS
 
 #: Events a second that have to arrive, one a call and in runs.

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from bench.event_channel import outcome
+from bench import marks as outcome
 from bench.event_channel.memory import slope_an_hour
-from bench.event_channel.outcome import at_least, at_most, tell
+from bench.marks import at_least, at_most, tell
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
 
