@@ -17,6 +17,18 @@ RoboCorbaError
 │   ├── UnknownFloor          the building has no such floor
 │   ├── NotFree               start or goal is too near to an obstacle
 │   └── NoPath                nothing leads there: the blockers are named
+├── SensingError
+│   └── InvalidScan           a field of a scan's request is out of range
+├── SimulationError
+│   ├── InvalidDescription    a field of a robot's description is out of range
+│   ├── PlaceTaken            a robot would stand in something there
+│   ├── NameTaken             a robot of this name is logged on
+│   ├── ServerFull            as many robots are logged on as may be: the limit, how many, when to try again
+│   ├── SessionExpired        the robot is not logged on any more
+│   ├── UnknownRobot          no robot of this name is logged on
+│   ├── InvalidRide           a field of a call for an elevator can't be
+│   ├── ElevatorFull          too many robots wait for it
+│   └── NoRide                a robot has no ride, or not in this phase
 ├── EventError
 │   ├── InvalidEvent          a field of an event is out of range
 │   ├── InvalidSubscription   a subscription can't be used: where in it, and why
@@ -192,6 +204,93 @@ class NoPath(PathError):
     def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
         self.reason, self.blockers = reason, tuple(blockers)
         super().__init__("; ".join([reason, *map(str, self.blockers)]))
+
+
+class SensingError(RoboCorbaError):
+    """A virtual sensor refuses something."""
+
+
+class InvalidScan(SensingError):
+    """A field of a scan's request is out of range: `field` says which, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field} {reason}")
+
+
+class SimulationError(RoboCorbaError):
+    """The simulated building refuses something."""
+
+
+class InvalidDescription(SimulationError):
+    """A field of a robot's description is out of range: `field` says which, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class PlaceTaken(SimulationError):
+    """A robot at `x`, `y` on `floor` would stand in `blocker`: a robot, an object, or what stands (empty)."""
+
+    def __init__(self, floor: str, x: float, y: float, blocker: str) -> None:
+        self.floor, self.x, self.y, self.blocker = floor, x, y, blocker
+        super().__init__(f"{floor} ({x:g}, {y:g}) is not free: {blocker or 'a wall'}")
+
+
+class NameTaken(SimulationError):
+    """A robot called `name` is logged on."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"a robot called {name} is logged on already")
+
+
+class ServerFull(SimulationError):
+    """`now` robots are logged on, of `limit`; a slot may be free after `retry_s`."""
+
+    def __init__(self, limit: int, now: int, retry_s: float) -> None:
+        self.limit, self.now, self.retry_s = limit, now, retry_s
+        super().__init__(f"{now} robots are logged on, {limit} may be; try again in {retry_s:.1f} s")
+
+
+class SessionExpired(SimulationError):
+    """The robot is not logged on any more."""
+
+    def __init__(self) -> None:
+        super().__init__("this robot is not logged on any more")
+
+
+class UnknownRobot(SimulationError):
+    """No robot called `name` is logged on."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"no robot called {name} is logged on")
+
+
+class InvalidRide(SimulationError):
+    """A field of a call for an elevator can't be: `field` says which, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class ElevatorFull(SimulationError):
+    """`limit` robots wait for `elevator`."""
+
+    def __init__(self, elevator: str, limit: int) -> None:
+        self.elevator, self.limit = elevator, limit
+        super().__init__(f"{limit} robots wait for {elevator}")
+
+
+class NoRide(SimulationError):
+    """`robot` has no ride in `elevator`, or can't do this in the phase in which it is."""
+
+    def __init__(self, robot: str, elevator: str) -> None:
+        self.robot, self.elevator = robot, elevator
+        super().__init__(f"{elevator} has no ride for {robot} in this phase")
 
 
 class EventError(RoboCorbaError):

@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-DOMAIN = ("robocorba/maps/", "robocorba/planning/", "robocorba/events/", "robocorba/errors.py")
+DOMAIN = (
+    "robocorba/maps/",
+    "robocorba/planning/",
+    "robocorba/events/",
+    "robocorba/sensing/",
+    "robocorba/simulation/",
+    "robocorba/errors.py",
+)
 SERVANTS = "robocorba/servants/"
 #: What knows the classes that omniidl made: to translate, to derive from them, or to narrow to them.
 STUBS_IN = (
@@ -31,7 +38,7 @@ ABOVE_DOMAIN = {
 #: Servants get what they need handed over.
 AROUND_SERVANTS = {f"robocorba.{name}" for name in ("orb", "remote", "commands", "supervision", "settings", "logs")}
 #: Where the environment is read: our variables, and numba's own.
-ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/planning/kernel_cache.py")
+ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernels.py")
 
 
 def faults(path: str, text: str) -> list[str]:

@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
+from robocorba.grids import Floats, Grid
+from robocorba.kernels import kernel
 from robocorba.maps.model import XY
-from robocorba.planning.space import Floats, FloorSpace, Grid, against_one_way, line_free, stands_free
+from robocorba.planning.space import FloorSpace, against_one_way, line_free, stands_free
 
 #: Corners are grown by at least this much: without any, a wall would have no corner to turn at, m.
 LEAST_GROWTH_M = 0.01
@@ -106,7 +107,7 @@ def _corners(space: FloorSpace, radius_m: float, window: shapely.Geometry | None
     return corners[_free(space.grid, space.region, space.inside, corners, radius_m)]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _free(grid: Grid, region: Floats, inside: int, corners: Floats, radius: float) -> NDArray[np.bool_]:
     free = np.empty(corners.shape[0], np.bool_)
     for i in range(corners.shape[0]):
@@ -114,7 +115,7 @@ def _free(grid: Grid, region: Floats, inside: int, corners: Floats, radius: floa
     return free
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _touches(corners: Floats, i: int, x: float, y: float) -> bool:
     """Whether the line from (x, y) to corner i leaves the obstacle there on one side: only such lines are shortest."""
     cx, cy, px, py, nx, ny = corners[i]
@@ -124,7 +125,7 @@ def _touches(corners: Floats, i: int, x: float, y: float) -> bool:
     return not ((before > slack and after < -slack) or (before < -slack and after > slack))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _look(
     grid: Grid, lanes: Floats, corners: Floats, x: float, y: float, own: int, outbound: bool, radius: float, row: Floats
 ) -> None:
@@ -146,7 +147,7 @@ def _look(
             row[j] = math.hypot(cx - x, cy - y)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _smallest(values: Floats, rank: int) -> float:
     """The value of that rank, 1 being the smallest."""
     for i in range(values.shape[0]):
@@ -159,7 +160,7 @@ def _smallest(values: Floats, rank: int) -> float:
     return np.inf
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _spread(
     grid: Grid,
     lanes: Floats,

@@ -8,13 +8,13 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from robocorba.grids import Floats
 from robocorba.maps.model import XY, Building
 from robocorba.planning.elevators import Ride, ride
 from robocorba.planning.freeway import Leg
 from robocorba.planning.request import Criterion, PathRequest
 from robocorba.planning.route import ELEVATOR, measure
 from robocorba.planning.snapshot import Snapshot
-from robocorba.planning.space import Floats
 
 #: A place that matters to the search: floor, and the elevator whose cabin it is; start and goal have own names.
 _Stop = tuple[str, str]

@@ -6,11 +6,12 @@ import heapq
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from robocorba.grids import Floats, Longs
+from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import CLEARANCE, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, Roads
-from robocorba.planning.space import TOUCH_M, Floats, Longs
+from robocorba.planning.space import TOUCH_M
 
 #: Buildings of at most so many nodes get a table of all costs for the robot that getPath plans for.
 MOST_TABLED = 400
@@ -54,7 +55,7 @@ def make_guide(
     return pack([bound, cost], [node, start, edge])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def read_guide(guide: Packed, nodes: int) -> Guide:
     """The parts of a guide for a road map of so many nodes."""
     node, edge = numbers(guide, 2), numbers(guide, 4)
@@ -64,7 +65,7 @@ def read_guide(guide: Packed, nodes: int) -> Guide:
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def step_cost(roads: Roads, edge: int, pace: float) -> float:
     """What an edge costs: seconds at `pace` m/s, or metres where it is 0."""
     length = roads.measures[edge, LENGTH]
@@ -75,13 +76,13 @@ def step_cost(roads: Roads, edge: int, pace: float) -> float:
     return length / min(pace, roads.measures[edge, SPEED_LIMIT])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rides_on(roads: Roads, came_by: int, edge: int) -> bool:
     """Whether an edge rides on in the elevator that one has just come by: nobody gets off and on again."""
     return came_by >= 0 and roads.elevator[edge] >= 0 and roads.elevator[came_by] == roads.elevator[edge]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def tabulate(roads: Roads, pace: float, radius: float) -> tuple[Floats, Longs]:
     """Dijkstra from every node: costs (n, n), inf where there is no way, and first edges (n, n)."""
     count = roads.xy.shape[0]

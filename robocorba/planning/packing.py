@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from robocorba.planning.space import Floats, Longs
+from robocorba.grids import Floats, Longs
+from robocorba.kernels import kernel
 
 
 class Packed(NamedTuple):
@@ -38,14 +38,14 @@ def _table(parts: Sequence[Any], first: int) -> Longs:
     return np.column_stack([first + np.cumsum(lengths) - lengths, lengths]).ravel()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rows(packed: Packed, part: int, columns: int) -> Floats:
     """A part of `floats` as rows of so many columns."""
     first, length = packed.longs[2 * part], packed.longs[2 * part + 1]
     return packed.floats[first : first + length].reshape(length // columns if columns else 0, columns)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def numbers(packed: Packed, part: int) -> Longs:
     """A part of `longs`."""
     first, length = packed.longs[2 * part], packed.longs[2 * part + 1]

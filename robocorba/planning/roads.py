@@ -11,12 +11,13 @@ from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from robocorba.grids import Floats, Grid, Longs
+from robocorba.kernels import kernel
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import LARGEST_RADIUS_M, Names
-from robocorba.planning.space import Floats, FloorSpace, Grid, Longs, line_clearance
+from robocorba.planning.space import FloorSpace, line_clearance
 
 #: Columns of Roads.measures: what an edge is like. A drive waits and travels 0 s; a ride's length is its climb.
 LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)
@@ -65,7 +66,7 @@ class FloorRoads:
         self.lanes = self.lanes[np.hypot(*(self.lanes[:, 2:] - self.lanes[:, :2]).T) > 0]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _clearances(grid: Grid, xy: Floats, ends: Longs, reach: float) -> Floats:
     found = np.empty(ends.shape[0])
     for i in range(ends.shape[0]):

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from robocorba.grids import Floats
+from robocorba.kernels import kernel
 from robocorba.planning.request import PointKind
-from robocorba.planning.space import Floats
 
 FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS = range(8)
 COLUMNS = 8
@@ -22,7 +22,7 @@ COLUMNS = 8
 _START, _NODE, _WAYPOINT, _ENTRY, _EXIT, _GOAL = (float(kind.value) for kind in PointKind)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def measure(way: Floats, elevations: Floats, speed: float) -> Floats:
     """The points of a way driven at `speed` m/s, a row each as in request.Path; `elevations` of the floors in m."""
     count = way.shape[0]

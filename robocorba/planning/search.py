@@ -11,13 +11,14 @@ import heapq
 import math
 
 import numpy as np
-from numba import njit
 
+from robocorba.grids import Floats, Grid, Longs
+from robocorba.kernels import kernel
 from robocorba.planning.guide import Guide, read_guide, rides_on, step_cost
 from robocorba.planning.packing import Packed
 from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, Roads
 from robocorba.planning.route import COLUMNS, ELEVATOR, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
-from robocorba.planning.space import TOUCH_M, Floats, Grid, Longs, against_one_way, line_free
+from robocorba.planning.space import TOUCH_M, against_one_way, line_free
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_stands_free, unpack
 
 #: What `find_way` says beside a way.
@@ -34,7 +35,7 @@ MOST_LOOKS = 256
 ON_NODE_M = 0.01
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def joints(
     grid: Grid,
     lanes: Floats,
@@ -80,7 +81,7 @@ def joints(
     return nodes[:count], lengths[:count]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cheapest(
     roads: Roads,
     guide: Guide,
@@ -165,7 +166,7 @@ def cheapest(
     return best, nodes, edges
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _looked_up(
     roads: Roads,
     guide: Guide,
@@ -200,7 +201,7 @@ def _looked_up(
     return best, nodes[: steps + 1], edges[:steps]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _left(
     roads: Roads,
     guide: Guide,
@@ -223,7 +224,7 @@ def _left(
     return least
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cut_corners(grid: Grid, lanes: Floats, points: Floats, fixed: Longs, radius: float) -> Longs:
     """Indices of the points (k, 2) that remain when every corner that can be cut is cut.
 
@@ -248,7 +249,7 @@ def cut_corners(grid: Grid, lanes: Floats, points: Floats, fixed: Longs, radius:
     return kept[: count + 1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_path(
     world_longs: Longs,
     world_floats: Floats,
@@ -272,7 +273,7 @@ def find_path(
     return measure(way, unpack(world)[0].elevations, speed)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_way(
     world: Packed,
     guide: Packed,
@@ -340,7 +341,7 @@ def find_way(
     return FOUND, _smoothed(ground, roads, edges, way, radius) if smooth else way
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _way(
     roads: Roads, start: tuple[int, float, float], goal: tuple[int, float, float], nodes: Longs, edges: Longs
 ) -> Floats:
@@ -364,7 +365,7 @@ def _way(
     return way
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _smoothed(ground: Ground, roads: Roads, edges: Longs, way: Floats, radius: float) -> Floats:
     """The way with the corners of each of its drives cut."""
     count = way.shape[0]
@@ -391,7 +392,7 @@ def _smoothed(ground: Ground, roads: Roads, edges: Longs, way: Floats, radius: f
     return _without_straight_stops(left)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _rows(way: Floats, kept: Longs, size: int) -> Floats:
     """The first `size` of the rows kept."""
     left = np.empty((size, COLUMNS))
@@ -401,7 +402,7 @@ def _rows(way: Floats, kept: Longs, size: int) -> Floats:
     return left
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _without_straight_stops(way: Floats) -> Floats:
     """The way without the stops at which a drive neither turns nor changes its limit."""
     count = way.shape[0]

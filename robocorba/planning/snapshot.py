@@ -7,6 +7,7 @@ from collections import OrderedDict
 
 import numpy as np
 
+from robocorba.grids import Floats
 from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building, MapObject, PolygonShape
 from robocorba.planning.freeway import Freeways
@@ -14,7 +15,7 @@ from robocorba.planning.guide import make_guide
 from robocorba.planning.packing import Packed
 from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest
 from robocorba.planning.roads import RoadMap
-from robocorba.planning.space import Floats, FloorSpace
+from robocorba.planning.space import FloorSpace
 from robocorba.planning.world import pack_world
 
 #: So many (floor, radius) pairs keep their sight lines, the latest used.

@@ -8,36 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numba import njit
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from robocorba.grids import Floats, Grid, Longs, build_grid, column_of, row_of, segments_of, span
+from robocorba.kernels import kernel
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import Building
-from robocorba.planning import kernel_cache
-
-Floats = NDArray[np.float64]
-Longs = NDArray[np.int64]
-
-kernel_cache.use()  # before any function is compiled: every module with kernels imports this one
 
 #: A robot may touch what it drives past, but not by more than rounding, m.
 TOUCH_M = 1e-9
-_MOST_CELLS = 250_000
-
-
-class Grid(NamedTuple):
-    """Segments (n, 4) as x, y, x, y; the items of cell i are items[start[i]:start[i + 1]];
-    frame is (x0, y0, cell size, columns, rows)."""
-
-    segments: Floats
-    start: Longs
-    items: Longs
-    frame: Floats
 
 
 class FloorSpace:
@@ -57,7 +39,7 @@ class FloorSpace:
         ground = shapely.union_all(solids)
         if outline:
             ground = Polygon(outline).difference(ground)
-        self.region = _lines(ground.boundary)
+        self.region = segments_of(np.array([ground.boundary], object))[0]
         self.inside = int(bool(outline))
 
     def is_ground(self, x: float, y: float) -> bool:
@@ -86,86 +68,11 @@ class FloorSpace:
 
 
 def _compile(found: Sequence[Obstacle]) -> tuple[Grid, Longs]:
-    shapes = np.array([item.geometry for item in found], object)
-    solid = shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON
-    segments, owners = _segments(np.where(solid, shapely.boundary(shapes), shapes))
+    segments, owners = segments_of(np.array([item.geometry for item in found], object))
     return build_grid(segments), owners
 
 
-def _lines(geometry: shapely.Geometry) -> Floats:
-    """The segments (n, 4) of a line or of several."""
-    return _segments(np.array([geometry], object))[0]
-
-
-def _segments(lines: NDArray[np.object_]) -> tuple[Floats, Longs]:
-    """The segments (n, 4) of lines, each single or several, and the index of the line that each belongs to."""
-    parts, owner = shapely.get_parts(lines, return_index=True)
-    points, part = shapely.get_coordinates(parts, return_index=True)
-    follows = part[1:] == part[:-1]
-    segments = np.hstack([points[:-1][follows], points[1:][follows]]).reshape(-1, 4)
-    return segments, owner[part[:-1][follows]].astype(np.int64)
-
-
-def build_grid(segments: Floats) -> Grid:
-    """A grid whose cells hold a segment each, about, but are neither tiny nor too many."""
-    if not len(segments):
-        return Grid(segments, np.zeros(2, np.int64), np.empty(0, np.int64), np.array([0.0, 0.0, 1.0, 1.0, 1.0]))
-    xs, ys = segments[:, 0::2], segments[:, 1::2]
-    x0, y0, x1, y1 = xs.min(), ys.min(), xs.max(), ys.max()
-    cell = max(1.0, math.sqrt((x1 - x0) * (y1 - y0) / _MOST_CELLS), (x1 - x0) / 5000, (y1 - y0) / 5000)
-    columns, rows = int((x1 - x0) / cell) + 1, int((y1 - y0) / cell) + 1
-    frame = np.array([x0, y0, cell, float(columns), float(rows)])
-    count = np.zeros(columns * rows + 1, np.int64)
-    _fill(segments, frame, count, np.empty(0, np.int64))
-    start = np.concatenate([np.zeros(1, np.int64), np.cumsum(count[:-1], dtype=np.int64)])
-    items = np.empty(int(start[-1]), np.int64)
-    _fill(segments, frame, start[:-1].copy(), items)
-    return Grid(segments, start.astype(np.int64), items, frame)
-
-
-@njit(nogil=True, cache=True)
-def _column(frame: Floats, x: float) -> int:
-    return int(min(max((x - frame[0]) / frame[2], 0.0), frame[3] - 1.0))
-
-
-@njit(nogil=True, cache=True)
-def _row(frame: Floats, y: float) -> int:
-    return int(min(max((y - frame[1]) / frame[2], 0.0), frame[4] - 1.0))
-
-
-@njit(nogil=True, cache=True)
-def _span(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
-    """The x interval of the line from a to b within low <= y <= high, which it must meet."""
-    if ay > by:
-        ax, ay, bx, by = bx, by, ax, ay
-    first, last = ax, bx
-    if by > ay:
-        slope = (bx - ax) / (by - ay)
-        if ay < low:
-            first = ax + (low - ay) * slope
-        if by > high:
-            last = ax + (high - ay) * slope
-    return min(first, last), max(first, last)
-
-
-@njit(nogil=True, cache=True)
-def _fill(segments: Floats, frame: Floats, position: Longs, items: Longs) -> None:
-    """Count the segments of each cell (items empty) or write them from `position` on."""
-    columns = int(frame[3])
-    slack = 1e-9 * (1.0 + abs(frame[0]) + abs(frame[1]))
-    for s in range(segments.shape[0]):
-        ax, ay, bx, by = segments[s]
-        for row in range(_row(frame, min(ay, by) - slack), _row(frame, max(ay, by) + slack) + 1):
-            low = frame[1] + row * frame[2] - slack
-            left, right = _span(ax, ay, bx, by, low, low + frame[2] + 2 * slack)
-            for column in range(_column(frame, left - slack), _column(frame, right + slack) + 1):
-                cell = row * columns + column
-                if items.shape[0]:
-                    items[position[cell]] = s
-                position[cell] += 1
-
-
-@njit(nogil=True, cache=True)
+@kernel
 def _point_segment2(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
@@ -176,12 +83,12 @@ def _point_segment2(x: float, y: float, ax: float, ay: float, bx: float, by: flo
     return ex * ex + ey * ey
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _cross(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def segments_distance2(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
     """Squared distance of the segments ab and cd."""
     if (_cross(ax, ay, bx, by, cx, cy) > 0.0) != (_cross(ax, ay, bx, by, dx, dy) > 0.0) and (
@@ -194,16 +101,16 @@ def segments_distance2(ax: float, ay: float, bx: float, by: float, cx: float, cy
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def line_clearance(grid: Grid, ax: float, ay: float, bx: float, by: float, reach: float) -> tuple[float, int]:
     """Distance from the line ab to the nearest segment and its index; (reach, -1) where none is nearer."""
     segments, start, items, frame = grid
     best, nearest = reach * reach, -1
     columns = int(frame[3])
-    for row in range(_row(frame, min(ay, by) - reach), _row(frame, max(ay, by) + reach) + 1):
+    for row in range(row_of(frame, min(ay, by) - reach), row_of(frame, max(ay, by) + reach) + 1):
         low = frame[1] + row * frame[2] - reach
-        left, right = _span(ax, ay, bx, by, low, low + frame[2] + 2 * reach)
-        for column in range(_column(frame, left - reach), _column(frame, right + reach) + 1):
+        left, right = span(ax, ay, bx, by, low, low + frame[2] + 2 * reach)
+        for column in range(column_of(frame, left - reach), column_of(frame, right + reach) + 1):
             cell = row * columns + column
             for i in range(start[cell], start[cell + 1]):
                 s = items[i]
@@ -215,17 +122,17 @@ def line_clearance(grid: Grid, ax: float, ay: float, bx: float, by: float, reach
     return math.sqrt(best), nearest
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
     """Whether nothing is nearer than `radius` to the line ab."""
     segments, start, items, frame = grid
     reach = max(radius - TOUCH_M, 0.0)
     limit = reach * reach
     columns = int(frame[3])
-    for row in range(_row(frame, min(ay, by) - reach), _row(frame, max(ay, by) + reach) + 1):
+    for row in range(row_of(frame, min(ay, by) - reach), row_of(frame, max(ay, by) + reach) + 1):
         low = frame[1] + row * frame[2] - reach
-        left, right = _span(ax, ay, bx, by, low, low + frame[2] + 2 * reach)
-        for column in range(_column(frame, left - reach), _column(frame, right + reach) + 1):
+        left, right = span(ax, ay, bx, by, low, low + frame[2] + 2 * reach)
+        for column in range(column_of(frame, left - reach), column_of(frame, right + reach) + 1):
             cell = row * columns + column
             for i in range(start[cell], start[cell + 1]):
                 s = items[i]
@@ -237,13 +144,13 @@ def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: fl
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_segment(grid: Grid, x: float, y: float, reach: float) -> tuple[float, int]:
     """Distance from a point to the nearest segment and its index; (reach, -1) where none is nearer."""
     return line_clearance(grid, x, y, x, y, reach)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def crosses_odd(border: Floats, x: float, y: float) -> bool:
     """Whether a ray from the point crosses closed borders an odd number of times."""
     odd = False
@@ -254,13 +161,13 @@ def crosses_odd(border: Floats, x: float, y: float) -> bool:
     return odd
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def stands_free(grid: Grid, region: Floats, inside: int, x: float, y: float, radius: float) -> bool:
     """Whether a point lies on the ground with nothing nearer than `radius`."""
     return line_free(grid, x, y, x, y, radius) and crosses_odd(region, x, y) == inside
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def against_one_way(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
     """Whether driving from a to b runs against a one-way edge: within `radius` beside it,
     in the opposite direction, for more than the robot's own width. Crossing it is allowed."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from robocorba.grids import Floats
 from robocorba.maps.model import XY
 from robocorba.planning.freeway import Freeways
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
@@ -20,7 +21,6 @@ from robocorba.planning.search import (
     find_way,
 )
 from robocorba.planning.snapshot import Snapshot
-from robocorba.planning.space import Floats
 
 #: An alternative may use an edge of a better path again, but as if it were so much longer.
 DETOUR_FACTOR = 1.6

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from robocorba.grids import Floats, Grid, Longs
+from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import Roads
-from robocorba.planning.space import Floats, FloorSpace, Grid, Longs, stands_free
+from robocorba.planning.space import FloorSpace, stands_free
 
 
 class Ground(NamedTuple):
@@ -68,7 +69,7 @@ def _firsts(parts: Sequence[Any]) -> Longs:
     return np.concatenate([np.zeros(1, np.int64), np.cumsum([len(part) for part in parts], dtype=np.int64)])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def unpack(world: Packed) -> tuple[Ground, Roads]:
     """The parts of a world, as views."""
     ground = Ground(
@@ -97,20 +98,20 @@ def unpack(world: Packed) -> tuple[Ground, Roads]:
     return ground, roads
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def floor_grid(ground: Ground, floor: int) -> Grid:
     """The grid of one floor."""
     cells = ground.start[ground.first_cell[floor] : ground.first_cell[floor + 1]]
     return Grid(ground.segments, cells, ground.items, ground.frames[floor])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def floor_lanes(ground: Ground, floor: int) -> Floats:
     """The one-way edges of one floor."""
     return ground.lanes[ground.first_lane[floor] : ground.first_lane[floor + 1]]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def floor_stands_free(ground: Ground, floor: int, x: float, y: float, radius: float) -> bool:
     """Whether a robot of that radius can stand at a point of a floor."""
     region = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]

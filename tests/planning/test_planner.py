@@ -59,10 +59,10 @@ def test_a_path_over_floors() -> None:
     assert kinds[entry + 1] is PointKind.ELEVATOR_EXIT
     before, on, off = path.points[entry - 1 : entry + 2]
     assert (on.floor, off.floor, on.elevator, on.node) == ("L1", "L3", "E1", "cabin")
-    # Wait: the cabin comes from L1, L2 or L3 (0, 4 or 8 m at 1 m/s: 4 s on average), doors open (3 s).
-    assert on.time == pytest.approx(before.time + math.dist(before[3:5], on[3:5]) + 4.0 + 3.0)
-    # Ride: doors close, 8 m, doors open.
-    assert off.time == pytest.approx(on.time + 3.0 + 8.0 + 3.0)
+    # Wait: the cabin comes from L1, L2 or L3 (0, 5 and 9 s: 4 and 8 m at 1 m/s, and 1 s to start and stop), doors open.
+    assert on.time == pytest.approx(before.time + math.dist(before[3:5], on[3:5]) + 14.0 / 3 + 3.0)
+    # Ride: doors close, 8 m and 1 s to start and stop, doors open.
+    assert off.time == pytest.approx(on.time + 3.0 + 9.0 + 3.0)
     assert off.distance == pytest.approx(on.distance + 8.0)
     assert faults(building, path, 0.4) == []
 

@@ -1,7 +1,7 @@
-"""Where compiled kernels are kept between runs.
+"""Functions that numba compiles, and where they are kept between runs.
 
 numba looks only at a function's own file to see whether what it kept is stale, and fails
-on kept types that are no more. So each state of this package's sources has a folder of
+on kept types that are no more. So each state of a package's sources has a folder of
 its own: kernels never mix, neither after an edit nor after an upgrade.
 """
 
@@ -11,21 +11,37 @@ import hashlib
 import os
 import shutil
 import tempfile
+from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numba
 import platformdirs
 
 #: Folders of older states that are kept, so that two checkouts don't compile in turn.
-MOST_KEPT = 4
+MOST_KEPT = 12
+
+#: What kernels of several packages are built on.
+GRIDS = Path(__file__).with_name("grids.py")
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
-def use() -> None:
-    """Let numba keep this package's kernels in the folder of its sources' state; NUMBA_CACHE_DIR wins."""
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
+def kernel(function: F) -> F:
+    """Compile a function when it is first called, to run without the interpreter's lock; NUMBA_CACHE_DIR wins."""
+    if "NUMBA_CACHE_DIR" not in os.environ:
+        folder = _folder(Path(function.__code__.co_filename).parent)
+        if folder:
+            numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
+    return cast(F, numba.njit(nogil=True, cache=True)(function))
+
+
+@lru_cache
+def _folder(package: Path) -> Path | None:
+    """Where the kernels of a package are kept, made where it is not there; None where nothing can be written."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in (*sorted(package.glob("*.py")), GRIDS):
         digest.update(source.read_bytes())
     name = digest.hexdigest()[:16]
     for root in (platformdirs.user_cache_path("robocorba"), Path(tempfile.gettempdir()) / f"robocorba-{os.getuid()}"):
@@ -37,9 +53,9 @@ def use() -> None:
                 pass
         except OSError:
             continue
-        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
         _forget_old(folder.parent)
-        return
+        return folder
+    return None
 
 
 def _forget_old(kernels: Path) -> None:

@@ -1,0 +1,129 @@
+"""Line segments in a uniform grid: a query looks only at the cells it touches.
+
+Everything that blocks becomes segments; planning asks how far they are, sensing which of them a ray meets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from robocorba.kernels import kernel
+
+Floats = NDArray[np.float64]
+Longs = NDArray[np.int64]
+
+_MOST_CELLS = 250_000
+
+
+class Grid(NamedTuple):
+    """Segments (n, 4) as x, y, x, y; the items of cell i are items[start[i]:start[i + 1]];
+    frame is (x0, y0, cell size, columns, rows)."""
+
+    segments: Floats
+    start: Longs
+    items: Longs
+    frame: Floats
+
+
+def segments_of(shapes: NDArray[np.object_]) -> tuple[Floats, Longs]:
+    """The segments (n, 4) of lines and of the borders of polygons, each single or several, and the index of the shape
+    that each belongs to."""
+    solid = np.isin(shapely.get_type_id(shapes), (shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON))
+    parts, owner = shapely.get_parts(np.where(solid, shapely.boundary(shapes), shapes), return_index=True)
+    points, part = shapely.get_coordinates(parts, return_index=True)
+    follows = part[1:] == part[:-1]
+    segments = np.hstack([points[:-1][follows], points[1:][follows]]).reshape(-1, 4)
+    return segments, owner[part[:-1][follows]].astype(np.int64)
+
+
+def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
+    """The frame of a grid over them whose cells are `cell_m` wide, wider where they would be too many."""
+    if not len(segments):
+        return np.array([0.0, 0.0, 1.0, 1.0, 1.0])
+    xs, ys = segments[:, 0::2], segments[:, 1::2]
+    x0, y0, x1, y1 = xs.min(), ys.min(), xs.max(), ys.max()
+    cell = max(cell_m, math.sqrt((x1 - x0) * (y1 - y0) / _MOST_CELLS), (x1 - x0) / 5000, (y1 - y0) / 5000)
+    return np.array([x0, y0, cell, float(int((x1 - x0) / cell) + 1), float(int((y1 - y0) / cell) + 1)])
+
+
+def build_grid(segments: Floats, frame: Floats | None = None) -> Grid:
+    """A grid in this frame, by default over the segments; what lies beyond it counts to the cells at its border."""
+    frame = frame_over(segments) if frame is None else frame
+    return Grid(segments, *_sort(_fill, segments, frame), frame)
+
+
+def sort_boxes(boxes: Floats, frame: Floats) -> tuple[Longs, Longs]:
+    """start and items of a grid over rectangles (n, 4) along the axes: x, y of the lower and of the upper corner."""
+    return _sort(_fill_boxes, boxes, frame)
+
+
+def _sort(fill: Callable[[Floats, Floats, Longs, Longs], None], shapes: Floats, frame: Floats) -> tuple[Longs, Longs]:
+    """start and items of a grid: first count what each cell holds, then write it there."""
+    count = np.zeros(int(frame[3]) * int(frame[4]) + 1, np.int64)
+    fill(shapes, frame, count, np.empty(0, np.int64))
+    start = np.concatenate([np.zeros(1, np.int64), np.cumsum(count[:-1], dtype=np.int64)])
+    items = np.empty(int(start[-1]), np.int64)
+    fill(shapes, frame, start[:-1].copy(), items)
+    return start, items
+
+
+@kernel
+def column_of(frame: Floats, x: float) -> int:
+    return int(min(max((x - frame[0]) / frame[2], 0.0), frame[3] - 1.0))
+
+
+@kernel
+def row_of(frame: Floats, y: float) -> int:
+    return int(min(max((y - frame[1]) / frame[2], 0.0), frame[4] - 1.0))
+
+
+@kernel
+def span(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
+    """The x interval of the line from a to b within low <= y <= high, which it must meet."""
+    if ay > by:
+        ax, ay, bx, by = bx, by, ax, ay
+    first, last = ax, bx
+    if by > ay:
+        slope = (bx - ax) / (by - ay)
+        if ay < low:
+            first = ax + (low - ay) * slope
+        if by > high:
+            last = ax + (high - ay) * slope
+    return min(first, last), max(first, last)
+
+
+@kernel
+def _fill(segments: Floats, frame: Floats, position: Longs, items: Longs) -> None:
+    """Count the segments of each cell (items empty) or write them from `position` on."""
+    columns = int(frame[3])
+    slack = 1e-9 * (1.0 + abs(frame[0]) + abs(frame[1]))
+    for s in range(segments.shape[0]):
+        ax, ay, bx, by = segments[s]
+        for row in range(row_of(frame, min(ay, by) - slack), row_of(frame, max(ay, by) + slack) + 1):
+            low = frame[1] + row * frame[2] - slack
+            left, right = span(ax, ay, bx, by, low, low + frame[2] + 2 * slack)
+            for column in range(column_of(frame, left - slack), column_of(frame, right + slack) + 1):
+                cell = row * columns + column
+                if items.shape[0]:
+                    items[position[cell]] = s
+                position[cell] += 1
+
+
+@kernel
+def _fill_boxes(boxes: Floats, frame: Floats, position: Longs, items: Longs) -> None:
+    """The same for rectangles."""
+    columns = int(frame[3])
+    for s in range(boxes.shape[0]):
+        x0, y0, x1, y1 = boxes[s]
+        for row in range(row_of(frame, y0), row_of(frame, y1) + 1):
+            for column in range(column_of(frame, x0), column_of(frame, x1) + 1):
+                cell = row * columns + column
+                if items.shape[0]:
+                    items[position[cell]] = s
+                position[cell] += 1

@@ -1,0 +1,54 @@
+"""The rays of a sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from robocorba.errors import InvalidScan
+from robocorba.grids import Floats
+
+MOST_RAYS = 8192
+MOST_RANGE_M = 1000.0
+
+
+@dataclass(frozen=True)
+class Fan:
+    """`count` rays in the frame of the sensor, the first at `first_rad`, counter-clockwise from ahead, the others
+    `step_rad` apart, at most a full turn in all; each sees as far as `range_m`. Raises InvalidScan."""
+
+    first_rad: float
+    step_rad: float
+    count: int
+    range_m: float
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= MOST_RAYS:
+            raise InvalidScan("count", f"{self.count} is not 1 to {MOST_RAYS}")
+        if not -2 * math.pi <= self.first_rad <= 2 * math.pi:  # also refuses NaN, like those below
+            raise InvalidScan("first", f"{self.first_rad} is not between -2 pi and 2 pi")
+        if not 0.0 < self.step_rad <= 2 * math.pi:
+            raise InvalidScan("step", f"{self.step_rad} is not above 0 and at most 2 pi")
+        if (self.count - 1) * self.step_rad > 2 * math.pi + 1e-9:
+            raise InvalidScan("step", f"{self.count} rays {self.step_rad} apart are more than a full turn")
+        if not 0.0 < self.range_m <= MOST_RANGE_M:
+            raise InvalidScan("range", f"{self.range_m} is not above 0 and at most {MOST_RANGE_M:g} m")
+
+    @cached_property
+    def angles(self) -> Floats:
+        """Of the rays, rad."""
+        return self.first_rad + self.step_rad * np.arange(self.count, dtype=np.float64)
+
+    @cached_property
+    def rays(self) -> tuple[Floats, Floats]:
+        """Their cosines and sines."""
+        return np.cos(self.angles), np.sin(self.angles)
+
+
+#: A laser range finder at the waist: half a turn ahead, a ray a degree.
+LASER = Fan(-math.pi / 2, math.pi / 180, 181, 8.0)
+#: A ring of proximity sensors around the base.
+PROXIMITY = Fan(0.0, math.pi / 4, 8, 1.0)

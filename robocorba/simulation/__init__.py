@@ -1,0 +1,1 @@
+"""The simulated building: floors with robots and objects that move by physics, elevators, time. No CORBA here."""

@@ -1,0 +1,273 @@
+"""An elevator: robots call it, drive in, ride and drive out, one session for each ride.
+
+The call that has waited longest leads: the cabin fetches it, takes it to its floor, and then turns to the next. On the
+way it stops for whoever goes the same way and still fits in. So nobody is passed over for good, and `longest_wait`
+says for how long at most. A robot that does not come, or does not leave in time, loses its session: the doors close.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import NamedTuple
+
+from robocorba.errors import ElevatorFull, InvalidRide, NoRide
+from robocorba.maps.model import Elevator
+from robocorba.planning.elevators import travel_time, travelled
+
+#: A robot has so long to drive in, and so long to drive out, while the doors are open, s.
+BOARDING_LIMIT_S = 15.0
+#: Robots that wait at most.
+MOST_CALLS = 200
+_TOUCH_M = 1e-9
+
+
+class Doors(Enum):
+    """Of the floor where the cabin is; while it travels all are closed."""
+
+    CLOSED = 0
+    OPENING = 1
+    OPEN = 2
+    CLOSING = 3
+
+
+class Phase(Enum):
+    """Of a ride."""
+
+    WAITING = 0
+    BOARDING = 1
+    RIDING = 2
+    ALIGHTING = 3
+
+
+class Session:
+    """A robot's ride."""
+
+    def __init__(self, robot: str, origin: str, destination: str, radius_m: float, called_at: float) -> None:
+        self.robot, self.origin, self.destination = robot, origin, destination
+        self.radius_m, self.called_at = radius_m, called_at
+        self.phase = Phase.WAITING
+        self.since = called_at
+
+    def turn_to(self, phase: Phase, now: float) -> None:
+        self.phase, self.since = phase, now
+
+
+class Moment(NamedTuple):
+    """What the 2D simulator shows: height of the cabin's floor in m, the floor where it stands, empty on the way."""
+
+    height: float
+    floor: str
+    doors: Doors
+    #: Share of the way that the doors are open.
+    opening: float
+    riders: tuple[str, ...]
+    queue: tuple[str, ...]
+
+
+class Cabin:
+    """heights: of the floors that the elevator serves, m. It begins at the lowest, with its doors closed."""
+
+    def __init__(self, elevator: Elevator, heights: dict[str, float], now: float = 0.0) -> None:
+        self.elevator, self.heights = elevator, heights
+        self.now = now
+        self.doors = Doors.CLOSED
+        self.floor = min(heights, key=lambda name: heights[name])
+        #: Where it goes, empty where it stands.
+        self._target = ""
+        self._since = now
+        self.sessions: dict[str, Session] = {}
+        #: Of the sessions that ended before the robot was out: the robot, and why.
+        self.ended: list[tuple[str, str]] = []
+
+    # ---- what robots do ----
+
+    def call(self, robot: str, origin: str, destination: str, radius_m: float) -> Session:
+        """Reserve a ride. Raises InvalidRide, ElevatorFull."""
+        for field, floor in (("origin", origin), ("destination", destination)):
+            if floor not in self.heights:
+                raise InvalidRide(field, f"{self.elevator.name} does not serve {floor}")
+        if origin == destination:
+            raise InvalidRide("destination", f"{destination} is where the ride begins")
+        if robot in self.sessions:
+            raise InvalidRide("robot", f"{robot} has called already")
+        if not radius_m > 0.0 or not fits(self.elevator, [radius_m]):
+            raise InvalidRide("radius", f"a robot of {radius_m} m does not fit into {self.elevator.name}")
+        if len(self.sessions) >= MOST_CALLS:
+            raise ElevatorFull(self.elevator.name, MOST_CALLS)
+        session = self.sessions[robot] = Session(robot, origin, destination, radius_m, self.now)
+        return session
+
+    def enter(self, robot: str) -> None:
+        """It stands in the cabin. Raises NoRide where its doors are not open for it."""
+        self._session(robot, Phase.BOARDING).turn_to(Phase.RIDING, self.now)
+
+    def leave(self, robot: str) -> None:
+        """It is out, at its floor. Raises NoRide."""
+        self._session(robot, Phase.ALIGHTING)
+        del self.sessions[robot]
+
+    def give_up(self, robot: str, reason: str = "") -> None:
+        """End a robot's ride in whatever phase: it died, or thought better of it. Raises NoRide where it has none."""
+        if robot not in self.sessions:
+            raise NoRide(robot, self.elevator.name)
+        del self.sessions[robot]
+        if reason:
+            self.ended.append((robot, reason))
+
+    def _session(self, robot: str, phase: Phase) -> Session:
+        session = self.sessions.get(robot)
+        if session is None or session.phase is not phase:
+            raise NoRide(robot, self.elevator.name)
+        return session
+
+    # ---- time ----
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, at most a second at once."""
+        end = self.now + seconds
+        while self.now < end:
+            done = self._phase_end()
+            if done > end:
+                self.now = end
+                return
+            self.now = max(self.now, done)
+            if not self._go_on():
+                self.now = end
+
+    def moment(self) -> Moment:
+        """What there is to see now."""
+        height, past = self.heights[self.floor], self.now - self._since
+        if self._target:
+            height += travelled(self.elevator, self.heights[self._target] - height, past)
+        share = {Doors.CLOSED: 0.0, Doors.OPEN: 1.0}.get(self.doors)
+        if share is None:
+            share = min(1.0, past / self.elevator.door_time) if self.elevator.door_time else 1.0
+            share = share if self.doors is Doors.OPENING else 1.0 - share
+        inside = tuple(s.robot for s in self.sessions.values() if s.phase in (Phase.RIDING, Phase.ALIGHTING))
+        queue = tuple(s.robot for s in self.sessions.values() if s.phase is Phase.WAITING)
+        return Moment(height, "" if self._target else self.floor, self.doors, share, inside, queue)
+
+    def longest_wait(self, ahead: int) -> float:
+        """How long a robot may have to wait, at most, for doors that open for it, with so many calls before it, s."""
+        span = max(self.heights.values()) - min(self.heights.values())
+        stops = len(self.heights) + 1
+        at_a_stop = 2 * self.elevator.door_time + 2 * BOARDING_LIMIT_S
+        # Each call before it may lead once: there and back over the whole height, with a stop at every floor.
+        return (ahead + 1) * 2 * (travel_time(self.elevator, span) * stops + stops * at_a_stop)
+
+    def _phase_end(self) -> float:
+        """When what happens now is over; now, where the cabin can turn to something else at any moment."""
+        if self._target:
+            return self._since + travel_time(self.elevator, self.heights[self._target] - self.heights[self.floor])
+        if self.doors in (Doors.OPENING, Doors.CLOSING):
+            return self._since + self.elevator.door_time
+        if self.doors is Doors.OPEN:
+            waits = [s.since + BOARDING_LIMIT_S for s in self._at_the_doors()]
+            return min(waits, default=self.now)
+        return self.now
+
+    def _go_on(self) -> bool:
+        """Begin what comes next; False where there is nothing to do."""
+        if self._target:
+            self.floor, self._target = self._target, ""
+            self._turn(Doors.OPENING)
+        elif self.doors is Doors.OPENING:
+            self._turn(Doors.OPEN)
+            self._let_out_and_in()
+        elif self.doors is Doors.OPEN:
+            for session in self._at_the_doors():
+                if self.now >= session.since + BOARDING_LIMIT_S:
+                    way = "in" if session.phase is Phase.BOARDING else "out"
+                    self.give_up(session.robot, f"did not drive {way} within {BOARDING_LIMIT_S:g} s")
+            if not self._let_out_and_in():
+                self._turn(Doors.CLOSING)
+        elif self.doors is Doors.CLOSING:
+            self._turn(Doors.CLOSED)
+        else:
+            stop = self._next_stop()
+            if stop is None:
+                return False
+            if stop == self.floor:
+                self._turn(Doors.OPENING)
+            else:
+                self._target, self._since = stop, self.now
+        return True
+
+    def _turn(self, doors: Doors) -> None:
+        self.doors, self._since = doors, self.now
+
+    def _at_the_doors(self) -> list[Session]:
+        return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.ALIGHTING)]
+
+    def _let_out_and_in(self) -> bool:
+        """Tell those who may drive now, first out, then in; whether the doors are open for anybody."""
+        for session in self.sessions.values():
+            if session.phase is Phase.RIDING and session.destination == self.floor:
+                session.turn_to(Phase.ALIGHTING, self.now)
+        if not any(s.phase is Phase.ALIGHTING for s in self.sessions.values()):
+            for session in self._boarding_here():
+                session.turn_to(Phase.BOARDING, self.now)
+        return bool(self._at_the_doors())
+
+    def _boarding_here(self) -> list[Session]:
+        """Those who wait here, go where the cabin goes, and fit in, longest waiting first."""
+        inside = [s.radius_m for s in self.sessions.values() if s.phase not in (Phase.WAITING, Phase.ALIGHTING)]
+        leader = self._leader()
+        chosen: list[Session] = []
+        for session in self.sessions.values():
+            if session.phase is not Phase.WAITING or session.origin != self.floor:
+                continue
+            is_taken = leader is None or session is leader or self._is_on_the_way(session, leader)
+            if is_taken and fits(self.elevator, [*inside, session.radius_m]):
+                inside.append(session.radius_m)
+                chosen.append(session)
+        return chosen
+
+    def _leader(self) -> Session | None:
+        """Whose ride decides where the cabin goes: of those inside, then of those who wait, the first to call."""
+        inside = [s for s in self.sessions.values() if s.phase is not Phase.WAITING]
+        return min(inside or self.sessions.values(), key=lambda s: s.called_at, default=None)
+
+    def _is_on_the_way(self, session: Session, leader: Session) -> bool:
+        """Whether a ride from here lies within what is left of the leader's, in its direction."""
+        if leader.phase is Phase.WAITING and leader.origin != self.floor:
+            return False
+        here, there, to = (self.heights[name] for name in (self.floor, leader.destination, session.destination))
+        return (to - here) * (there - here) > 0 and abs(to - here) <= abs(there - here) + _TOUCH_M
+
+    def _next_stop(self) -> str | None:
+        """The floor to go to; the one where the cabin stands, where somebody gets on here."""
+        leader = self._leader()
+        if leader is None:
+            return None
+        goal = leader.origin if leader.phase is Phase.WAITING else leader.destination
+        if leader.phase is Phase.WAITING and goal == self.floor:
+            return goal
+        here, there = self.heights[self.floor], self.heights[goal]
+        stops = {s.destination for s in self.sessions.values() if s.phase is Phase.RIDING} | {goal}
+        if leader.phase is not Phase.WAITING:
+            inside = [s.radius_m for s in self.sessions.values() if s.phase is not Phase.WAITING]
+            stops |= {
+                s.origin
+                for s in self.sessions.values()
+                if s.phase is Phase.WAITING
+                and fits(self.elevator, [*inside, s.radius_m])
+                and (self.heights[s.destination] - self.heights[s.origin]) * (there - here) > 0
+                and abs(self.heights[s.destination] - here) <= abs(there - here) + _TOUCH_M
+            }
+        between = [
+            floor
+            for floor in stops
+            if floor != self.floor
+            and (self.heights[floor] - here) * (there - here) >= 0
+            and abs(self.heights[floor] - here) <= abs(there - here) + _TOUCH_M
+        ]
+        return min(between, key=lambda floor: abs(self.heights[floor] - here))
+
+
+def fits(elevator: Elevator, radii_m: list[float]) -> bool:
+    """Whether robots of these radii have room in the cabin, each in a square as wide as the widest of them."""
+    width = 2 * max(radii_m)
+    places = math.floor(elevator.size[0] / width + _TOUCH_M) * math.floor(elevator.size[1] / width + _TOUCH_M)
+    return len(radii_m) <= places

@@ -1,0 +1,231 @@
+"""One floor's physics: limits, walls, pushing, and the same again."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from shapely import LineString
+
+from robocorba.simulation.physics import STEP_S, Contact, FloorPhysics, Limits
+
+RADIUS_M = 0.4
+TABLE = shapely.box(-0.5, -0.3, 0.5, 0.3)
+
+
+def robot(
+    floor: FloorPhysics, name: str, x: float, y: float, heading: float = 0.0, limits: Limits | None = None
+) -> None:
+    floor.add_robot(name, (x, y, heading), RADIUS_M, 127.0, limits or Limits())
+
+
+def run(floor: FloorPhysics, seconds: float) -> list[Contact]:
+    return [contact for _ in range(round(seconds / STEP_S)) for contact in floor.step().contacts]
+
+
+def test_a_robot_keeps_its_limits() -> None:
+    floor = FloorPhysics()
+    limits = Limits(0.8, 0.5, 1.0, 0.7)
+    robot(floor, "A", 0.0, 0.0, limits=limits)
+    floor.command("A", (3.0, 4.0, 9.0))
+    before = np.zeros(3)
+    for _ in range(150):
+        floor.step()
+        velocity = np.array(floor.state()["A"][3:])
+        assert math.hypot(*(velocity - before)[:2]) <= 1.0 * STEP_S + 1e-9
+        assert abs(velocity[2] - before[2]) <= 0.7 * STEP_S + 1e-9
+        assert math.hypot(*velocity[:2]) <= 0.8 + 1e-9
+        before = velocity
+    assert before[2] == pytest.approx(0.5)
+    assert math.hypot(*before[:2]) == pytest.approx(0.8, abs=0.02)
+
+
+def test_commands_are_in_the_frame_of_the_robot() -> None:
+    floor = FloorPhysics()
+    robot(floor, "A", 1.0, 2.0, math.pi / 2)
+    floor.command("A", (0.5, 0.2, 0.0))
+    run(floor, 3.0)
+    x, y, heading, vx, vy, _ = floor.state()["A"]
+    assert (vx, vy, heading) == pytest.approx((-0.2, 0.5, math.pi / 2), abs=1e-6)
+    assert x < 1.0
+    assert y > 2.0
+
+
+def test_a_wall_stops_a_robot_and_says_so_once() -> None:
+    floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
+    robot(floor, "A", 0.0, 0.0)
+    floor.command("A", (1.0, 0.0, 0.0))
+    contacts = run(floor, 5.0)
+    assert len(contacts) == 1
+    assert set(contacts[0]) == {"A", ""}
+    x, _, _, vx, _, _ = floor.state()["A"]
+    assert x == pytest.approx(2 - RADIUS_M, abs=0.01)
+    assert abs(vx) < 0.05
+
+
+def test_a_robot_pushes_a_table_which_stops_without_it() -> None:
+    floor = FloorPhysics()
+    robot(floor, "A", 0.0, 0.0)
+    floor.add_object("T1", (1.5, 0.0, 0.0), TABLE, 20.0)
+    floor.command("A", (0.5, 0.0, 0.0))
+    contacts = run(floor, 4.0)
+    assert {"A", "T1"} in [set(contact) for contact in contacts]
+    pushed = floor.state()["T1"][0]
+    assert pushed > 1.7
+    floor.command("A", (-0.5, 0.0, 0.0))
+    run(floor, 2.0)
+    moved, *_, vx, _, _ = floor.state()["T1"]
+    assert moved - pushed < 0.1
+    assert vx == pytest.approx(0.0, abs=1e-6)
+
+
+def test_two_robots_do_not_go_through_each_other() -> None:
+    floor = FloorPhysics()
+    robot(floor, "A", 0.0, 0.0)
+    robot(floor, "B", 3.0, 0.0, math.pi)
+    floor.command("A", (1.0, 0.0, 0.0))
+    floor.command("B", (1.0, 0.0, 0.0))
+    run(floor, 5.0)
+    state = floor.state()
+    assert state["B"][0] - state["A"][0] > 2 * RADIUS_M - 0.02
+
+
+def test_whoever_is_removed_is_gone_and_the_others_keep_their_commands() -> None:
+    floor = FloorPhysics()
+    for number in range(5):
+        robot(floor, f"R{number}", 0.0, 3.0 * number)
+        floor.command(f"R{number}", (0.1 * (number + 1), 0.0, 0.0))
+    run(floor, 1.0)
+    floor.remove("R1")
+    with pytest.raises(KeyError):
+        floor.remove("R1")
+    with pytest.raises(KeyError):
+        floor.command("R1", (0.0, 0.0, 0.0))
+    robot(floor, "R1", 5.0, 3.0)
+    run(floor, 1.0)
+    speeds = {name: row[3] for name, row in floor.state().items()}
+    assert speeds == pytest.approx({"R0": 0.1, "R1": 0.0, "R2": 0.3, "R3": 0.4, "R4": 0.5}, abs=1e-9)
+    with pytest.raises(KeyError):
+        robot(floor, "R1", 0.0, 0.0)
+
+
+def test_what_stands_can_change_while_it_runs() -> None:
+    floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
+    robot(floor, "A", 0.0, 0.0)
+    floor.command("A", (1.0, 0.0, 0.0))
+    run(floor, 4.0)
+    floor.stand([LineString([(4, -5), (4, 5)])])
+    run(floor, 4.0)
+    assert floor.state()["A"][0] == pytest.approx(4 - RADIUS_M, abs=0.01)
+
+
+def carriers(force_n: float = 300.0, payload_kg: float = 4.0) -> FloorPhysics:
+    """A table of 12 kg with a robot at three of its sides, each holding its edge."""
+    floor = FloorPhysics()
+    floor.add_object("T1", (0.0, 0.0, 0.0), TABLE, 12.0)
+    for name, x, y, heading in (("A", 1.1, 0.0, math.pi), ("B", -1.1, 0.0, 0.0), ("C", 0.0, -0.9, math.pi / 2)):
+        robot(floor, name, x, y, heading)
+    for name, at in (("A", (0.5, 0.0)), ("B", (-0.5, 0.0)), ("C", (0.0, -0.3))):
+        floor.grip(name, "T1", at, force_n, payload_kg)
+    return floor
+
+
+def drive(floor: FloorPhysics, vx: float, vy: float) -> None:
+    """All three the same way in the world."""
+    for name in "ABC":
+        heading = floor.state()[name][2]
+        ahead = vx * math.cos(heading) + vy * math.sin(heading)
+        floor.command(name, (ahead, -vx * math.sin(heading) + vy * math.cos(heading), 0.0))
+
+
+def test_three_robots_carry_a_table_that_one_could_not() -> None:
+    floor = carriers()
+    for _ in range(250):
+        drive(floor, 0.3, 0.2)
+        step = floor.step()
+        assert not step.lost
+        assert not step.contacts  # carriers may overlap with what they hold
+    state = floor.state()
+    assert state["T1"][:2] == pytest.approx((1.45, 0.96), abs=0.06)
+    assert state["T1"][2] == pytest.approx(0.0, abs=0.02)
+    for name, hand in (("A", (0.5, 0.0)), ("B", (-0.5, 0.0)), ("C", (0.0, -0.3))):
+        x, y, heading = state[name][:3]
+        away = math.hypot(x - state["T1"][0] - hand[0], y - state["T1"][1] - hand[1])
+        assert away == pytest.approx(0.6, abs=0.02), name
+        assert heading == pytest.approx({"A": math.pi, "B": 0.0, "C": math.pi / 2}[name], abs=0.02)
+
+
+def test_a_grip_slips_where_its_force_does_not_do() -> None:
+    floor = carriers(force_n=5.0)
+    lost: set[str] = set()
+    floor.command("A", (-1.0, 0.0, 0.0))  # away from the others
+    for _ in range(200):
+        lost |= set(floor.step().lost)
+    assert "A" in lost
+    with pytest.raises(KeyError):
+        floor.release("A")
+    floor.release("B")
+    floor.grip("B", "T1", (-0.5, 0.0), 300.0, 4.0)
+
+
+def test_a_table_that_was_let_go_stands() -> None:
+    floor = carriers()
+    for _ in range(100):
+        drive(floor, 0.5, 0.0)
+        floor.step()
+    for name in "ABC":
+        floor.release(name)
+        floor.command(name, (-0.5, 0.0, 0.0))
+    before = floor.state()["T1"]
+    run(floor, 1.0)
+    after = floor.state()["T1"]
+    assert math.dist(before[:2], after[:2]) < 0.05
+    assert after[3:] == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_what_is_held_can_be_removed_and_so_can_whoever_holds_it() -> None:
+    floor = carriers()
+    floor.remove("A")
+    run(floor, 0.5)
+    floor.remove("T1")
+    run(floor, 0.5)
+    for name in "BC":
+        with pytest.raises(KeyError):
+            floor.release(name)
+    with pytest.raises(KeyError):
+        floor.grip("B", "T1", (0.0, 0.0), 300.0, 4.0)
+    with pytest.raises(KeyError):
+        floor.grip("B", "C", (0.0, 0.0), 300.0, 4.0)
+
+
+def trajectory(seed: int) -> str:
+    """A hash of everything that happens among 30 robots and 5 tables in 10 s."""
+    chance = np.random.default_rng(seed)
+    floor = FloorPhysics([shapely.box(0, 0, 15, 15).exterior, LineString([(5, 5), (10, 6)])])
+    for number in range(30):
+        robot(floor, f"R{number}", *chance.uniform(1, 14, 2))
+    for number in range(5):
+        floor.add_object(f"T{number}", (*chance.uniform(1, 14, 2), 0.3), TABLE, 20.0)
+    digest = hashlib.sha256()
+    for step in range(500):
+        if step % 50 == 0:
+            for number in range(30):
+                floor.command(f"R{number}", tuple(chance.uniform(-1, 1, 3)))
+        digest.update(repr([set(contact) for contact in floor.step().contacts].__len__()).encode())
+        digest.update(np.array(list(floor.state().values())).tobytes())
+    return digest.hexdigest()
+
+
+def test_the_same_commands_give_the_same_trajectory_bit_for_bit_in_any_process() -> None:
+    here = trajectory(3)
+    assert here == trajectory(3)
+    assert here != trajectory(4)
+    say = "from tests.simulation.test_physics import trajectory; print(trajectory(3))"
+    there = subprocess.run([sys.executable, "-c", say], cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    assert there.stdout.strip() == here
