@@ -218,6 +218,14 @@ class InvalidScan(SensingError):
         super().__init__(f"{field} {reason}")
 
 
+class SensorBehind(SensingError):
+    """What the sensor knows is `lag_s` old, more than `limit_s`."""
+
+    def __init__(self, lag_s: float, limit_s: float) -> None:
+        self.lag_s, self.limit_s = lag_s, limit_s
+        super().__init__(f"what the sensor knows is {lag_s:.2f} s old, more than {limit_s:g} s")
+
+
 class SimulationError(RoboCorbaError):
     """The simulated building refuses something."""
 
@@ -283,6 +291,78 @@ class ElevatorFull(SimulationError):
     def __init__(self, elevator: str, limit: int) -> None:
         self.elevator, self.limit = elevator, limit
         super().__init__(f"{limit} robots wait for {elevator}")
+
+
+class InvalidCommand(SimulationError):
+    """A command that can't be carried out: `field` says which part of it, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class CannotGrip(SimulationError):
+    """`what` can't be gripped; `reason` says why."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        self.what, self.reason = what, reason
+        super().__init__(f"can't grip {what[:80]!r}: {reason}")
+
+
+class InvalidPicture(SimulationError):
+    """`field` of a picture that was asked for is out of range."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class InvalidChoice(SimulationError):
+    """What an administrator set is out of range: `field` says which, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class InvalidMission(SimulationError):
+    """`field` of a mission can't be kept."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
+
+
+class StaleMission(SimulationError):
+    """The mission is at version `current`: somebody else changed it."""
+
+    def __init__(self, name: str, expected: int, current: int) -> None:
+        self.name, self.expected, self.current = name, expected, current
+        super().__init__(f"mission {name[:80]!r} is at version {current}, not {expected}")
+
+
+class UnknownMission(SimulationError):
+    """No mission has this name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"there is no mission {name[:80]!r}")
+
+
+class OutOfStep(SimulationError):
+    """An update of `floor` begins at version `since`, but what is known is `version`: load the floor again."""
+
+    def __init__(self, floor: str, version: int, since: int) -> None:
+        self.floor, self.version, self.since = floor, version, since
+        super().__init__(f"an update of {floor} begins at {since}; known is {version}")
+
+
+class StateDamaged(SimulationError):
+    """The file that the simulation keeps can't be used; `reason` says why."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
 
 
 class NoRide(SimulationError):
