@@ -26,8 +26,8 @@ from robocorba.conversion.errors import domain_error
 from robocorba.errors import InvalidEvent, NotReachable, Unconfirmed
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription, checked
+from robocorba.names import CHANNELS
 from robocorba.orb import Orb, describe
-from robocorba.remote.event_peers import CHANNELS
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: A channel that is started again is waited for so long.

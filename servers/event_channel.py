@@ -19,9 +19,10 @@ from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.store import PeerRecord, Store
 from robocorba.events.watermarks import Watermarks
+from robocorba.names import CHANNELS
 from robocorba.orb import Orb
 from robocorba.remote.event_clients import EventClients
-from robocorba.remote.event_peers import CHANNELS, Joining, RemoteGateway
+from robocorba.remote.event_peers import Joining, RemoteGateway
 from robocorba.remote.foreign_channel import ForeignChannel
 from robocorba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
 from robocorba.servants.event_gateway import EventGatewayServant, GatewayFeedServant

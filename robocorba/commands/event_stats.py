@@ -13,8 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from robocorba.errors import NotReachable
+from robocorba.names import CHANNELS
 from robocorba.orb import Orb, describe
-from robocorba.remote.event_peers import CHANNELS
 from robocorba.stubs import RoboCorba
 
 #: For each channel to answer.

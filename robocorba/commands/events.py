@@ -20,8 +20,8 @@ from robocorba.commands import event_stats
 from robocorba.conversion import errors as idl_errors
 from robocorba.errors import InvalidEvent, NotReachable, RoboCorbaError
 from robocorba.events.queue import QueuePolicy
+from robocorba.names import CHANNELS
 from robocorba.orb import Orb, describe
-from robocorba.remote.event_peers import CHANNELS
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 

@@ -12,6 +12,7 @@ from robocorba.errors import InvalidPeer, NotDelivered, NotReachable, SessionOve
 from robocorba.events.event import Run
 from robocorba.events.federation import Notice
 from robocorba.events.store import PeerRecord
+from robocorba.names import CHANNELS
 from robocorba.orb import Orb, describe, limit_calls
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
@@ -20,7 +21,6 @@ from robocorba.stubs import RoboCorba
 CALL_LIMIT_S = 2.0
 ACKNOWLEDGE_LIMIT_S = 0.2
 FIND_LIMIT_S = 1.0
-CHANNELS = "EventChannels"
 
 #: What is wrong with the events themselves.
 _WHATEVER_IS_TRIED = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)

@@ -10,8 +10,8 @@ from omniORB import CORBA
 
 from robocorba.errors import InvalidPeer, NotReachable
 from robocorba.events.federation import MAX_CHANNELS, check_name
+from robocorba.names import CHANNELS
 from robocorba.orb import Orb, describe
-from robocorba.remote.event_peers import CHANNELS
 from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder

@@ -1,0 +1,4 @@
+"""Naming contexts below RoboCorba in which objects of one kind are bound by their names."""
+
+CHANNELS = "EventChannels"
+SENSORS = "VirtualSensors"

@@ -1,0 +1,112 @@
+"""Records of a process that are there again after it was killed: one SQLite file, msgpack values by kind and key."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
+
+import msgspec
+
+from robocorba.errors import AlreadyRunning, ServiceError
+
+T = TypeVar("T")
+S = TypeVar("S", bound="RecordFile")
+
+_RECORDS = "CREATE TABLE records (kind TEXT NOT NULL, key TEXT NOT NULL, value BLOB NOT NULL, PRIMARY KEY (kind, key))"
+
+
+class RecordFile:
+    """Opened by one process at a time, used by any of its threads. What a call has written is there after a kill -9.
+
+    application_id, schema_version: tell its files from those of others and of other releases. tables: statements for
+    tables beside the records, and what stands in them at first. Raises AlreadyRunning, or ServiceError for whatever is
+    wrong with the file, now and in every call."""
+
+    def __init__(self, file: Path, application_id: int, schema_version: int, tables: Sequence[str] = ()) -> None:
+        self.file = file
+        self._lock = threading.Lock()
+        self._marks = {"application_id": application_id, "user_version": schema_version}
+        with self._guarded():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(file, isolation_level=None, check_same_thread=False, timeout=0.5)
+            with contextlib.ExitStack() as stack:
+                stack.callback(self._db.close)
+                self._open(tables)
+                stack.pop_all()
+
+    def _open(self, tables: Sequence[str]) -> None:
+        self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+        self._db.execute("PRAGMA journal_mode = WAL")
+        # Survives the process that is killed; not a power cut in the last moments.
+        self._db.execute("PRAGMA synchronous = NORMAL")
+        self._db.execute("BEGIN EXCLUSIVE")
+        if not self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            marks = (f"PRAGMA {what} = {value}" for what, value in self._marks.items())
+            for statement in (_RECORDS, *tables, *marks):
+                self._db.execute(statement)
+        self._db.execute("COMMIT")
+        found = {what: self._db.execute(f"PRAGMA {what}").fetchone()[0] for what in self._marks}
+        if found != self._marks:
+            raise ServiceError(f"{self.file} is not such a file of this release")
+
+    def __enter__(self: S) -> S:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._db.close()
+
+    def all(self, kind: str, schema: type[T]) -> list[T]:
+        """The records of a kind, in the order in which they came."""
+        with self._guarded():
+            rows = self._db.execute("SELECT value FROM records WHERE kind = ? ORDER BY rowid", (kind,)).fetchall()
+            return [msgspec.msgpack.decode(value, type=schema) for (value,) in rows]
+
+    def save(self, kind: str, key: str, record: object) -> None:
+        with self._guarded():
+            value = msgspec.msgpack.encode(record)
+            # Not INSERT OR REPLACE, which would change the order.
+            done = self._db.execute("UPDATE records SET value = ? WHERE kind = ? AND key = ?", (value, kind, key))
+            if not done.rowcount:
+                self._db.execute("INSERT INTO records VALUES (?, ?, ?)", (kind, key, value))
+
+    def forget(self, kind: str, key: str) -> None:
+        with self._guarded():
+            self._db.execute("DELETE FROM records WHERE kind = ? AND key = ?", (kind, key))
+
+    def replace(self, kind: str, records: Iterable[tuple[str, object]]) -> None:
+        """Keep these of a kind, and no others."""
+        rows = [(kind, key, msgspec.msgpack.encode(record)) for key, record in records]
+        with self._guarded():
+            self._db.execute("BEGIN")
+            try:
+                self._db.execute("DELETE FROM records WHERE kind = ?", (kind,))
+                self._db.executemany("INSERT INTO records VALUES (?, ?, ?)", rows)
+                self._db.execute("COMMIT")
+            finally:
+                if self._db.in_transaction:
+                    self._db.execute("ROLLBACK")
+
+    def clear(self) -> None:
+        """Forget all records."""
+        with self._guarded():
+            self._db.execute("DELETE FROM records")
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """One thread at a time: all share a connection, and what one does must not get into another's transaction."""
+        try:
+            with self._lock:
+                yield
+        except sqlite3.OperationalError as wrong:
+            if "locked" in str(wrong):
+                raise AlreadyRunning(f"another process uses {self.file}") from None
+            raise ServiceError(f"can't use {self.file}: {wrong}") from wrong
+        except (OSError, sqlite3.Error, msgspec.MsgspecError) as wrong:
+            raise ServiceError(f"can't use {self.file}: {wrong}") from wrong
