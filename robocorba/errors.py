@@ -365,6 +365,10 @@ class StateDamaged(SimulationError):
         super().__init__(f"{path}: {reason}")
 
 
+class SimulationBusy(SimulationError):
+    """The simulation did not get round to it; it was not done."""
+
+
 class NoRide(SimulationError):
     """`robot` has no ride in `elevator`, or can't do this in the phase in which it is."""
 

@@ -128,27 +128,33 @@ def to_pixel(building: Building, floor: str, point: XY, width_px: int = 1200, ti
     return int((point[0] - frame.x0) * frame.scale), int((frame.y1 - point[1]) * frame.scale)
 
 
-def _drawn(sheet: Sheet, building: Building, floor: str, path: Sequence[PathMark], title: str) -> Image.Image:
-    """The layers from the ground up, names last and never over one another."""
-    entry = building.floors[floor]
-    plan, roads = entry.geometrical, entry.topological
+def draw_standing(sheet: Sheet, building: Building, floor: str) -> None:
+    """Areas, walls, objects, doors and elevators, without their names."""
+    plan = building.floors[floor].geometrical
     _draw_areas(sheet, [(area.polygon, area.subnet) for area in plan.areas.values()])
     _draw_obstacles(sheet, building, floor)
     for door in plan.doors.values():
         _draw_door(sheet, door)
     for elevator in building.elevators.values():
         _draw_elevator(sheet, elevator, floor)
+
+
+def _drawn(sheet: Sheet, building: Building, floor: str, path: Sequence[PathMark], title: str) -> Image.Image:
+    """The layers from the ground up, names last and never over one another."""
+    entry = building.floors[floor]
+    roads = entry.topological
+    draw_standing(sheet, building, floor)
     places = {name: node.at for name, node in roads.nodes.items()}
     _draw_roads(sheet, places, [edge for edge in roads.edges.values() if {edge.a, edge.b} <= places.keys()])
     _draw_path(sheet, path)
-    _draw_furniture(sheet, title)
+    draw_furniture(sheet, title)
     for place in [*places.values(), *((mark.x, mark.y) for mark in path)]:
         sheet.keep_clear(place)
-    _write_names(sheet, entry, building.elevators.values(), path)
+    write_names(sheet, entry, building.elevators.values(), path)
     return sheet.image()
 
 
-def _write_names(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], path: Sequence[PathMark]) -> None:
+def write_names(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], path: Sequence[PathMark]) -> None:
     """The names that matter most first: those that find no room are left out."""
     plan = entry.geometrical
     for mark in path:
@@ -247,7 +253,7 @@ def _draw_path(sheet: Sheet, path: Sequence[PathMark]) -> None:
             sheet.axes.plot(mark.x, mark.y, shape, color=colour, zorder=11, **marker)
 
 
-def _draw_furniture(sheet: Sheet, title: str) -> None:
+def draw_furniture(sheet: Sheet, title: str, legend: Sequence[tuple[str, str]] = LEGEND) -> None:
     """Title, scale bar and legend."""
     frame, px = sheet.frame, 1 / sheet.frame.scale
     sheet.lines([((frame.x0, frame.y0 + FOOT_PX * px), (frame.x1, frame.y0 + FOOT_PX * px))], "#e3e3e3", 1, zorder=2)
@@ -258,7 +264,7 @@ def _draw_furniture(sheet: Sheet, title: str) -> None:
     sheet.lines([((x, y), (x + length, y))], INK, 3, zorder=12)
     sheet.text(f"{length:g} m", x + length / 2, y + 11 * px, 8)
     x = frame.x0 + max(frame.width * 0.24, 150) * px
-    for colour, text in LEGEND:
+    for colour, text in legend:
         if x + 100 * px > frame.x1:
             break
         sheet.lines([((x, y + 5 * px), (x + 16 * px, y + 5 * px))], colour, 7 if text[0] != "~" else 2.5, zorder=12)

@@ -6,33 +6,78 @@ is on the floor where the ride begins until the doors open elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import shapely
-import shapely.affinity
-from shapely import Polygon
-from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import PlaceTaken, UnknownElement, UnknownFloor, UnknownRobot
-from robocorba.maps.geometry import landing_line, object_geometry, obstacles, shaft_polygon
-from robocorba.maps.model import Building, MapObject, SegmentShape
-from robocorba.simulation.elevator import Cabin, Doors, Phase
+from robocorba.errors import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownFloor, UnknownRobot
+from robocorba.maps.geometry import shaft_polygon
+from robocorba.maps.model import Building, Elevator, MapObject
+from robocorba.maps.movable import landing_doors, movables, outline, standing
+from robocorba.simulation.elevator import Cabin, Doors, Moment, Phase, Ride
+from robocorba.simulation.floor_update import Body, BodyKind
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.world import RobotRecord, WorldRecord
 
 #: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
 KG_A_SQUARE_METRE = 20.0
 #: How far a hand reaches from the middle of its robot, m; how hard it holds, and what it carries.
 REACH_M, HAND_FORCE_N, PAYLOAD_KG = 1.0, 200.0, 4.0
+#: A hand holds a place on or at an object, no farther from its outline, m.
+HANDLE_M = 0.05
+#: A command holds for at most so long, s.
+MOST_VALID_S = 5.0
+
+
+class State(NamedTuple):
+    """A robot as it is: velocities ahead, to the left (m/s) and turn (rad/s); `time` is the simulation's, s."""
+
+    time: float
+    pose: Pose
+    velocity: tuple[float, float, float]
 
 
 class Robot:
-    """A robot in the building, and its floor."""
+    """A robot in the building. `command`, `state` and `holding` are safe from any thread, at any time."""
 
-    def __init__(self, description: Description) -> None:
-        self.description = description
-        self.floor = description.pose.floor
+    def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
+        self.description, self.number = description, number
+        self.body = _robot_body(description.name)
+        self.floor, self.physics = floor, physics
+        self.collisions = 0
+        #: What it collided with last: a robot or an object, empty for what stands.
+        self.touched = ""
+        self._last = State(physics.time, description.pose, (0.0, 0.0, 0.0))
+
+    @property
+    def name(self) -> str:
+        return self.description.name
+
+    def command(self, ahead: float, left: float, turn: float, valid_s: float) -> None:
+        """Move like this (m/s, rad/s) for `valid_s` of simulated time, unless told again. Raises InvalidCommand."""
+        if not math.isfinite(ahead + left + turn):
+            raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
+        if not 0.0 <= valid_s <= MOST_VALID_S:
+            raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MOST_VALID_S:g} s")
+        self.physics.command(self.body, (ahead, left, turn), valid_s)
+
+    @property
+    def holding(self) -> str:
+        """The object that it holds, empty for none."""
+        return _owner(self.physics.holding(self.body))
+
+    def state(self) -> State:
+        """After the last step."""
+        floor, seen = self.floor, self.physics.seen
+        row = seen.row_of.get(self.body)
+        if row is None:  # it came, or changes floors, this very moment
+            return self._last
+        x, y, heading, ahead, left, turn = seen.in_own_frames[row]
+        self._last = State(seen.time, Pose(floor, x, y, heading), (ahead, left, turn))
+        return self._last
 
 
 class Happening(NamedTuple):
@@ -46,71 +91,145 @@ class Happening(NamedTuple):
 
 
 class SimulatedBuilding:
-    """Floors and elevators as `building` has them; movable objects stand where it says until they are moved."""
+    """Floors and elevators as `building` has them; movable objects stand where it says until they are moved.
+
+    One thread uses it, except for what Robot says."""
 
     def __init__(self, building: Building) -> None:
-        self.building = building
+        self.building = Building(building.name)
         self.robots: dict[str, Robot] = {}
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
+        #: What there is to see of the elevators, after the last step.
+        self.moments: Mapping[str, Moment] = {}
+        #: Of robots that have to do with an elevator, likewise.
+        self.rides: Mapping[str, Ride] = {}
         #: Movable objects: as they are on the map, and their floor now.
         self.objects: dict[str, tuple[MapObject, str]] = {}
-        self._steps = 0
+        #: Robots and objects by the name of their body.
+        self.bodies: dict[str, Body] = {}
+        self._steps = self._numbers = 0
         self._where: dict[str, tuple[str, Doors]] = {}
-        for name in building.floors:
-            self.floors[name] = FloorPhysics(standing(building, name))
-            for thing in movable(building, name):
-                self._add_object(thing, name, (*thing.at, thing.heading))
-        for name, elevator in building.elevators.items():
-            heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
-            self.cabins[name] = Cabin(elevator, heights)
-            self._where[name] = (self.cabins[name].floor, Doors.CLOSED)
-            for floor in heights:
-                self._shut(name, floor)
+        self._shafts: dict[str, shapely.Polygon] = {}
+        self._resting: set[str] = set()
+        self.update(building)
 
     @property
     def time(self) -> float:
         """Of the simulation, s."""
         return self._steps * STEP_S
 
+    # ---- the map ----
+
+    def update(self, building: Building) -> list[str]:
+        """Follow an edited map; the robots that are gone with their floors.
+
+        Objects that the edit did not touch stay where they were pushed. A ride in an elevator that changed is lost."""
+        before, self.building = self.building, building
+        gone = [robot.name for robot in self.robots.values() if robot.floor not in building.floors]
+        for robot in gone:
+            self.remove(robot)
+        for name, (_, floor) in list(self.objects.items()):
+            if floor not in building.floors:
+                self._remove_object(name)
+        self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps) for name in building.floors}
+        for name, entry in building.floors.items():
+            was = before.floors.get(name)
+            if entry is not was or building.elevators is not before.elevators:
+                self.floors[name].stand(standing(building, name))
+        self._update_objects(before)
+        for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:
+            self._remove_cabin(name, before.elevators[name])
+        for name, elevator in building.elevators.items():
+            heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
+            if name not in self.cabins or self.cabins[name].heights != heights:
+                self._add_cabin(name, Cabin(elevator, heights, self.time))
+        self.refresh()
+        return gone
+
+    def _update_objects(self, before: Building) -> None:
+        was, after = movables(before), movables(self.building)
+        for name in [name for name in self.objects if after.get(name) != was[name]]:
+            self._remove_object(name)
+        for name, (thing, floor) in after.items():
+            if name not in self.objects:
+                self._add_object(name, thing, floor)
+
+    def _add_cabin(self, name: str, cabin: Cabin) -> None:
+        self.cabins[name] = cabin
+        self._shafts[name] = shaft_polygon(cabin.elevator)
+        self._where[name] = (cabin.floor, Doors.CLOSED)
+        for floor in cabin.heights:
+            self._shut(name, floor)
+
+    def _remove_cabin(self, name: str, elevator: Elevator) -> None:
+        for floor in elevator.floors():
+            if floor in self.floors:
+                self.floors[floor].open(f"landing/{name}")
+        del self.cabins[name], self._where[name], self._shafts[name]
+
     # ---- robots ----
 
     def add(self, description: Description) -> Robot:
         """Let a robot stand where it says. Raises UnknownFloor, PlaceTaken; its name must be free."""
-        floor, x, y, heading = description.pose
+        floor, x, y, _ = description.pose
         if floor not in self.floors:
-            raise UnknownFloor("pose", floor, list(self.floors))
+            raise UnknownFloor("start", floor, list(self.floors))
         blocker = self.floors[floor].touching(x, y, description.radius_m)
         if blocker is not None:
-            raise PlaceTaken(floor, x, y, blocker)
-        robot = self.robots[description.name] = Robot(description)
-        self._add_robot(robot, (x, y, heading))
-        return robot
+            raise PlaceTaken(floor, x, y, _owner(blocker))
+        return self._add_new(description, description.pose)
 
     def remove(self, name: str) -> None:
         """Take a robot away, with its rides and what it held. Raises UnknownRobot."""
-        self.floors[self._robot(name).floor].remove(_body(name))
-        del self.robots[name]
-        for cabin in self.cabins.values():
-            if name in cabin.sessions:
-                cabin.give_up(name)
-
-    def command(self, name: str, velocity: tuple[float, float, float], valid_s: float) -> None:
-        """Move ahead, to the left (m/s) and turn (rad/s) for `valid_s`, unless told again. Raises UnknownRobot."""
-        self.floors[self._robot(name).floor].command(_body(name), velocity, valid_s)
+        robot = self._robot(name)
+        robot.physics.remove(robot.body)
+        del self.robots[name], self.bodies[robot.body]
+        self.give_up_elevator(name)
 
     def pose(self, name: str) -> Pose:
         """Where a robot is. Raises UnknownRobot."""
-        floor = self._robot(name).floor
-        return Pose(floor, *self.floors[floor].row(_body(name))[:3])
+        robot = self._robot(name)
+        return Pose(robot.floor, *robot.physics.pose(robot.body))
+
+    def grip(self, name: str, thing: str, at: tuple[float, float]) -> None:
+        """Hold an object at a place, x and y in m. Raises UnknownRobot, CannotGrip."""
+        robot = self._robot(name)
+        if thing not in self.objects or self.objects[thing][1] != robot.floor:
+            raise CannotGrip(thing, f"there is no such movable object on {robot.floor}")
+        if not math.isfinite(at[0] + at[1]):
+            raise CannotGrip(thing, f"({at[0]}, {at[1]}) is not a place")
+        x, y, _ = robot.physics.pose(robot.body)
+        away = math.hypot(at[0] - x, at[1] - y)
+        if away > REACH_M:
+            raise CannotGrip(thing, f"({at[0]:g}, {at[1]:g}) is {away:.2f} m away; hands reach {REACH_M:g} m")
+        beside = robot.physics.distance(_object_body(thing), at)
+        if beside > HANDLE_M:
+            raise CannotGrip(thing, f"({at[0]:g}, {at[1]:g}) is {beside:.2f} m beside it")
+        robot.physics.grip(robot.body, _object_body(thing), at, HAND_FORCE_N, PAYLOAD_KG)
+
+    def release(self, name: str) -> None:
+        """Let go of what it holds, if it does. Raises UnknownRobot."""
+        robot = self._robot(name)
+        robot.physics.release(robot.body)
 
     def call_elevator(self, name: str, elevator: str, destination: str) -> None:
-        """Reserve a ride from the floor where a robot is. Raises UnknownRobot, UnknownElement, InvalidRide,
-        ElevatorFull."""
+        """Reserve a ride from the floor where a robot is. Raises UnknownRobot, InvalidRide, ElevatorFull."""
         robot = self._robot(name)
         if elevator not in self.cabins:
-            raise UnknownElement("elevator", "", elevator)
+            raise InvalidRide("elevator", f"there is no {elevator[:80]!r}")
+        called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
+        if called:
+            raise InvalidRide("elevator", f"{name} has called {called} already")
         self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m)
+        self._look_at_cabins()
+
+    def give_up_elevator(self, name: str) -> None:
+        """Not ride any more, if it wanted to."""
+        for cabin in self.cabins.values():
+            if name in cabin.sessions:
+                cabin.give_up(name)
+        self._look_at_cabins()
 
     # ---- time ----
 
@@ -120,8 +239,10 @@ class SimulatedBuilding:
         happened = []
         for name, floor in self.floors.items():
             step = floor.step()
-            for contact in step.contacts:
-                who = tuple(_owner(body) for body in contact if body)
+            for first, second in step.contacts:
+                self._collided(first, second)
+                self._collided(second, first)
+                who = tuple(_owner(body) for body in (first, second) if body)
                 happened.append(Happening(self.time, name, "collision", who))
             happened += [Happening(self.time, name, "grip lost", (_owner(robot),)) for robot in step.lost]
         for name, cabin in self.cabins.items():
@@ -131,11 +252,40 @@ class SimulatedBuilding:
             self._follow(name, cabin)
             happened += [Happening(self.time, cabin.floor, "ride lost", (who,), why) for who, why in cabin.ended]
             cabin.ended.clear()
+        self._look_at_cabins()
         return happened
+
+    def refresh(self) -> None:
+        """Let whoever came or went be seen, also while time stands."""
+        for floor in self.floors.values():
+            floor.refresh()
+        self._look_at_cabins()
+
+    def moments_on(self, floor: str) -> dict[str, Moment]:
+        """Of the elevators that serve a floor. Safe from any thread."""
+        served = self.building.elevators
+        return {
+            name: moment for name, moment in self.moments.items() if name in served and floor in served[name].floors()
+        }
+
+    def _look_at_cabins(self) -> None:
+        """Replaced whole, for readers in other threads; one that rests was looked at before."""
+        resting = {name for name, cabin in self.cabins.items() if cabin.is_at_rest}
+        if len(self.moments) == len(self.cabins) == len(resting) and resting == self._resting:
+            return
+        self._resting = resting
+        self.moments = {name: cabin.moment() for name, cabin in self.cabins.items()}
+        self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
+
+    def _collided(self, body: str, other: str) -> None:
+        robot = self.robots.get(_owner(body)) if body.startswith(_ROBOT) else None
+        if robot:
+            robot.collisions += 1
+            robot.touched = _owner(other)
 
     def _see_who_moved(self, name: str, cabin: Cabin) -> None:
         """A robot that stands in the cabin has entered; one that is clear of it has left."""
-        shaft = shaft_polygon(self.building.elevators[name])
+        shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
             if session.phase not in (Phase.BOARDING, Phase.ALIGHTING):
                 continue
@@ -161,22 +311,24 @@ class SimulatedBuilding:
             self._shut(name, before)
 
     def _move(self, elevator: str, origin: str, destination: str) -> None:
-        shaft = shaft_polygon(self.building.elevators[elevator])
-        for body, row in self.floors[origin].state().items():
-            if not shaft.contains(shapely.Point(row[0], row[1])):
-                continue
-            self.floors[origin].remove(body)
-            kind, _, name = body.partition("/")
-            if kind == "robot":
-                self.robots[name].floor = destination
-                self._add_robot(self.robots[name], row[:3])
+        """What is in the cabin goes along, and what holds goes on holding."""
+        before, after = self.floors[origin], self.floors[destination]
+        shaft = self._shafts[elevator]
+        inside = [body for body, row in before.state().items() if shaft.contains(shapely.Point(row[0], row[1]))]
+        poses = {body: before.pose(body) for body in inside}
+        grips = {body: held for body in inside if (held := before.held(body))}
+        for body, pose in poses.items():
+            before.remove(body)
+            if body.startswith(_ROBOT):
+                self._stand(self.robots[_owner(body)], destination, pose)
             else:
-                self._add_object(self.objects[name][0], destination, row[:3])
+                self._stand_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
+        for body, (thing, at) in grips.items():
+            if thing in poses:
+                after.grip(body, thing, at, HAND_FORCE_N, PAYLOAD_KG)
 
     def _shut(self, elevator: str, floor: str) -> None:
-        shape = self.building.elevators[elevator]
-        lines = [landing_line(shape, door) for door in shape.doors if door.floor == floor]
-        self.floors[floor].shut(f"landing/{elevator}", shapely.multilinestrings(lines))
+        self.floors[floor].shut(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
 
     # ---- bodies ----
 
@@ -185,46 +337,97 @@ class SimulatedBuilding:
             raise UnknownRobot(name)
         return self.robots[name]
 
-    def _add_robot(self, robot: Robot, pose: tuple[float, ...]) -> None:
-        about = robot.description
-        self.floors[robot.floor].add_robot(
-            _body(about.name), (pose[0], pose[1], pose[2]), about.radius_m, about.mass_kg, about.limits
+    def _add_new(self, description: Description, pose: Pose) -> Robot:
+        robot = Robot(description, self._number(), pose.floor, self.floors[pose.floor])
+        self.robots[description.name] = robot
+        self.bodies[robot.body] = Body(
+            robot.number, BodyKind.ROBOT, robot.name, description.radius_m, (), description.mass_kg
         )
+        self._stand(robot, pose.floor, pose[1:])
+        return robot
 
-    def _add_object(self, thing: MapObject, floor: str, pose: tuple[float, ...]) -> None:
-        outline = _outline(thing)
-        self.objects[thing.name] = (thing, floor)
-        mass = KG_A_SQUARE_METRE * outline.area
-        self.floors[floor].add_object(f"object/{thing.name}", (pose[0], pose[1], pose[2]), outline, mass)
+    def _stand(self, robot: Robot, floor: str, pose: tuple[float, float, float]) -> None:
+        about = robot.description
+        self.floors[floor].add_robot(robot.body, pose, about.radius_m, about.mass_kg, about.limits)
+        robot.floor, robot.physics = floor, self.floors[floor]
+
+    def _add_object(self, name: str, thing: MapObject, floor: str) -> None:
+        self._stand_object(name, thing, floor, (*thing.at, thing.heading))
+        corners = list(outline(thing).exterior.coords[:-1])
+        radius_m = max(math.hypot(x, y) for x, y in corners)
+        body = _object_body(name)
+        mass_kg = self.floors[floor].mass_kg(body)
+        self.bodies[body] = Body(self._number(), BodyKind.OBJECT, name, radius_m, tuple(corners), mass_kg)
+
+    def _stand_object(self, name: str, thing: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
+        shape = outline(thing)
+        self.objects[name] = (thing, floor)
+        self.floors[floor].add_object(_object_body(name), pose, shape, KG_A_SQUARE_METRE * shape.area)
+
+    def _remove_object(self, name: str) -> None:
+        _, floor = self.objects.pop(name)
+        del self.bodies[_object_body(name)]
+        if floor in self.floors:
+            self.floors[floor].remove(_object_body(name))
+
+    def _number(self) -> int:
+        self._numbers += 1
+        return self._numbers
+
+    # ---- what is kept ----
+
+    def record(self) -> WorldRecord:
+        """Everything that is not on the map, to go on from."""
+        robots = {}
+        for robot in self.robots.values():
+            held = robot.physics.held(robot.body)
+            grip = (_owner(held[0]), *held[1]) if held else None
+            robots[robot.name] = RobotRecord(robot.floor, *robot.physics.pose(robot.body), grip, robot.collisions)
+        objects = {
+            name: (floor, *self.floors[floor].pose(_object_body(name))) for name, (_, floor) in self.objects.items()
+        }
+        return WorldRecord(self._steps, robots, objects, {name: cabin.record() for name, cabin in self.cabins.items()})
+
+    def restore(self, world: WorldRecord, robots: list[Description]) -> None:
+        """Go on from a record with these robots, in a building that is as its map says; everything stands still.
+
+        What is not on the map any more is left out; robots that the record does not know stand where they began."""
+        self._steps = world.steps
+        for physics in self.floors.values():
+            physics.go_on_from(world.steps)
+        for name, (floor, x, y, heading) in world.objects.items():
+            if name in self.objects and floor in self.floors:
+                thing, before = self.objects[name]
+                self.floors[before].remove(_object_body(name))
+                self._stand_object(name, thing, floor, (x, y, heading))
+        for about in robots:
+            known = world.robots.get(about.name)
+            place = Pose(known.floor, known.x, known.y, known.heading) if known else about.pose
+            if place.floor not in self.floors:
+                continue
+            robot = self._add_new(about, place)
+            robot.collisions = known.collisions if known else 0
+            if known and known.grip and self.objects.get(known.grip[0], (None, ""))[1] == place.floor:
+                thing_name, x, y = known.grip
+                robot.physics.grip(robot.body, _object_body(thing_name), (x, y), HAND_FORCE_N, PAYLOAD_KG)
+        for name, cabin in self.cabins.items():
+            if name in world.cabins and world.cabins[name].floor in cabin.heights:
+                cabin.restore(world.cabins[name], self.time, self.robots.keys())
+                self._where[name] = (cabin.floor, Doors.CLOSED)
+            else:
+                cabin.now = self.time
+        self.refresh()
 
 
-def standing(building: Building, floor: str) -> list[BaseGeometry]:
-    """What blocks on a floor and does not move."""
-    things = building.floors[floor].geometrical.objects
-    return [
-        item.geometry
-        for item in obstacles(building, floor)
-        if item.kind != "object" or not _is_movable(things[item.name])
-    ]
+_ROBOT = "robot/"
 
 
-def movable(building: Building, floor: str) -> Iterator[MapObject]:
-    """Objects that can be pushed and carried."""
-    return filter(_is_movable, building.floors[floor].geometrical.objects.values())
+def _robot_body(robot: str) -> str:
+    return f"{_ROBOT}{robot}"
 
 
-def _is_movable(thing: MapObject) -> bool:
-    return thing.movable and not isinstance(thing.shape, SegmentShape)  # a line has no mass
-
-
-def _outline(thing: MapObject) -> Polygon:
-    """In the object's own frame."""
-    turned = shapely.affinity.translate(object_geometry(thing), -thing.at[0], -thing.at[1])
-    return shapely.affinity.rotate(turned, -thing.heading, (0, 0), use_radians=True)
-
-
-def _body(robot: str) -> str:
-    return f"robot/{robot}"
+def _object_body(thing: str) -> str:
+    return f"object/{thing}"
 
 
 def _owner(body: str) -> str:

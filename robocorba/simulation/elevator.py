@@ -8,12 +8,14 @@ says for how long at most. A robot that does not come, or does not leave in time
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from enum import Enum
 from typing import NamedTuple
 
 from robocorba.errors import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Elevator
 from robocorba.planning.elevators import travel_time, travelled
+from robocorba.simulation.world import CabinRecord, RideRecord
 
 #: A robot has so long to drive in, and so long to drive out, while the doors are open, s.
 BOARDING_LIMIT_S = 15.0
@@ -40,6 +42,9 @@ class Phase(Enum):
     ALIGHTING = 3
 
 
+_INSIDE = (Phase.RIDING, Phase.ALIGHTING)
+
+
 class Session:
     """A robot's ride."""
 
@@ -51,6 +56,16 @@ class Session:
 
     def turn_to(self, phase: Phase, now: float) -> None:
         self.phase, self.since = phase, now
+
+
+class Ride(NamedTuple):
+    """A ride as its robot is told; `ahead`: robots that wait, and called before."""
+
+    phase: Phase
+    elevator: str
+    origin: str
+    destination: str
+    ahead: int
 
 
 class Moment(NamedTuple):
@@ -121,6 +136,25 @@ class Cabin:
             raise NoRide(robot, self.elevator.name)
         return session
 
+    # ---- what is kept ----
+
+    def record(self) -> CabinRecord:
+        """To go on from."""
+        rides = [
+            RideRecord(s.robot, s.origin, s.destination, s.radius_m, s.called_at, s.phase in _INSIDE)
+            for s in self.sessions.values()
+        ]
+        return CabinRecord(self.floor, rides)
+
+    def restore(self, record: CabinRecord, now: float, robots: Container[str]) -> None:
+        """Go on from a record, with the rides of these robots: the cabin stands, its doors are shut."""
+        self.floor, self.now, self._since = record.floor, now, now
+        for ride in record.rides:
+            if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
+                session = Session(ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
+                session.phase = Phase.RIDING if ride.inside else Phase.WAITING
+                self.sessions[ride.robot] = session
+
     # ---- time ----
 
     def advance(self, seconds: float) -> None:
@@ -135,6 +169,11 @@ class Cabin:
             if not self._go_on():
                 self.now = end
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Nobody wants it, and it stands."""
+        return not self.sessions and self.doors is Doors.CLOSED and not self._target
+
     def moment(self) -> Moment:
         """What there is to see now."""
         height, past = self.heights[self.floor], self.now - self._since
@@ -144,9 +183,19 @@ class Cabin:
         if share is None:
             share = min(1.0, past / self.elevator.door_time) if self.elevator.door_time else 1.0
             share = share if self.doors is Doors.OPENING else 1.0 - share
-        inside = tuple(s.robot for s in self.sessions.values() if s.phase in (Phase.RIDING, Phase.ALIGHTING))
+        inside = tuple(s.robot for s in self.sessions.values() if s.phase in _INSIDE)
         queue = tuple(s.robot for s in self.sessions.values() if s.phase is Phase.WAITING)
         return Moment(height, "" if self._target else self.floor, self.doors, share, inside, queue)
+
+    def rides(self) -> dict[str, Ride]:
+        """Of the robots that it serves, by name."""
+        rides, ahead = {}, 0
+        for session in self.sessions.values():
+            is_waiting = session.phase is Phase.WAITING
+            place = (self.elevator.name, session.origin, session.destination, ahead if is_waiting else 0)
+            rides[session.robot] = Ride(session.phase, *place)
+            ahead += is_waiting
+        return rides
 
     def longest_wait(self, ahead: int) -> float:
         """How long a robot may have to wait, at most, for doors that open for it, with so many calls before it, s."""
@@ -242,7 +291,7 @@ class Cabin:
         if leader is None:
             return None
         goal = leader.origin if leader.phase is Phase.WAITING else leader.destination
-        if leader.phase is Phase.WAITING and goal == self.floor:
+        if goal == self.floor:
             return goal
         here, there = self.heights[self.floor], self.heights[goal]
         stops = {s.destination for s in self.sessions.values() if s.phase is Phase.RIDING} | {goal}

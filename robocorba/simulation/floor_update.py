@@ -65,10 +65,13 @@ class FloorView:
         #: Rows of MOTION, in the order of `bodies`.
         self.motions = np.empty(0, MOTION)
         self.elevators: dict[str, Moment] = {}
-        self._row_of: dict[int, int] = {}
+        #: Rows that the last update has changed.
+        self.moved: NDArray[np.int64] = np.empty(0, np.int64)
+        #: Numbers of the bodies in rising order, and their rows.
+        self._numbers = self._row_of = np.empty(0, np.int64)
 
     def apply(self, update: FloorUpdate) -> bool:
-        """Follow; whether bodies came or went. Raises OutOfStep for what does not begin where this view is."""
+        """Follow; whether bodies came or went. Raises OutOfStep for what does not belong here."""
         if update.since not in (WHOLE, self.version):
             raise OutOfStep(update.floor, self.version, update.since)
         is_whole = update.since == WHOLE
@@ -80,21 +83,33 @@ class FloorView:
         has_changed = bool(is_whole or update.went or update.came)
         if has_changed:
             self._sort()
-        rows = [self._row_of[number] for number in update.motions["number"].tolist()]
-        self.motions[rows] = update.motions
+        self.moved = self._rows(update)
+        self.motions[self.moved] = update.motions
         self.elevators.update(update.elevators)
         self.version, self.time, self.map_version = update.version, update.time, update.map_version
         return has_changed
 
+    def _rows(self, update: FloorUpdate) -> NDArray[np.int64]:
+        numbers = update.motions["number"]
+        places = np.searchsorted(self._numbers, numbers)
+        if not np.array_equal(np.append(self._numbers, 0)[places], numbers):
+            raise OutOfStep(update.floor, self.version, update.since)  # somebody moves who never came
+        return self._row_of[places]
+
     def motion(self, number: int) -> np.void:
         """A body's row of MOTION. Raises KeyError."""
-        row: np.void = self.motions[self._row_of[number]]
+        if number not in self.bodies:
+            raise KeyError(number)
+        row: np.void = self.motions[self._row_of[np.searchsorted(self._numbers, number)]]
         return row
 
     def _sort(self) -> None:
-        before, rows = self._row_of, self.motions
-        self._row_of = {number: row for row, number in enumerate(self.bodies)}
+        before = dict(zip(self.motions["number"].tolist(), self.motions, strict=True))
         self.motions = np.zeros(len(self.bodies), MOTION)
-        self.motions["number"] = list(self.bodies)
-        kept = [number for number in self.bodies if number in before]
-        self.motions[[self._row_of[number] for number in kept]] = rows[[before[number] for number in kept]]
+        numbers = np.fromiter(self.bodies, np.int64, len(self.bodies))
+        self.motions["number"] = numbers
+        for row, number in enumerate(self.bodies):
+            if number in before:
+                self.motions[row] = before[number]
+        self._row_of = np.argsort(numbers)
+        self._numbers = numbers[self._row_of]

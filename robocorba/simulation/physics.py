@@ -3,20 +3,21 @@
 Bodies are read and written all at once, which costs a thirtieth of doing it one by one. The order in which pymunk
 keeps them changes whenever one goes; `_names` says which row is whose.
 
-Only one thread at a time may use a floor; it holds its own lock for each call.
+One thread uses a floor: pymunk lets others run while it steps, and would crash if they came in. Any thread may leave
+orders by `command`, which wait for the next step, and read what was `seen` after the last one.
 """
 
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pymunk
 import shapely
-from pymunk.batch import ArbiterFields, BodyFields, Buffer, get_space_arbiters, get_space_bodies, set_space_bodies
+from pymunk.batch import BodyFields, Buffer, get_space_bodies, set_space_bodies
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.grids import Floats, segments_of
@@ -29,7 +30,6 @@ GROUND_FRICTION, GRAVITY_M_S2 = 0.5, 9.81
 _SLOP_M = 0.001
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _MOTION = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
-_CONTACT = ArbiterFields.BODY_A_ID | ArbiterFields.BODY_B_ID | ArbiterFields.IS_FIRST_CONTACT
 
 
 class Limits(NamedTuple):
@@ -50,6 +50,23 @@ NO_COMMAND = (0.0, 0.0, 0.0, math.inf)
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
 #: A hand that is farther from what it held has lost it, m.
 SLIPPED_M = 0.05
+
+
+class Seen:
+    """A floor after a step: the time, names in the order of the rows, empty for what stands, the row of each name, and
+    rows (n, 6) of x, y, heading, velocity in x and y, turn. Nothing of it changes any more."""
+
+    def __init__(self, time: float, names: list[str], row_of: dict[str, int], rows: Floats) -> None:
+        self.time, self.names, self.row_of, self.rows = time, names, row_of, rows
+
+    @cached_property
+    def in_own_frames(self) -> list[list[float]]:
+        """By row: x, y, heading within a turn, velocity ahead and to the left, turn."""
+        x, y, heading, vx, vy, turn = self.rows.T
+        c, s = np.cos(heading), np.sin(heading)
+        heading = heading - 2 * math.pi * np.round(heading / (2 * math.pi))
+        found: list[list[float]] = np.column_stack([x, y, heading, c * vx + s * vy, c * vy - s * vx, turn]).tolist()
+        return found
 
 
 class Contact(NamedTuple):
@@ -75,21 +92,27 @@ class _Grip(NamedTuple):
 
 
 class FloorPhysics:
-    """obstacles: what stands, lines and polygons."""
+    """obstacles: what stands, lines and polygons. steps: that have passed."""
 
-    def __init__(self, obstacles: Iterable[BaseGeometry] = ()) -> None:
-        self._lock = threading.Lock()
+    #: How things are after the last step; whoever came since is missing.
+    seen: Seen
+
+    def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0) -> None:
         self._space = pymunk.Space()
         self._space.collision_slop = _SLOP_M
+        self._space.on_collision(begin=self._begun)
         self._bodies: dict[str, pymunk.Body] = {}
         self._robots: dict[str, Limits] = {}
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
         self._standing: list[pymunk.Shape] = []
         self._gates: dict[str, list[pymunk.Segment]] = {}
-        self._buffer, self._motion, self._contacts = Buffer(), Buffer(), Buffer()
-        self._steps, self.time = 0, 0.0
+        self._buffer, self._motion = Buffer(), Buffer()
+        self._contacts: list[Contact] = []
+        self.go_on_from(steps)
         self._commands = np.empty((0, 4))
+        self._orders: dict[str, tuple[float, float, float, float]] = {}
+        self._name_of: dict[int, str] = {}
         self._sort()
         self.stand(obstacles)
 
@@ -99,11 +122,10 @@ class FloorPhysics:
         """Replace what stands."""
         shapes = [shape for shape in obstacles if not shape.is_empty]
         segments = segments_of(np.array(shapes, object))[0] if shapes else np.empty((0, 4))
-        with self._lock:
-            self._space.remove(*self._standing)
-            ground = self._space.static_body
-            self._standing = [pymunk.Segment(ground, (ax, ay), (bx, by), 0.0) for ax, ay, bx, by in segments.tolist()]
-            self._space.add(*self._standing)
+        self._space.remove(*self._standing)
+        ground = self._space.static_body
+        self._standing = [pymunk.Segment(ground, (ax, ay), (bx, by), 0.0) for ax, ay, bx, by in segments.tolist()]
+        self._space.add(*self._standing)
 
     def shut(self, name: str, line: BaseGeometry) -> None:
         """Let something stand that comes and goes by itself, such as a closed door; under a name, until `open`."""
@@ -112,14 +134,12 @@ class FloorPhysics:
         leaves = [
             pymunk.Segment(ground, row[:2], row[2:], 0.0) for row in segments_of(np.array([line], object))[0].tolist()
         ]
-        with self._lock:
-            self._gates[name] = leaves
-            self._space.add(*leaves)
+        self._gates[name] = leaves
+        self._space.add(*leaves)
 
     def open(self, name: str) -> None:
         """Take away what `shut` has put there, if it has."""
-        with self._lock:
-            self._space.remove(*self._gates.pop(name, ()))
+        self._space.remove(*self._gates.pop(name, ()))
 
     def add_robot(
         self, name: str, pose: tuple[float, float, float], radius_m: float, mass_kg: float, limits: Limits
@@ -141,37 +161,57 @@ class FloorPhysics:
 
     def remove(self, name: str) -> None:
         """Take a robot or an object away. Raises KeyError where there is none."""
-        with self._lock:
-            body = self._bodies.pop(name)
-            self._robots.pop(name, None)
-            for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.thing)]:
-                self._let_go(robot)
-            self._space.remove(body, *body.shapes)
-            self._sort()
+        body = self._bodies.pop(name)
+        del self._name_of[body.id]
+        self._robots.pop(name, None)
+        for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.thing)]:
+            self._let_go(robot)
+        self._space.remove(body, *body.shapes)
+        self._has_changed = True
 
     def grip(self, robot: str, thing: str, at: tuple[float, float], force_n: float, payload_kg: float) -> None:
         """Let a robot hold an object at a place in the world, x and y in m, with at most so much force.
 
         Held by robots whose payloads together are as heavy as itself, it is off the ground. A robot holds one thing; it
         lets go of what it held before. Raises KeyError for an unknown robot or object."""
-        with self._lock:
-            if robot not in self._robots or thing in self._robots:
-                raise KeyError(f"{robot} is no robot, or {thing} no object")
-            hand, held = self._bodies[robot], self._bodies[thing]
-            if robot in self._grips:
-                self._let_go(robot)
-            joint = pymunk.PivotJoint(hand, held, hand.world_to_local(at), held.world_to_local(at))
-            joint.max_force, joint.collide_bodies = force_n, False
-            joint.error_bias = 0.01  # what a step leaves of an error in a second: hands are stiff
-            self._space.add(joint)
-            self._grips[robot] = _Grip(thing, joint, payload_kg)
-            self._sort()
+        if robot not in self._robots or thing in self._robots:
+            raise KeyError(f"{robot} is no robot, or {thing} no object")
+        hand, held = self._bodies[robot], self._bodies[thing]
+        if robot in self._grips:
+            self._let_go(robot)
+        joint = pymunk.PivotJoint(hand, held, hand.world_to_local(at), held.world_to_local(at))
+        joint.max_force, joint.collide_bodies = force_n, False
+        joint.error_bias = 0.01  # what a step leaves of an error in a second: hands are stiff
+        self._space.add(joint)
+        self._grips[robot] = _Grip(thing, joint, payload_kg)
+        self._has_changed = True
 
     def release(self, robot: str) -> None:
-        """Let a robot let go of what it holds. Raises KeyError where it holds nothing."""
-        with self._lock:
+        """Let a robot let go of what it holds, if it does."""
+        if robot in self._grips:
             self._let_go(robot)
-            self._sort()
+            self._has_changed = True
+
+    def held(self, robot: str) -> tuple[str, tuple[float, float]] | None:
+        """What a robot holds, and where in the world, m."""
+        grip = self._grips.get(robot)
+        if grip is None:
+            return None
+        x, y = grip.joint.a.local_to_world(grip.joint.anchor_a)
+        return grip.thing, (x, y)
+
+    def holding(self, robot: str) -> str:
+        """The object that a robot holds, empty for none. Safe from any thread."""
+        grip = self._grips.get(robot)
+        return grip.thing if grip else ""
+
+    def distance(self, name: str, at: tuple[float, float]) -> float:
+        """From a place to a body, m; 0 or less inside. Raises KeyError."""
+        return float(min(shape.point_query(at).distance for shape in self._bodies[name].shapes))
+
+    def mass_kg(self, name: str) -> float:
+        """Raises KeyError."""
+        return float(self._bodies[name].mass)
 
     def _let_go(self, robot: str) -> None:
         self._space.remove(self._grips.pop(robot).joint)
@@ -186,7 +226,7 @@ class FloorPhysics:
         for robot in lost:
             self._let_go(robot)
         if lost:
-            self._sort()
+            self._has_changed = True
         return lost
 
     def _limits_of(self, name: str) -> Limits:
@@ -211,11 +251,15 @@ class FloorPhysics:
         body.position, body.angle = pose[:2], pose[2]
         for shape in shapes:
             shape.friction = 0.3
-        with self._lock:
-            self._space.add(body, *shapes)
-            self._bodies[name] = body
-            if limits:
-                self._robots[name] = limits
+        self._space.add(body, *shapes)
+        self._bodies[name], self._name_of[body.id] = body, name
+        if limits:
+            self._robots[name] = limits
+            self._orders[name] = NO_COMMAND  # whoever had this name before does not drive on
+        self._has_changed = True
+
+    def _sort_if_changed(self) -> None:
+        if self._has_changed:
             self._sort()
 
     def _sort(self) -> None:
@@ -223,97 +267,117 @@ class FloorPhysics:
         commands = dict(zip(self._names, self._commands, strict=True))
         self._buffer.clear()
         get_space_bodies(self._space, BodyFields.BODY_ID, self._buffer)
-        name_of = {body.id: name for name, body in self._bodies.items()}
         ids = np.frombuffer(self._buffer.int_buf(), np.uintp).tolist()
-        self._names = [name_of.get(id, "") for id in ids]  # the body of what stands is among them
-        self._limits = np.array([self._limits_of(name)[2:] for name in self._names]).reshape(-1, 2)
+        self._names = [self._name_of.get(id, "") for id in ids]  # the body of what stands is among them
+        self._limits = np.array([self._limits_of(name) for name in self._names]).reshape(-1, 4)
         self._velocities = np.zeros((len(ids), 3))
         self._motion.set_float_buf(self._velocities)
         self._commands = np.array([commands.get(name, NO_COMMAND) for name in self._names]).reshape(-1, 4)
-        self._cells: Any = self._commands.data
-        self._name_of = name_of
+        self._has_changed = False
         self._row_of = {name: row for row, name in enumerate(self._names)}
         self._read()
 
     def touching(self, x: float, y: float, radius_m: float) -> str | None:
         """What a disc there would touch: the name of the nearest body, empty for what stands; None for nothing."""
-        with self._lock:
-            found = self._space.point_query_nearest((x, y), radius_m, pymunk.ShapeFilter())
-            return self._name_of.get(found.shape.body.id, "") if found and found.shape and found.shape.body else None
+        found = self._space.point_query_nearest((x, y), radius_m, pymunk.ShapeFilter())
+        return self._name_of.get(found.shape.body.id, "") if found and found.shape and found.shape.body else None
 
     # ---- time ----
 
     def command(self, name: str, velocity: tuple[float, float, float], valid_s: float = math.inf) -> None:
         """Move ahead, to the left and turn at these speeds, m/s and rad/s, for `valid_s`; what is beyond the robot's
-        limits is slowed down, not turned aside. Raises KeyError for an unknown robot."""
-        limits = self._robots[name]
+        limits is slowed down, not turned aside. Nothing happens where there is no such robot."""
         ahead, left, turn = velocity
-        speed = math.hypot(ahead, left)
-        share = limits.speed / speed if speed > limits.speed else 1.0
-        turn = min(max(turn, -limits.turn), limits.turn)
-        with self._lock:
-            row, cells = self._row_of[name], self._cells  # a fourth of the cost of numpy's
-            cells[row, 0], cells[row, 1], cells[row, 2] = ahead * share, left * share, turn
-            cells[row, 3] = self.time + valid_s
+        self._orders[name] = (ahead, left, turn, self.time + valid_s)
 
     def step(self) -> Step:
         """Let STEP_S pass."""
-        with self._lock:
-            self._steps += 1
-            self.time = self._steps * STEP_S
-            control(self._state, self._commands, self._limits, self.time, self._velocities)
-            set_space_bodies(self._space, _MOTION, self._motion)
-            self._space.step(STEP_S)
-            self._read()
-            return Step(self._new_contacts(), self._slipped() if self._grips else [])
+        self._sort_if_changed()
+        self._obey()
+        self._steps += 1
+        self.time = self._steps * STEP_S
+        control(self._state, self._commands, self._limits, self.time, self._velocities)
+        set_space_bodies(self._space, _MOTION, self._motion)
+        self._space.step(STEP_S)
+        self._read()
+        contacts, self._contacts = self._contacts, []
+        return Step(contacts, self._slipped() if self._grips else [])
 
-    def state(self) -> dict[str, tuple[float, ...]]:
-        """By name: x, y, heading, velocity in x and y, turn."""
-        with self._lock:
-            return {name: tuple(row) for name, row in zip(self._names, self._state.tolist(), strict=True) if name}
+    def go_on_from(self, steps: int) -> None:
+        """Let so many steps have passed."""
+        self._steps, self.time = steps, steps * STEP_S
+
+    def _obey(self) -> None:
+        """Take over the orders that were left; others may be left meanwhile."""
+        rows, orders = [], []
+        while self._orders:
+            name, order = self._orders.popitem()
+            if name in self._robots:
+                rows.append(self._row_of[name])
+                orders.append(order)
+        if rows:
+            self._commands[rows] = orders
+
+    def refresh(self) -> None:
+        """Let whoever came or went be `seen`, also while time stands."""
+        self._sort_if_changed()
 
     def row(self, name: str) -> tuple[float, ...]:
-        """The same of one body. Raises KeyError."""
-        with self._lock:
-            return tuple(self._state[self._row_of[name]].tolist())
+        """x, y, heading, velocity in x and y, turn of a body now. Raises KeyError."""
+        self._sort_if_changed()
+        return tuple(self._state[self._row_of[name]].tolist())
 
-    def all(self) -> tuple[list[str], Floats]:
-        """Names, empty for what stands, and the same in rows (n, 6)."""
-        with self._lock:
-            return self._names, self._state.copy()
+    def pose(self, name: str) -> tuple[float, float, float]:
+        """x, y, heading of a body now. Raises KeyError."""
+        x, y, heading = self.row(name)[:3]
+        return x, y, heading
+
+    def state(self) -> dict[str, tuple[float, ...]]:
+        """The same of all bodies, by name."""
+        self._sort_if_changed()
+        return {name: tuple(row) for name, row in zip(self._names, self._state.tolist(), strict=True) if name}
 
     def _read(self) -> None:
         self._buffer.clear()
         get_space_bodies(self._space, _STATE, self._buffer)
         self._state = np.frombuffer(self._buffer.float_buf(), np.float64).reshape(-1, 6)
+        self.seen = Seen(self.time, self._names, self._row_of, self._state.copy())
 
-    def _new_contacts(self) -> list[Contact]:
-        self._contacts.clear()
-        get_space_arbiters(self._space, _CONTACT, self._contacts)
-        found = np.frombuffer(self._contacts.int_buf(), np.uintp).reshape(-1, 3)
-        begun = found[found[:, 2] == 1, :2].tolist()
-        return [Contact(self._name_of.get(a, ""), self._name_of.get(b, "")) for a, b in begun]
+    def _begun(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        """Two shapes begin to touch, in the middle of a step."""
+        first, second = arbiter.bodies
+        self._contacts.append(Contact(self._name_of.get(first.id, ""), self._name_of.get(second.id, "")))
 
 
 @kernel
 def control(state: Floats, commands: Floats, limits: Floats, now: float, velocities: Floats) -> None:
     """Velocities (n, 3) for the next step, as far as nothing is in the way: from those in `state` (n, 6) toward the
-    commands (n, 4), which are in the frame of each body and hold until a time, no faster than `limits` (n, 2) of
-    acceleration allow."""
+    commands (n, 4), which are in the frame of each body and hold until a time, no faster than `limits` (n, 4), in the
+    order of Limits, allow."""
     for i in range(len(state)):
         heading = state[i, 2]
         ch, sh = math.cos(heading), math.sin(heading)
         ahead, left, turn, until = commands[i]
         if until < now:
             ahead = left = turn = 0.0
+        speed = math.hypot(ahead, left)
+        if speed > limits[i, 0]:
+            share = limits[i, 0] / speed  # not ahead * limit, which may be infinite
+            ahead, left = ahead * share, left * share
+        turn = min(max(turn, -limits[i, 1]), limits[i, 1])
         dx = ch * ahead - sh * left - state[i, 3]
         dy = sh * ahead + ch * left - state[i, 4]
-        most = limits[i, 0] * STEP_S
+        most = limits[i, 2] * STEP_S
         share = min(1.0, most / max(math.hypot(dx, dy), 1e-12))
         velocities[i, 0] = state[i, 3] + dx * share
         velocities[i, 1] = state[i, 4] + dy * share
-        most_turn = limits[i, 1] * STEP_S
+        most_turn = limits[i, 3] * STEP_S
         velocities[i, 2] = state[i, 5] + min(max(turn - state[i, 5], -most_turn), most_turn)
+
+
+def warm_up() -> None:
+    """Load what stepping needs, so that the first step takes no longer than the others."""
+    FloorPhysics().step()
 
 
 def convex_parts(outline: BaseGeometry) -> list[list[tuple[float, float]]]:

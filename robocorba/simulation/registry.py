@@ -1,4 +1,4 @@
-"""The communication management agent: which robots are logged on, for how long, and who senses for them.
+"""Which robots are logged on, and for how long.
 
 Nobody is asked whether it lives: a lease runs out unless a call of its robot renews it.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import secrets
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -18,8 +19,6 @@ from robocorba.simulation.physics import Limits
 #: A robot that was not heard of for so long is logged off, s.
 LEASE_S = 2.0
 MAX_NAME = 60
-#: What a robot costs a sensor process at least, where none has been measured yet.
-LEAST_COST = 0.001
 
 
 class Pose(NamedTuple):
@@ -64,25 +63,38 @@ class Description:
 
 
 class Client:
-    """A robot that is logged on. `key` is its secret: whoever knows it may act as this robot."""
+    """A robot that is logged on. `key` is its secret: whoever knows it may act as this robot.
 
-    def __init__(self, description: Description, key: str, now: float) -> None:
-        self.description, self.key = description, key
-        self.since = self.heard_at = now
-        self.calls = 0
-        self.sensor = ""
+    since: when it logged on, POSIX time, s. What it is asked is safe from any thread."""
+
+    def __init__(self, description: Description, key: str, since: float, now: float) -> None:
+        self.description, self.key, self.since = description, key, since
+        self.heard_at = now
+        self.is_over = False
+        #: Calls a second, and seconds that a call took, on average of the last ones.
+        self.call_rate = self.latency_s = 0.0
+        self._calls, self._counted_at = 0, now
 
     @property
     def name(self) -> str:
         return self.description.name
 
+    def heard(self, now: float) -> None:
+        """It called: its lease is renewed. Raises SessionExpired where it has none any more."""
+        if self.is_over:
+            raise SessionExpired()
+        self.heard_at = now
+        self._calls += 1
 
-@dataclass
-class _Sensor:
-    """How busy a sensor process said it is, 0 to 1, and robots that it was given since."""
+    def took(self, seconds: float) -> None:
+        """Its call was answered in this time."""
+        self.latency_s += 0.05 * (seconds - self.latency_s)
 
-    busy: float
-    given: int = 0
+    def count(self, now: float) -> None:
+        """Find out how often it calls, at most once a second."""
+        passed = now - self._counted_at
+        if passed >= 1.0:
+            self.call_rate, self._calls, self._counted_at = self._calls / passed, 0, now
 
 
 class Registry:
@@ -93,7 +105,6 @@ class Registry:
         self._by_key: dict[str, Client] = {}
         self._by_name: dict[str, Client] = {}
         self.limit = limit
-        self._sensors: dict[str, _Sensor] = {}
 
     def __len__(self) -> int:
         return len(self._by_key)
@@ -103,43 +114,32 @@ class Registry:
         """In the order in which they logged on."""
         return list(self._by_key.values())
 
-    # ---- robots ----
-
-    def register(self, description: Description) -> Client:
-        """Log a robot on. Raises NameTaken, ServerFull."""
+    def check(self, description: Description) -> None:
+        """Whether a robot may log on. Raises NameTaken, ServerFull."""
         if description.name in self._by_name:
             raise NameTaken(description.name)
         if len(self) >= self.limit:
             raise ServerFull(self.limit, len(self), self._next_slot_s())
-        client = Client(description, secrets.token_urlsafe(24), self._clock())
+
+    def register(self, description: Description) -> Client:
+        """Log a robot on. Raises NameTaken, ServerFull."""
+        self.check(description)
+        client = Client(description, secrets.token_urlsafe(24), time.time(), self._clock())
         self._admit(client)
         return client
 
-    def restore(self, description: Description, key: str) -> Client:
+    def restore(self, description: Description, key: str, since: float) -> Client:
         """Log on again who was before a restart; its lease begins anew."""
-        client = Client(description, key, self._clock())
+        client = Client(description, key, since, self._clock())
         self._admit(client)
         return client
 
-    def heard(self, key: str) -> Client:
-        """A client called: its lease is renewed. Raises SessionExpired where it has none any more."""
-        client = self._by_key.get(key)
-        if client is None:
+    def dismiss(self, client: Client) -> None:
+        """Log a robot off. Raises SessionExpired where it is not logged on."""
+        if client.is_over:
             raise SessionExpired()
-        client.heard_at = self._clock()
-        client.calls += 1
-        return client
-
-    def deregister(self, key: str) -> Client:
-        """Log a robot off. Raises SessionExpired."""
-        client = self._by_key.get(key)
-        if client is None:
-            raise SessionExpired()
-        return self._dismiss(client)
-
-    def evict(self, name: str) -> Client:
-        """Log a robot off by its name, as an administrator may. Raises UnknownRobot."""
-        return self._dismiss(self.find(name))
+        client.is_over = True
+        del self._by_key[client.key], self._by_name[client.name]
 
     def find(self, name: str) -> Client:
         """Raises UnknownRobot."""
@@ -147,46 +147,17 @@ class Registry:
             raise UnknownRobot(name)
         return self._by_name[name]
 
-    def expire(self) -> list[Client]:
-        """Log off whoever was not heard of for its lease."""
-        before = self._clock() - self.lease_s
-        return [self._dismiss(client) for client in self.clients if client.heard_at < before]
+    def expired(self) -> list[Client]:
+        """Who was not heard of for its lease; and find out how often the others call."""
+        now = self._clock()
+        for client in self.clients:
+            client.count(now)
+        return [client for client in self.clients if client.heard_at < now - self.lease_s]
 
     def _admit(self, client: Client) -> None:
         self._by_key[client.key] = self._by_name[client.name] = client
-        self._assign(client)
-
-    def _dismiss(self, client: Client) -> Client:
-        del self._by_key[client.key], self._by_name[client.name]
-        return client
 
     def _next_slot_s(self) -> float:
         """When a slot may be free at the earliest: when the first lease would run out."""
         oldest = min((client.heard_at for client in self._by_key.values()), default=self._clock())
         return max(0.0, oldest + self.lease_s - self._clock())
-
-    # ---- sensors ----
-
-    def sensor_is(self, name: str, busy: float) -> None:
-        """A sensor process is there, and so busy, 0 to 1."""
-        self._sensors[name] = _Sensor(busy)
-        for client in self._by_key.values():
-            if not client.sensor:
-                self._assign(client)
-
-    def sensor_is_gone(self, name: str) -> list[Client]:
-        """A sensor process died; its robots, which have others now if there are any."""
-        self._sensors.pop(name, None)
-        orphans = [client for client in self._by_key.values() if client.sensor == name]
-        for client in orphans:
-            self._assign(client)
-        return orphans
-
-    def _assign(self, client: Client) -> None:
-        """Give a robot the sensor process that will be the least busy: as busy as it said, and more by what a robot
-        costs on average for each that it was given since."""
-        cost = max(sum(sensor.busy for sensor in self._sensors.values()) / max(1, len(self)), LEAST_COST)
-        loads = {name: sensor.busy + cost * sensor.given for name, sensor in self._sensors.items()}
-        client.sensor = min(loads, key=lambda name: (loads[name], name), default="")
-        if client.sensor:
-            self._sensors[client.sensor].given += 1

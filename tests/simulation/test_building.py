@@ -4,39 +4,18 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import pytest
 
-from robocorba.errors import PlaceTaken, UnknownElement, UnknownFloor, UnknownRobot
-from robocorba.maps.model import (
-    BoxShape,
-    Building,
-    Elevator,
-    ElevatorDoor,
-    Floor,
-    FloorMap,
-    GeometricalMap,
-    MapObject,
-    Wall,
-)
+from robocorba.errors import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownFloor
+from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import Happening, SimulatedBuilding
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description, Pose
-
-
-def tower() -> Building:
-    """Two floors of 10 x 10 m, an elevator in the middle with its door to the front, a table and a shelf below."""
-    lift = Elevator("E1", (5.0, 5.0), (2.0, 2.0), (ElevatorDoor("L1"), ElevatorDoor("L2")), speed=2.0, door_time=1.0)
-    table = MapObject("T1", BoxShape((1.0, 0.6)), (2.0, 2.0), 0.3, movable=True)
-    shelf = MapObject("S1", BoxShape((1.0, 0.6)), (8.0, 8.0))
-    square = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
-    plan = GeometricalMap({"W1": Wall("W1", (3.0, 0.0), (3.0, 3.0))}, {"T1": table, "S1": shelf})
-    floors = {
-        "L1": FloorMap(Floor("L1", 1, 0.0, outline=square), plan),
-        "L2": FloorMap(Floor("L2", 2, 4.0, outline=square)),
-    }
-    return Building("tower", floors, {"E1": lift})
+from robocorba.simulation.world import WorldRecord
+from tests.simulation.places import robot, tower
 
 
 @pytest.fixture
@@ -54,7 +33,7 @@ def run(world: SimulatedBuilding, seconds: float) -> list[Happening]:
 
 @pytest.mark.parametrize(
     ("x", "y", "blocker"),
-    [(3.2, 1.0, ""), (0.2, 5.0, ""), (2.0, 2.2, "object/T1"), (8.0, 7.5, ""), (7.5, 2.0, "robot/A"), (4.2, 5.0, "")],
+    [(3.2, 1.0, ""), (0.2, 5.0, ""), (2.0, 2.2, "T1"), (8.0, 7.5, ""), (7.5, 2.0, "A"), (4.2, 5.0, "")],
 )
 def test_a_robot_needs_room(world: SimulatedBuilding, x: float, y: float, blocker: str) -> None:
     enter(world, "A", "L1", 7.0, 2.0)
@@ -69,26 +48,27 @@ def test_a_robot_needs_room(world: SimulatedBuilding, x: float, y: float, blocke
 
 def test_a_command_that_is_not_renewed_ends(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 5.0, 2.0)
-    world.command("A", (0.5, 0.0, 0.0), 0.6)
+    world.robots["A"].command(0.5, 0.0, 0.0, 0.6)
     run(world, 1.5)
     x = world.pose("A").x
     assert 5.1 < x < 5.6
     run(world, 1.0)
     assert world.pose("A").x == pytest.approx(x, abs=0.01)
-    with pytest.raises(UnknownRobot):
-        world.command("B", (0.5, 0.0, 0.0), 0.6)
+    for wrong in ((math.nan, 0.0, 0.0, 1.0), (0.0, math.inf, 0.0, 1.0), (0.0, 0.0, 0.0, 5.1), (0.0, 0.0, 0.0, -0.1)):
+        with pytest.raises(InvalidCommand):
+            world.robots["A"].command(*wrong)
 
 
 def test_a_collision_is_told(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 4.0, 1.0, math.pi)
-    world.command("A", (0.5, 0.0, 0.0), 5.0)
+    world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
     told = [happening for happening in run(world, 3.0) if happening.kind == "collision"]
     assert [(happening.floor, happening.who) for happening in told] == [("L1", ("A",))]
 
 
 def test_closed_landing_doors_stop_a_robot(world: SimulatedBuilding) -> None:
     enter(world, "A", "L2", 5.0, 2.5, math.pi / 2)
-    world.command("A", (0.5, 0.0, 0.0), 10.0)
+    world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
     run(world, 6.0)
     assert world.pose("A").y == pytest.approx(3.6, abs=0.02)
 
@@ -100,19 +80,19 @@ def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
     while ride.phase is Phase.WAITING:
         world.step()
     while ride.phase is Phase.BOARDING:
-        world.command("A", (0.5, 0.0, 0.0), 0.2)
+        world.robots["A"].command(0.5, 0.0, 0.0, 0.2)
         world.step()
     while ride.phase is Phase.RIDING:
-        world.command("A", (max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0), 0.2)
+        world.robots["A"].command(max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0, 0.2)
         world.step()
     assert world.pose("A").floor == "L1"
     while "A" in world.cabins["E1"].sessions:
-        world.command("A", (-0.5, 0.0, 0.0), 0.2)
+        world.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
         world.step()
     assert world.pose("A")[:2] == ("L1", pytest.approx(5.0, abs=0.01))
     assert world.pose("A").y < 3.61
     assert "robot/A" not in world.floors["L2"].state()
-    with pytest.raises(UnknownElement):
+    with pytest.raises(InvalidRide):
         world.call_elevator("A", "E9", "L2")
 
 
@@ -130,6 +110,102 @@ def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -
             break
     else:
         pytest.fail("B was never let in")
+
+
+def test_riders_that_hold_something_hold_it_on_the_other_floor() -> None:
+    building = tower()
+    table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
+    world = SimulatedBuilding(building.with_element("L1", table))
+    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("A", "E1", "L2")
+    while world.rides["A"].phase is not Phase.RIDING:
+        world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
+        world.step()
+    world.grip("A", "T2", (5.0, 5.3))
+    while world.pose("A").floor == "L1":
+        world.step()
+    assert world.robots["A"].holding == "T2"
+    assert world.objects["T2"][1] == "L2"
+
+
+def test_what_can_be_gripped(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 2.0)
+    for thing, at in (("T9", (1.5, 2.0)), ("T1", (2.5, 2.0)), ("T1", (1.1, 2.0)), ("T1", (math.nan, 2.0))):
+        with pytest.raises(CannotGrip):
+            world.grip("A", thing, at)
+    assert world.robots["A"].holding == ""
+    world.grip("A", "T1", (1.6, 2.0))
+    assert world.robots["A"].holding == "T1"
+    world.release("A")
+    world.release("A")
+    assert world.robots["A"].holding == ""
+
+
+def test_an_edit_of_the_map_is_followed(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 5.0, 2.0, 0.0)
+    enter(world, "B", "L2", 5.0, 2.0, 0.0)
+    world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    run(world, 0.5)
+    before = world.objects["T1"]
+    edited = world.building.with_element("L1", Wall("W2", (6.5, 0.0), (6.5, 4.0)))
+    assert world.update(edited) == []
+    run(world, 4.0)
+    assert world.pose("A").x == pytest.approx(6.1, abs=0.02)
+    assert world.objects["T1"] == before
+    assert world.update(edited.without(ElementKind.FLOOR, "", "L2").without(ElementKind.ELEVATOR, "", "E1")) == ["B"]
+    assert not world.cabins and list(world.floors) == ["L1"]
+    world.robots["A"].command(-0.5, 0.0, 0.0, 5.0)
+    run(world, 1.0)
+    assert world.pose("A").x < 6.0
+
+
+def test_an_object_that_was_moved_stays_there_until_the_map_moves_it(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 2.0)
+    world.robots["A"].command(0.5, 0.0, 0.0, 3.0)
+    run(world, 3.0)
+    pushed = world.record().objects["T1"]
+    assert pushed[1] > 2.1
+    world.update(world.building.with_element("L1", Wall("W2", (9.0, 0.0), (9.0, 1.0))))
+    assert world.record().objects["T1"] == pushed
+    moved = MapObject("T1", BoxShape((1.0, 0.6)), (2.0, 8.0), movable=True)
+    world.update(world.building.with_element("L1", moved))
+    assert world.record().objects["T1"] == ("L1", 2.0, 8.0, 0.0)
+
+
+def test_objects_of_one_name_on_two_floors_are_two() -> None:
+    table = MapObject("T1", BoxShape((0.4, 0.4)), (2.0, 8.0), movable=True)
+    world = SimulatedBuilding(tower().with_element("L2", table))
+    assert set(world.objects) == {"L1/T1", "L2/T1"}
+    run(world, 0.1)
+
+
+def test_a_record_goes_on_where_it_ended(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 2.0)
+    enter(world, "B", "L1", 5.0, 3.0, math.pi / 2)
+    enter(world, "C", "L2", 5.0, 3.0, math.pi / 2)
+    world.grip("A", "T1", (1.6, 2.0))
+    world.robots["A"].command(0.0, 0.3, 0.0, 2.0)
+    world.call_elevator("B", "E1", "L2")
+    while world.rides["B"].phase is not Phase.RIDING:
+        world.robots["B"].command(max(0.0, min(0.5, 5.0 - world.pose("B").y)), 0.0, 0.0, 0.2)
+        world.step()
+    world.call_elevator("C", "E1", "L1")
+    record = msgspec.msgpack.decode(msgspec.msgpack.encode(world.record()), type=WorldRecord)
+    again = SimulatedBuilding(tower())
+    again.restore(record, [about.description for about in world.robots.values()] + [robot("D", "L1", 9.0, 1.0)])
+    assert again.time == world.time
+    for name in "ABC":
+        assert again.pose(name) == pytest.approx(world.pose(name), abs=1e-9)
+        assert again.robots[name].state().velocity == (0.0, 0.0, 0.0)
+    assert again.pose("D") == Pose("L1", 9.0, 1.0, 0.0)
+    assert again.robots["A"].holding == "T1"
+    assert again.record().objects == world.record().objects
+    for _ in range(round(60 / STEP_S)):
+        again.step()
+        if again.rides["B"].phase is Phase.ALIGHTING:
+            break
+    assert again.pose("B").floor == "L2"
+    assert again.rides["C"].phase is Phase.WAITING
 
 
 def test_the_sample_runs() -> None:

@@ -105,8 +105,7 @@ def test_whoever_is_removed_is_gone_and_the_others_keep_their_commands() -> None
     floor.remove("R1")
     with pytest.raises(KeyError):
         floor.remove("R1")
-    with pytest.raises(KeyError):
-        floor.command("R1", (0.0, 0.0, 0.0))
+    floor.command("R1", (1.0, 0.0, 0.0))  # too late, and not for its successor
     robot(floor, "R1", 5.0, 3.0)
     run(floor, 1.0)
     speeds = {name: row[3] for name, row in floor.state().items()}
@@ -168,8 +167,8 @@ def test_a_grip_slips_where_its_force_does_not_do() -> None:
     for _ in range(200):
         lost |= set(floor.step().lost)
     assert "A" in lost
-    with pytest.raises(KeyError):
-        floor.release("A")
+    assert floor.held("A") is None
+    floor.release("A")
     floor.release("B")
     floor.grip("B", "T1", (-0.5, 0.0), 300.0, 4.0)
 
@@ -195,9 +194,7 @@ def test_what_is_held_can_be_removed_and_so_can_whoever_holds_it() -> None:
     run(floor, 0.5)
     floor.remove("T1")
     run(floor, 0.5)
-    for name in "BC":
-        with pytest.raises(KeyError):
-            floor.release(name)
+    assert floor.held("B") is floor.held("C") is None
     with pytest.raises(KeyError):
         floor.grip("B", "T1", (0.0, 0.0), 300.0, 4.0)
     with pytest.raises(KeyError):

@@ -1,22 +1,15 @@
-"""Logging on and off, leases, limits, and who senses for whom."""
+"""Logging on and off, leases, limits."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 
 import pytest
 
 from robocorba.errors import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.simulation.physics import Limits
 from robocorba.simulation.registry import Description, Pose, Registry
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
+from tests.simulation.places import Clock, robot
 
 
 @pytest.fixture
@@ -29,17 +22,10 @@ def registry(clock: Clock) -> Registry:
     return Registry(3, clock, lease_s=2.0)
 
 
-def robot(name: str) -> Description:
-    return Description(name, Pose("L1", 1.0, 2.0))
-
-
 def test_each_robot_has_a_secret_of_its_own(registry: Registry) -> None:
     keys = {registry.register(robot(name)).key for name in "ABC"}
     assert len(keys) == 3
     assert all(len(key) >= 32 for key in keys)
-    for key in ("", "A", "x" * 32):
-        with pytest.raises(SessionExpired):
-            registry.heard(key)
 
 
 def test_a_name_and_a_slot_are_taken_until_they_are_free(registry: Registry, clock: Clock) -> None:
@@ -50,73 +36,45 @@ def test_a_name_and_a_slot_are_taken_until_they_are_free(registry: Registry, clo
     with pytest.raises(ServerFull) as full:
         registry.register(robot("D"))
     assert (full.value.limit, full.value.now, full.value.retry_s) == (3, 3, pytest.approx(1.5))
-    registry.deregister(clients[1].key)
+    registry.dismiss(clients[1])
     registry.register(robot("B"))
-    registry.evict("A")
+    registry.dismiss(registry.find("A"))
     with pytest.raises(UnknownRobot):
-        registry.evict("A")
+        registry.find("A")
     with pytest.raises(SessionExpired):
-        registry.heard(clients[0].key)
+        clients[0].heard(clock.now)
+    with pytest.raises(SessionExpired):
+        registry.dismiss(clients[0])
     registry.register(robot("D"))
     registry.limit = 2  # nobody is sent away, but nobody comes in
     assert len(registry) == 3
-    registry.evict("B")
+    registry.dismiss(registry.find("B"))
     with pytest.raises(ServerFull):
         registry.register(robot("E"))
 
 
-def test_whoever_is_not_heard_of_is_logged_off(registry: Registry, clock: Clock) -> None:
+def test_whoever_is_not_heard_of_is_found(registry: Registry, clock: Clock) -> None:
     alive, dead = registry.register(robot("A")), registry.register(robot("B"))
     for _ in range(5):
         clock.now += 1.0
-        registry.heard(alive.key)
-        gone = registry.expire()
-        assert gone in ([], [dead])
+        alive.heard(clock.now)
+        for client in registry.expired():
+            assert client is dead
+            registry.dismiss(client)
     assert [client.name for client in registry.clients] == ["A"]
-    assert alive.calls == 5
-    with pytest.raises(SessionExpired):
-        registry.heard(dead.key)
+    assert alive.call_rate == pytest.approx(1.0)
     registry.register(robot("B"))
 
 
 def test_a_session_outlives_the_server(clock: Clock) -> None:
-    key = Registry(3, clock).register(robot("A")).key
+    client = Registry(3, clock).register(robot("A"))
+    clock.now += 60.0
     after = Registry(3, clock)
-    after.restore(robot("A"), key)
-    assert after.heard(key).name == "A"
+    again = after.restore(robot("A"), client.key, client.since)
+    assert (again.key, again.since) == (client.key, client.since)
+    assert after.expired() == []
     with pytest.raises(NameTaken):
         after.register(robot("A"))
-
-
-def test_robots_go_to_the_sensor_process_with_the_least_load(clock: Clock) -> None:
-    registry = Registry(100, clock)
-    assert registry.register(robot("early")).sensor == ""
-    registry.sensor_is("S1", 0.0)
-    registry.sensor_is("S2", 0.0)
-    for number in range(19):
-        registry.register(robot(f"R{number}"))
-    shares = Counter(client.sensor for client in registry.clients)
-    assert shares == {"S1": 10, "S2": 10}
-    registry.sensor_is("S1", 0.8)
-    registry.sensor_is("S2", 0.2)  # as many robots, but they ask less
-    for number in range(10):
-        assert registry.register(robot(f"Q{number}")).sensor == "S2"
-
-
-def test_robots_of_a_sensor_process_that_died_move_to_the_others(clock: Clock) -> None:
-    registry = Registry(100, clock)
-    for name in ("S1", "S2", "S3"):
-        registry.sensor_is(name, 0.1)
-    for number in range(30):
-        registry.register(robot(f"R{number}"))
-    moved = registry.sensor_is_gone("S2")
-    assert len(moved) == 10
-    assert Counter(client.sensor for client in registry.clients) == {"S1": 15, "S3": 15}
-    registry.sensor_is_gone("S1")
-    registry.sensor_is_gone("S3")
-    assert {client.sensor for client in registry.clients} == {""}
-    registry.sensor_is("S4", 0.0)
-    assert {client.sensor for client in registry.clients} == {"S4"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,167 @@
+"""The Omni database: what is where on each floor, in versions, so that whoever knows one is told what changed since.
+
+Versions are made when somebody asks, not with every step. Nothing here waits for the simulation.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robocorba.errors import UnknownFloor
+from robocorba.grids import Floats
+from robocorba.simulation.building import SimulatedBuilding
+from robocorba.simulation.elevator import Moment
+from robocorba.simulation.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
+from robocorba.simulation.physics import Seen
+from robocorba.simulation.registry import Pose
+
+#: Bodies that left a floor and are remembered; who knows an older version gets the whole floor.
+MOST_GONE = 10_000
+
+
+class LastScan(NamedTuple):
+    """What a robot's sensor saw last: where it was, the first of its rays and the angle between them, rad, and their
+    lengths, m; `time` is the simulation's."""
+
+    robot: str
+    time: float
+    at: Pose
+    first_rad: float
+    step_rad: float
+    distances: Floats
+
+
+class OmniDatabase:
+    """Of a building whose robots and elevators another thread moves. Safe from any thread."""
+
+    def __init__(self, building: SimulatedBuilding) -> None:
+        self._building = building
+        self.map_version = 0
+        self._lock = threading.Lock()
+        # Whoever followed an earlier process knows smaller versions, and is told the whole.
+        self._first_version = time.time_ns() // 1000
+        self._floors: dict[str, _Floor] = {}
+        self._scans: dict[str, LastScan] = {}
+
+    @property
+    def floors(self) -> list[str]:
+        return list(self._building.floors)
+
+    def floor(self, name: str) -> FloorUpdate:
+        """All of a floor. Raises UnknownFloor."""
+        return self.changes(name, WHOLE)
+
+    def changes(self, name: str, since: int) -> FloorUpdate:
+        """What changed since a version; all of the floor where nobody remembers that one. Raises UnknownFloor."""
+        with self._lock:
+            physics = self._building.floors.get(name)
+            if physics is None:
+                self._floors.pop(name, None)
+                raise UnknownFloor("floorName", name, self.floors)
+            floor = self._floors.setdefault(name, _Floor(self._first_version))
+            floor.look(physics.seen, self._building.bodies, self._building.moments_on(name))
+            return floor.since(name, since, self.map_version)
+
+    def elevators(self) -> dict[str, Moment]:
+        """All of them, by name."""
+        return dict(self._building.moments)
+
+    # ---- sensors' data ----
+
+    def saw(self, scan: LastScan) -> None:
+        """What a robot's sensor saw."""
+        self._scans[scan.robot] = scan
+
+    def forget_scans(self, robot: str) -> None:
+        """The robot is gone."""
+        self._scans.pop(robot, None)
+
+    def last_scans(self, floor: str) -> list[LastScan]:
+        """Raises UnknownFloor."""
+        if floor not in self._building.floors:
+            raise UnknownFloor("floorName", floor, self.floors)
+        return [scan for scan in list(self._scans.values()) if scan.at.floor == floor]
+
+
+class _Floor:
+    """A floor as it was looked at last, and the version in which each thing changed."""
+
+    def __init__(self, version: int) -> None:
+        self.version = self._oldest = version
+        self._seen: Seen | None = None
+        self._bodies: dict[str, Body] = {}
+        #: In the order of the bodies: their numbers, their rows in what was seen, these rows, and since when they hold.
+        self._numbers = self._places = self._moved_in = np.empty(0, np.int64)
+        self._rows: Floats = np.empty((0, 6))
+        self._came_in: dict[str, int] = {}
+        self._went: deque[tuple[int, int]] = deque()
+        self._elevators: dict[str, tuple[Moment, int]] = {}
+
+    def look(self, seen: Seen, known: dict[str, Body], elevators: dict[str, Moment]) -> None:
+        """Make a new version of it, where anything has changed."""
+        next_version = self.version + 1
+        has_changed = False
+        if seen is not self._seen:
+            is_same = self._seen is not None and seen.names is self._seen.names
+            has_changed = self._look_at_motion(seen, next_version) if is_same else self._sort(seen, known, next_version)
+            self._seen = seen
+        for name, moment in elevators.items():
+            if name not in self._elevators or self._elevators[name][0] != moment:
+                self._elevators[name] = (moment, next_version)
+                has_changed = True
+        for name in [name for name in self._elevators if name not in elevators]:
+            del self._elevators[name]
+            self._oldest, has_changed = next_version, True  # so that everybody forgets it
+        if has_changed:
+            self.version = next_version
+
+    def since(self, name: str, since: int, map_version: int) -> FloorUpdate:
+        if not self._oldest <= since <= self.version:
+            since = WHOLE
+        moved = np.flatnonzero(self._moved_in > since)
+        came = [self._bodies[body] for body, version in self._came_in.items() if version > since]
+        went = [] if since == WHOLE else [number for version, number in self._went if version > since]
+        elevators = {elevator: moment for elevator, (moment, version) in self._elevators.items() if version > since}
+        seen_at = self._seen.time if self._seen else 0.0
+        return FloorUpdate(name, since, self.version, seen_at, map_version, came, went, self._motions(moved), elevators)
+
+    def _look_at_motion(self, seen: Seen, version: int) -> bool:
+        rows = seen.rows[self._places]
+        moved = (rows != self._rows).any(axis=1)
+        self._rows = rows
+        self._moved_in[moved] = version
+        return bool(moved.any())
+
+    def _sort(self, seen: Seen, known: dict[str, Body], version: int) -> bool:
+        """Bodies came, went, or are kept in another order."""
+        # What stands, and who has just gone, is not known.
+        bodies = {name: body for name in seen.names if (body := known.get(name))}
+        same = {name for name, body in bodies.items() if self._bodies.get(name) is body}
+        places = np.array([seen.row_of[name] for name in bodies], np.int64)
+        rows, moved_in = seen.rows[places], np.full(len(bodies), version)
+        before = {name: row for row, name in enumerate(self._bodies)}
+        for row, name in enumerate(bodies):
+            if name in same and np.array_equal(rows[row], self._rows[before[name]]):
+                moved_in[row] = self._moved_in[before[name]]
+        self._went.extend((version, body.number) for name, body in self._bodies.items() if name not in same)
+        while len(self._went) > MOST_GONE:
+            self._oldest = self._went.popleft()[0]
+        self._came_in = {name: self._came_in[name] if name in same else version for name in bodies}
+        self._bodies, self._places, self._rows, self._moved_in = bodies, places, rows, moved_in
+        self._numbers = np.array([body.number for body in bodies.values()], np.int64)
+        return True
+
+    def _motions(self, rows: NDArray[np.int64]) -> Motions:
+        motions = np.empty(len(rows), MOTION)
+        motions["number"] = self._numbers[rows]
+        found = self._rows[rows]
+        motions["x"], motions["y"] = found[:, 0], found[:, 1]
+        motions["heading"] = found[:, 2] - 2 * np.pi * np.round(found[:, 2] / (2 * np.pi))
+        motions["vx"], motions["vy"], motions["turn"] = found[:, 3], found[:, 4], found[:, 5]
+        return motions

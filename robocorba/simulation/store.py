@@ -1,0 +1,140 @@
+"""What the simulation server must know again after it was killed: who was logged on, where everything was, missions.
+
+Poses are written a few times a second, so that those of the last moments are lost; all else before a call returns.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from pathlib import Path
+
+import msgspec
+
+from robocorba.errors import InvalidMission, StaleMission, UnknownMission
+from robocorba.record_file import RecordFile
+from robocorba.simulation.physics import Limits
+from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.world import WorldRecord
+
+#: "RoCs": tells our files from those of others.
+APPLICATION_ID = 0x526F4373
+SCHEMA_VERSION = 1
+MAX_MISSIONS, MAX_MISSION_NAME, MAX_DOCUMENT = 1000, 200, 1024 * 1024
+#: All documents together, so that they fit into one message.
+MAX_DOCUMENTS = 32 * 1024 * 1024
+
+
+class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A robot that is logged on; `since` is POSIX time, s."""
+
+    key: str
+    since: float
+    name: str
+    pose: tuple[str, float, float, float]
+    radius_m: float
+    mass_kg: float
+    limits: tuple[float, float, float, float]
+
+    @classmethod
+    def of(cls, key: str, since: float, about: Description) -> ClientRecord:
+        return cls(key, since, about.name, about.pose, about.radius_m, about.mass_kg, about.limits)
+
+    @property
+    def description(self) -> Description:
+        return Description(self.name, Pose(*self.pose), self.radius_m, self.mass_kg, Limits(*self.limits))
+
+
+class Choices(msgspec.Struct, frozen=True):
+    """What an administrator set: robots at most, simulated seconds in a second."""
+
+    limit: int
+    pace: float = 1.0
+    paused: bool = False
+
+
+class Mission(msgspec.Struct, frozen=True, array_like=True):
+    """A mission as its leader keeps it; `version` rises by one with each change."""
+
+    name: str
+    version: int
+    document: bytes
+
+
+class SimulationStore(RecordFile):
+    """Opened by one process at a time. Raises AlreadyRunning, or ServiceError for whatever is wrong with the file."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__(file, APPLICATION_ID, SCHEMA_VERSION)
+        self._writing_missions = threading.Lock()
+        self._missions = {mission.name: mission for mission in self.all("mission", Mission)}
+
+    def clients(self) -> list[ClientRecord]:
+        """In the order in which they logged on."""
+        return self.all("client", ClientRecord)
+
+    def save_client(self, record: ClientRecord) -> None:
+        self.save("client", record.key, record)
+
+    def forget_client(self, key: str) -> None:
+        self.forget("client", key)
+
+    def world(self) -> WorldRecord | None:
+        """What was written last, None where nothing was."""
+        return next(iter(self.all("world", WorldRecord)), None)
+
+    def save_world(self, world: WorldRecord) -> None:
+        self.save("world", "", world)
+
+    def choices(self) -> Choices | None:
+        """None where nobody chose."""
+        return next(iter(self.all("choices", Choices)), None)
+
+    def save_choices(self, choices: Choices) -> None:
+        self.save("choices", "", choices)
+
+    def secret(self) -> str:
+        """What only administrators know; the same for as long as the file is."""
+        known = self.all("secret", str)
+        if not known:
+            known = [secrets.token_urlsafe(24)]
+            self.save("secret", "", known[0])
+        return known[0]
+
+    # ---- missions ----
+
+    def missions(self) -> list[Mission]:
+        """By name."""
+        with self._writing_missions:
+            return sorted(self._missions.values(), key=lambda mission: mission.name)
+
+    def put_mission(self, mission: Mission) -> int:
+        """Keep a mission whose version is that which the writer read, 0 for a new one; its new version.
+
+        Raises InvalidMission, StaleMission."""
+        if not 0 < len(mission.name) <= MAX_MISSION_NAME:
+            raise InvalidMission("name", f"has {len(mission.name)} characters, not 1 to {MAX_MISSION_NAME}")
+        if len(mission.document) > MAX_DOCUMENT:
+            raise InvalidMission("document", f"has {len(mission.document)} bytes, more than {MAX_DOCUMENT}")
+        with self._writing_missions:
+            known = self._missions.get(mission.name)
+            current = known.version if known else 0
+            if mission.version != current:
+                raise StaleMission(mission.name, mission.version, current)
+            if known is None and len(self._missions) >= MAX_MISSIONS:
+                raise InvalidMission("name", f"there are {MAX_MISSIONS} missions already; remove one")
+            others = sum(len(other.document) for name, other in self._missions.items() if name != mission.name)
+            if others + len(mission.document) > MAX_DOCUMENTS:
+                raise InvalidMission("document", f"all missions together would be more than {MAX_DOCUMENTS} bytes")
+            kept = Mission(mission.name, current + 1, mission.document)
+            self.save("mission", kept.name, kept)
+            self._missions[kept.name] = kept
+            return kept.version
+
+    def remove_mission(self, name: str) -> None:
+        """Raises UnknownMission."""
+        with self._writing_missions:
+            if name not in self._missions:
+                raise UnknownMission(name)
+            self.forget("mission", name)
+            del self._missions[name]

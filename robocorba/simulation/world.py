@@ -1,0 +1,45 @@
+"""What is kept of the simulated building: where everything is that is not where the map says, and who rides."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A robot's pose, m and rad; the object that it holds, and where (x, y)."""
+
+    floor: str
+    x: float
+    y: float
+    heading: float
+    grip: tuple[str, float, float] | None = None
+    collisions: int = 0
+
+
+class RideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A ride; `inside` where the robot is in the cabin."""
+
+    robot: str
+    origin: str
+    destination: str
+    radius_m: float
+    called_at: float
+    inside: bool
+
+
+class CabinRecord(msgspec.Struct, frozen=True, array_like=True):
+    """An elevator: the floor where it stands, or which it left, and its rides, first call first."""
+
+    floor: str
+    rides: list[RideRecord]
+
+
+class WorldRecord(msgspec.Struct, frozen=True, array_like=True):
+    """After so many steps: robots, movable objects (floor, x, y, heading) and elevators by name."""
+
+    steps: int
+    robots: dict[str, RobotRecord]
+    objects: dict[str, tuple[str, float, float, float]]
+    cabins: dict[str, CabinRecord]
+    #: Whose robots these are: the sessions' keys, by name.
+    keys: dict[str, str] = {}

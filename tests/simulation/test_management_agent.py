@@ -1,0 +1,210 @@
+"""The communication management agent: logging on, leases, what outlives a kill."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from robocorba.errors import (
+    InvalidChoice,
+    NameTaken,
+    PlaceTaken,
+    ServerFull,
+    ServiceError,
+    SessionExpired,
+    UnknownFloor,
+    UnknownRobot,
+)
+from robocorba.maps.model import ElementKind
+from robocorba.simulation.building import Happening
+from robocorba.simulation.elevator import Phase
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.session import Session
+from robocorba.simulation.store import ClientRecord, SimulationStore
+from tests.simulation.places import robot, tower
+from tests.system.processes import eventually
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[SimulationStore]:
+    with SimulationStore(tmp_path / "simulation.sqlite") as store:
+        yield store
+
+
+@pytest.fixture
+def agent(store: SimulationStore) -> ManagementAgent:
+    """Its time stands, unless a test steps or starts it."""
+    return ManagementAgent(tower(), 7, store)
+
+
+def run(agent: ManagementAgent, seconds: float) -> None:
+    for _ in range(round(seconds / STEP_S)):
+        agent.step()
+
+
+def test_a_robot_logs_on_drives_and_logs_off(agent: ManagementAgent) -> None:
+    session = agent.register(robot("A"))
+    assert session.state().pose == ("L1", 7.0, 2.0, 0.0)
+    session.command(0.5, 0.0, 0.0, 1.0)
+    run(agent, 1.0)
+    assert session.state().velocity == pytest.approx((0.5, 0.0, 0.0), abs=0.05)
+    assert session.state().pose.x > 7.2
+    assert (agent.state.robots, agent.state.map_version) == (1, 7)
+    session.deregister()
+    for call in (session.state, session.heartbeat, session.deregister, session.release):
+        with pytest.raises(SessionExpired):
+            call()
+    assert agent.state.robots == 0
+    agent.register(robot("A"))
+
+
+def test_who_may_not_log_on_leaves_nothing_behind(agent: ManagementAgent, store: SimulationStore) -> None:
+    agent.choose(limit=2)
+    agent.register(robot("A"))
+    refused: list[tuple[type, Callable[[], object]]] = [
+        (NameTaken, lambda: agent.register(robot("A", x=4.0))),
+        (PlaceTaken, lambda: agent.register(robot("B"))),
+        (UnknownFloor, lambda: agent.register(robot("B", "roof"))),
+    ]
+    for error, call in refused:
+        with pytest.raises(error):
+            call()
+    agent.register(robot("B", x=4.0))
+    with pytest.raises(ServerFull):
+        agent.register(robot("C", x=5.0))
+    assert set(agent.building.robots) == {"A", "B"} == {record.name for record in store.clients()}
+
+
+def test_what_can_not_be_kept_is_refused(agent: ManagementAgent, store: SimulationStore) -> None:
+    store.__exit__(None, None, None)
+    with pytest.raises(ServiceError):
+        agent.register(robot("A"))
+    assert agent.building.robots == {}
+    assert agent.state.robots == 0
+
+
+def test_whoever_is_silent_is_gone(store: SimulationStore) -> None:
+    gone: list[Session] = []
+    agent = ManagementAgent(tower(), 7, store, gone=gone.append)
+    with contextlib.closing(agent):
+        agent.start()
+        agent.begin_leases()
+        silent, alive = agent.register(robot("A")), agent.register(robot("B", x=4.0))
+        began = time.monotonic()
+
+        def is_gone() -> bool:
+            alive.heartbeat()
+            return bool(gone)
+
+        eventually(is_gone)
+        assert time.monotonic() - began < 3.0
+        assert gone == [silent]
+        eventually(lambda: [record.name for record in store.clients()] == ["B"])
+        agent.register(robot("A"))
+        with pytest.raises(UnknownRobot):
+            agent.evict("C")
+        agent.evict("A")
+    assert [session.name for session in gone] == ["A", "A"]
+
+
+def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
+    killed = ManagementAgent(tower(), 7, store)
+    killed.choose(limit=5, pace=2.0)
+    killed.start()
+    driver, waiter = killed.register(robot("A", x=1.0)), killed.register(robot("B", x=5.0, y=3.0))
+    driver.grip("T1", (1.6, 2.0))
+    waiter.call_elevator("E1", "L2")
+    # Nothing is closed: its thread goes on, but what it keeps from now on goes into a file of its own.
+    kept = store.world()
+    clients, choices = store.clients(), store.choices()
+    killed.close()
+    store.clear()
+    for client in clients:
+        store.save_client(client)
+    assert kept is not None and choices is not None
+    store.save_world(kept)
+    store.save_choices(choices)
+
+    again = ManagementAgent(tower(), 7, store)
+    assert (again.state.limit, again.state.pace) == (5, 2.0)
+    assert set(again.sessions) == {driver.client.key, waiter.client.key}
+    session = again.sessions[driver.client.key]
+    assert session.robot.holding == "T1"
+    assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
+    ride = again.sessions[waiter.client.key].ride
+    assert ride is not None and ride.phase is Phase.WAITING
+    with pytest.raises(NameTaken):
+        again.register(robot("A", x=4.0))
+
+
+def test_a_robot_whose_floor_is_gone_after_a_restart_is_not_logged_on(store: SimulationStore) -> None:
+    before = ManagementAgent(tower(), 7, store)
+    before.register(robot("A", "L2"))
+    before.register(robot("B", "L1"))
+    ground = tower().without(ElementKind.ELEVATOR, "", "E1").without(ElementKind.FLOOR, "", "L2")
+    after = ManagementAgent(ground, 8, store)
+    assert [session.name for session in after.sessions.values()] == ["B"]
+    assert [record.name for record in store.clients()] == ["B"]
+
+
+def test_a_robot_does_not_take_over_the_pose_of_who_had_its_name(store: SimulationStore) -> None:
+    before = ManagementAgent(tower(), 7, store)
+    before.register(robot("A", x=4.0)).deregister()
+    before.close()
+    store.save_client(ClientRecord.of("another", 1.0, robot("A", "L2")))
+    (session,) = ManagementAgent(tower(), 7, store).sessions.values()
+    assert session.state().pose == ("L2", 7.0, 2.0, 0.0)
+
+
+def test_leases_begin_when_calls_are_let_in(store: SimulationStore) -> None:
+    agent = ManagementAgent(tower(), 7, store)
+    agent.registry.lease_s = 0.2
+    with contextlib.closing(agent):
+        agent.start()
+        agent.register(robot("A"))
+        time.sleep(0.5)
+        assert agent.state.robots == 1
+        agent.begin_leases()
+        eventually(lambda: agent.state.robots == 0)
+
+
+def test_of_two_records_of_one_name_the_later_one_holds(store: SimulationStore) -> None:
+    for key in ("old", "new"):
+        store.save_client(ClientRecord.of(key, 1.0, robot("A")))
+    assert list(ManagementAgent(tower(), 7, store).sessions) == ["new"]
+    assert [record.key for record in store.clients()] == ["new"]
+
+
+def test_a_floor_that_is_removed_takes_its_robots_along(store: SimulationStore) -> None:
+    gone: list[Session] = []
+    agent = ManagementAgent(tower(), 7, store, gone=gone.append)
+    upstairs = agent.register(robot("A", "L2"))
+    agent.register(robot("B", "L1"))
+    agent.follow_map(tower().without(ElementKind.ELEVATOR, "", "E1").without(ElementKind.FLOOR, "", "L2"), 8)
+    assert gone == [upstairs]
+    agent.close()
+    assert [record.name for record in store.clients()] == ["B"]
+    assert (agent.state.robots, agent.state.map_version) == (1, 8)
+
+
+def test_what_happens_is_announced(store: SimulationStore) -> None:
+    told: list[Happening] = []
+    agent = ManagementAgent(tower(), 7, store, told.append)
+    session = agent.register(robot("A", x=8.5, heading=0.0))
+    session.command(0.5, 0.0, 0.0, 5.0)
+    run(agent, 4.0)
+    assert [(happening.kind, happening.who) for happening in told] == [("collision", ("A",))]
+    assert (agent.state.collisions, session.robot.collisions, session.robot.touched) == (1, 1, "")
+
+
+@pytest.mark.parametrize("choice", [{"limit": -1}, {"limit": 10_001}, {"pace": -1.0}, {"pace": math.inf}])
+def test_a_choice_that_can_not_be(agent: ManagementAgent, choice: dict) -> None:
+    with pytest.raises(InvalidChoice):
+        agent.choose(**choice)
+    assert (agent.state.limit, agent.state.pace) == (300, 1.0)

@@ -1,0 +1,139 @@
+"""The Omni database, and the copies of those who follow it."""
+
+from __future__ import annotations
+
+import math
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from robocorba.errors import OutOfStep, UnknownFloor
+from robocorba.simulation.building import SimulatedBuilding
+from robocorba.simulation.elevator import Doors
+from robocorba.simulation.floor_update import WHOLE, BodyKind, FloorView
+from robocorba.simulation.omni_database import OmniDatabase
+from robocorba.simulation.physics import STEP_S
+from tests.simulation.places import robot, tower
+
+
+def run(world: SimulatedBuilding, seconds: float) -> None:
+    for _ in range(round(seconds / STEP_S)):
+        world.step()
+
+
+def same(view: FloorView, world: SimulatedBuilding) -> bool:
+    """Whether a copy is as the building is."""
+    state = world.floors[view.floor].state()
+    bodies = {world.bodies[name].number: row for name, row in state.items()}
+    assert set(view.bodies) == set(bodies)
+    for number, row in bodies.items():
+        motion = view.motion(number)
+        assert (motion["x"], motion["y"]) == row[:2]
+        assert math.remainder(motion["heading"] - row[2], math.tau) == pytest.approx(0.0, abs=1e-12)
+        assert (motion["vx"], motion["vy"], motion["turn"]) == pytest.approx(row[3:], abs=1e-6)
+    return True
+
+
+def test_a_floor_is_told_whole_and_then_by_what_changed() -> None:
+    world = SimulatedBuilding(tower())
+    world.add(robot("A"))
+    world.refresh()
+    database, view = OmniDatabase(world), FloorView("L1")
+    first = database.floor("L1")
+    assert (first.since, {body.name: body.kind for body in first.came}) == (
+        WHOLE,
+        {"A": BodyKind.ROBOT, "T1": BodyKind.OBJECT},
+    )
+    view.apply(first)
+    assert same(view, world)
+    run(world, 0.1)
+    nothing = database.changes("L1", view.version)
+    assert (nothing.version, nothing.came, nothing.went, len(nothing.motions)) == (view.version, [], [], 0)
+    world.robots["A"].command(0.5, 0.2, 0.1, 1.0)
+    run(world, 0.5)
+    moved = database.changes("L1", view.version)
+    assert moved.motions["number"].tolist() == [world.robots["A"].number]
+    assert len(moved.motions.tobytes()) == 40
+    view.apply(moved)
+    assert same(view, world)
+    world.remove("A")
+    world.refresh()
+    view.apply(database.changes("L1", view.version))
+    assert same(view, world)
+
+
+def test_who_is_too_far_behind_or_ahead_gets_the_whole_floor() -> None:
+    world = SimulatedBuilding(tower())
+    database = OmniDatabase(world)
+    now = database.floor("L1").version
+    for since in (1, now + 1000):
+        assert database.changes("L1", since).since == WHOLE
+    with pytest.raises(UnknownFloor):
+        database.changes("roof", WHOLE)
+    view = FloorView("L1")
+    update = database.floor("L1")
+    with pytest.raises(OutOfStep):
+        view.apply(update._replace(since=5))
+
+
+def test_a_later_process_has_later_versions() -> None:
+    world = SimulatedBuilding(tower())
+    before = OmniDatabase(world).floor("L1").version
+    assert OmniDatabase(world).changes("L1", before).since == WHOLE
+
+
+def test_elevators_are_told_when_they_change() -> None:
+    world = SimulatedBuilding(tower())
+    world.add(robot("A", "L2", 5.0, 3.0))
+    world.refresh()
+    database, view = OmniDatabase(world), FloorView("L2")
+    view.apply(database.floor("L2"))
+    assert view.elevators["E1"].doors is Doors.CLOSED
+    run(world, 0.1)
+    assert database.changes("L2", view.version).elevators == {}
+    world.call_elevator("A", "E1", "L1")
+    run(world, 0.1)
+    view.apply(database.changes("L2", view.version))
+    assert view.elevators["E1"].queue == ("A",)
+    run(world, 6.0)
+    view.apply(database.changes("L2", view.version))
+    assert (view.elevators["E1"].doors, view.elevators["E1"].floor) == (Doors.OPEN, "L2")
+    assert database.elevators() == view.elevators
+
+
+acts = st.lists(
+    st.tuples(
+        st.sampled_from(["add", "remove", "drive", "run", "follow", "behind"]),
+        st.sampled_from("ABCD"),
+        st.integers(0, 3),
+    ),
+    max_size=40,
+)
+
+
+@hypothesis.settings(max_examples=60, deadline=None)
+@hypothesis.given(acts)
+def test_whoever_follows_knows_how_it_is(acts: list[tuple[str, str, int]]) -> None:
+    world = SimulatedBuilding(tower())
+    database = OmniDatabase(world)
+    often, seldom = FloorView("L1"), FloorView("L1")
+    for act, name, number in acts:
+        if act == "add" and name not in world.robots:
+            world.add(robot(name, "L1", 4.0 + 1.0 * "ABCD".index(name), 1.0))
+        elif act == "remove" and name in world.robots:
+            world.remove(name)
+        elif act == "drive" and name in world.robots:
+            world.robots[name].command(0.0, 0.3 * (number - 1), 0.5, 0.5)
+        elif act == "run":
+            run(world, 0.1 * number)
+        elif act == "follow":
+            often.apply(database.changes("L1", often.version))
+        elif act == "behind":
+            seldom.apply(database.changes("L1", seldom.version))
+        world.refresh()
+    for view in (often, seldom):
+        view.apply(database.changes("L1", view.version))
+        assert same(view, world)
+        assert np.array_equal(view.motions["number"], list(view.bodies))
