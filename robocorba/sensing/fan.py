@@ -27,9 +27,9 @@ class Fan:
 
     def __post_init__(self) -> None:
         if not 1 <= self.count <= MOST_RAYS:
-            raise InvalidScan("count", f"{self.count} is not 1 to {MOST_RAYS}")
+            raise InvalidScan("rays", f"{self.count} is not 1 to {MOST_RAYS}")
         if not -2 * math.pi <= self.first_rad <= 2 * math.pi:  # also refuses NaN, like those below
-            raise InvalidScan("first", f"{self.first_rad} is not between -2 pi and 2 pi")
+            raise InvalidScan("firstAngle", f"{self.first_rad} is not between -2 pi and 2 pi")
         if not 0.0 < self.step_rad <= 2 * math.pi:
             raise InvalidScan("step", f"{self.step_rad} is not above 0 and at most 2 pi")
         if (self.count - 1) * self.step_rad > 2 * math.pi + 1e-9:

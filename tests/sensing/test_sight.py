@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors import InvalidScan
 from robocorba.grids import Floats
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
-from robocorba.sensing.sight import Sight
+from robocorba.sensing.sight import Sight, lines_of
 
 coordinate = st.floats(-20, 20).map(lambda value: round(value, 2))
 point = st.tuples(coordinate, coordinate)
@@ -67,7 +67,7 @@ def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
     standing: list[BaseGeometry], moved: list[BaseGeometry], places: list[tuple[float, float, float]], fan: Fan
 ) -> None:
     sight = Sight(standing)
-    sight.move(np.empty((0, 4)), moved)
+    sight.move(np.empty((0, 4)), lines_of(moved))
     found = sight.scan(np.array(places), fan)
     assert found.shape == (len(places), fan.count)
     blocking = standing + moved
@@ -122,7 +122,7 @@ def test_what_is_behind_a_wall_is_not_seen() -> None:
 
 def test_everything_may_move_far_beyond_the_walls() -> None:
     sight = Sight([shapely.box(0, 0, 10, 10)])
-    sight.move(np.array([(500.0, 300.0, 0.5, 1)]), [shapely.box(-400, 0, -399, 1)])
+    sight.move(np.array([(500.0, 300.0, 0.5, 1)]), lines_of([shapely.box(-400, 0, -399, 1)]))
     found = sight.scan(np.array([(497.0, 300.0, 0.0), (-402.0, 0.5, 0.0), (5.0, 5.0, 0.0)]), Fan(0.0, 1.0, 1, 20.0))
     assert found[:, 0] == pytest.approx([2.5, 2.0, 5.0])
 
@@ -133,7 +133,7 @@ def test_a_floor_with_nothing_on_it_is_open() -> None:
 
 def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
     sight = Sight()
-    sight.move(np.array([(0.5, 0.0, 0.1, 1)]), [shapely.box(0.8, -1, 1, 1)])
+    sight.move(np.array([(0.5, 0.0, 0.1, 1)]), lines_of([shapely.box(0.8, -1, 1, 1)]))
     sight.move(np.array([(0.0, 0.5, 0.1, 1)]))
     found = sight.scan(np.zeros((1, 3)), PROXIMITY)[0]
     assert found[0] == pytest.approx(0.8)
@@ -143,10 +143,10 @@ def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
 @pytest.mark.parametrize(
     ("field", "fan"),
     [
-        ("count", (0.0, 1.0, 0, 1.0)),
-        ("count", (0.0, 1e-9, 10**9, 1.0)),
-        ("first", (math.nan, 1.0, 1, 1.0)),
-        ("first", (math.inf, 1.0, 1, 1.0)),
+        ("rays", (0.0, 1.0, 0, 1.0)),
+        ("rays", (0.0, 1e-9, 10**9, 1.0)),
+        ("firstAngle", (math.nan, 1.0, 1, 1.0)),
+        ("firstAngle", (math.inf, 1.0, 1, 1.0)),
         ("step", (0.0, 0.0, 1, 1.0)),
         ("step", (0.0, -1.0, 1, 1.0)),
         ("step", (0.0, math.nan, 1, 1.0)),

@@ -1,0 +1,269 @@
+"""The virtual sensor: what robots would see of the building from where they stand.
+
+It follows the Omni database floor by floor; walls are those of the map.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from robocorba.errors import InvalidScan, SensorBehind, UnknownFloor
+from robocorba.grids import Floats, Longs, column_of, row_of
+from robocorba.kernels import kernel
+from robocorba.maps.model import Building
+from robocorba.maps.movable import landing_doors, standing
+from robocorba.sensing.casting import Scene, cast
+from robocorba.sensing.fan import LASER, MOST_RANGE_M, Fan
+from robocorba.sensing.noise import Noise
+from robocorba.sensing.sight import NOBODY, Sight, lines_of
+from robocorba.simulation.elevator import Doors
+from robocorba.simulation.floor_update import BodyKind, FloorUpdate, FloorView
+
+#: What is older is not sensed any more, s.
+LAG_LIMIT_S = 1.0
+MOST_RIM_M = 100.0
+#: In one call.
+MOST_RAYS_AT_ONCE = 1_000_000
+NO_NOISE = Noise()
+WHO_STANDS_THERE = -2
+
+
+class Mount(NamedTuple):
+    """Where on a robot a sensor sits and looks: m ahead and to the left of its middle, rad from straight ahead."""
+
+    ahead_m: float = 0.0
+    left_m: float = 0.0
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class ScanSpec:
+    """Rays that begin `rim_m` from the sensor and see as far as `fan` says from there. Raises InvalidScan."""
+
+    fan: Fan
+    rim_m: float = 0.0
+    noise: Noise = NO_NOISE
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.rim_m <= MOST_RIM_M:  # also refuses NaN
+            raise InvalidScan("rim", f"{self.rim_m} is not 0 to {MOST_RIM_M:g} m")
+        if self.rim_m + self.fan.range_m > MOST_RANGE_M:
+            raise InvalidScan("range", f"ends more than {MOST_RANGE_M:g} m from the sensor")
+
+    @cached_property
+    def frame(self) -> tuple[float, float, float, float]:
+        """First angle, step, range and rim."""
+        return self.fan.first_rad, self.fan.step_rad, self.fan.range_m, float(self.rim_m)
+
+
+class Sighting(NamedTuple):
+    """What sensors saw: the simulation's time, places (m, 3) of the sensors, distances (m, rays), m."""
+
+    time: float
+    sensors: Floats
+    distances: Floats
+
+
+class VirtualSensor:
+    """One thread tells it what there is; any thread scans. `clock` tells the time in s."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._floors: dict[str, _FloorSight] = {}
+
+    @property
+    def lag_s(self) -> float:
+        """How old what is known is at most, of the floor that was heard of least recently; infinite for no floor."""
+        now = self._clock()
+        return max((now - floor.true_at for floor in self._floors.values()), default=float("inf"))
+
+    @property
+    def robots(self) -> set[str]:
+        """Names of those that are somewhere."""
+        return {name for floor in self._floors.values() for name in floor.numbers}
+
+    def know(self, building: Building) -> None:
+        """Take over a map; floors that it does not have are forgotten."""
+        for name in [name for name in self._floors if name not in building.floors]:
+            del self._floors[name]
+        for name in building.floors:
+            if name in self._floors:
+                self._floors[name].stand(building)
+            else:
+                self._floors[name] = _FloorSight(name, building)
+
+    @property
+    def floors(self) -> list[str]:
+        return list(self._floors)
+
+    def warm_up(self) -> None:
+        """Load what scanning needs, so that the first scan takes no longer than the others."""
+        for floor in list(self._floors.values())[:1]:
+            look(floor.sight.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
+        Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
+
+    def version(self, floor: str) -> int:
+        """Of a floor, to ask for what came after."""
+        return self._floor(floor).view.version
+
+    def follow(self, update: FloorUpdate, asked_at: float) -> None:
+        """Take over what changed on a floor, which the Omni database was asked for at this time of the clock.
+
+        Raises UnknownFloor, OutOfStep."""
+        self._floor(update.floor).follow(update, asked_at)
+
+    def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> Sighting:
+        """What sensors on robots at (m, 3) see, x and y in m, heading in rad; not the robot that carries them, which is
+        `carrier` or, where that is None, the one that stands there. Raises InvalidScan, UnknownFloor, SensorBehind."""
+        here = self._floor(floor)
+        lag_s = self._clock() - here.true_at
+        if lag_s > LAG_LIMIT_S:
+            raise SensorBehind(lag_s, LAG_LIMIT_S)
+        if len(robots) * spec.fan.count > MOST_RAYS_AT_ONCE:
+            raise InvalidScan("rays", f"{len(robots)} x {spec.fan.count} are more than {MOST_RAYS_AT_ONCE}")
+        seen_at, fan = here.view.time, spec.fan
+        scene, numbers = here.seen
+        number = WHO_STANDS_THERE if carrier is None else numbers.get(carrier, NOBODY)
+        is_placed, sensors, carriers, distances = look(scene, robots, mount, number, fan.rays, spec.frame)
+        if not is_placed:
+            raise InvalidScan("robot", "or where the sensor sits is not a number")
+        if spec.noise:
+            distances = spec.noise.disturb(distances, fan.range_m, spec.seed, carriers, 0)
+        return Sighting(seen_at, sensors, distances)
+
+    def _floor(self, name: str) -> _FloorSight:
+        if name not in self._floors:
+            raise UnknownFloor("robot", name, list(self._floors))
+        return self._floors[name]
+
+
+class _FloorSight:
+    """A floor: what is known of it, and what can be seen of that."""
+
+    def __init__(self, name: str, building: Building) -> None:
+        self.view = FloorView(name)
+        self.sight = Sight()
+        #: When all this was true at the latest; long ago for what was never heard of.
+        self.true_at = float("-inf")
+        self.numbers: dict[str, int] = {}
+        self._discs = np.empty((0, 4))
+        #: Rows of robots and objects in the view's motions.
+        self._robots = self._objects = np.empty(0, np.int64)
+        self._is_object = np.empty(0, bool)
+        #: Sides of the objects in their own frames, and which object each belongs to.
+        self._sides, self._side_of = np.empty((0, 4)), np.empty(0, np.int64)
+        self.stand(building)
+
+    def stand(self, building: Building) -> None:
+        floor = self.view.floor
+        self.sight.stand(standing(building, floor))
+        self._doors = {
+            name: lines_of([landing_doors(building, name, floor)])
+            for name, elevator in building.elevators.items()
+            if floor in elevator.floors()
+        }
+        self.sight.move(self._discs, self._things())
+        #: What can be seen, and the robots' numbers in it: replaced together.
+        self.seen = self.sight.scene, self.numbers
+
+    def follow(self, update: FloorUpdate, asked_at: float) -> None:
+        has_changed = self.view.apply(update)
+        if has_changed:
+            self._sort()
+        motions = self.view.motions
+        discs = self._discs.copy()
+        discs[:, 0], discs[:, 1] = motions["x"][self._robots], motions["y"][self._robots]
+        is_other = has_changed or update.elevators or self._is_object[self.view.moved].any()
+        self.sight.move(discs, self._things() if is_other else None)
+        self._discs, self.true_at = discs, asked_at
+        self.seen = self.sight.scene, self.numbers
+
+    def _sort(self) -> None:
+        """Bodies came or went."""
+        bodies = list(self.view.bodies.values())
+        robots = [body for body in bodies if body.kind is BodyKind.ROBOT]
+        objects = [body for body in bodies if body.kind is BodyKind.OBJECT]
+        is_robot = np.array([body.kind is BodyKind.ROBOT for body in bodies], bool)
+        self._robots, self._objects, self._is_object = np.flatnonzero(is_robot), np.flatnonzero(~is_robot), ~is_robot
+        self._discs = np.array([(0.0, 0.0, body.radius_m, body.number) for body in robots]).reshape(-1, 4)
+        self.numbers = {body.name: body.number for body in robots}
+        rings = [np.array([*body.outline, body.outline[0]]) for body in objects]
+        sides = [np.hstack([ring[:-1], ring[1:]]) for ring in rings]
+        self._sides = np.concatenate(sides) if sides else np.empty((0, 4))
+        self._side_of = np.repeat(np.arange(len(sides)), [len(ring) for ring in sides])
+
+    def _things(self) -> Floats:
+        """What comes and goes beside robots, as segments: movable objects, and doors of elevators that are not open."""
+        motions = self.view.motions[self._objects][self._side_of]
+        c, s = np.cos(motions["heading"])[:, None], np.sin(motions["heading"])[:, None]
+        x, y = self._sides[:, ::2], self._sides[:, 1::2]
+        objects = np.empty_like(self._sides)
+        objects[:, ::2] = motions["x"][:, None] + c * x - s * y
+        objects[:, 1::2] = motions["y"][:, None] + s * x + c * y
+        return np.concatenate([objects, *(lines for name, lines in self._doors.items() if not self._is_open(name))])
+
+    def _is_open(self, elevator: str) -> bool:
+        moment = self.view.elevators.get(elevator)
+        return bool(moment and moment.floor == self.view.floor and moment.doors is Doors.OPEN)
+
+
+@kernel
+def look(
+    scene: Scene,
+    robots: Floats,
+    mount: Mount,
+    carrier: int,
+    rays: tuple[Floats, Floats],
+    frame: tuple[float, float, float, float],
+) -> tuple[bool, Floats, Longs, Floats]:
+    """What sensors that sit like this on robots (m, 3) see, carried by the robot of this number.
+
+    Whether all places are numbers; if so places (m, 3) of the sensors, numbers (m,) of the robots that carry them, and
+    distances (m, rays) from the rim, m. Rays are those of a Fan, `frame` is that of a ScanSpec."""
+    ahead_m, left_m, heading = mount
+    cosines, sines = rays
+    first, step, range_m, rim_m = frame
+    m = len(robots)
+    sensors, carriers = np.empty((m, 3)), np.full(m, carrier)
+    total = 0.0
+    for row in range(m):
+        x, y, facing = robots[row]
+        c, s = math.cos(facing), math.sin(facing)
+        sensors[row, 0] = x + c * ahead_m - s * left_m
+        sensors[row, 1] = y + s * ahead_m + c * left_m
+        sensors[row, 2] = (facing + heading) % (2 * math.pi)
+        total += 0.0 * (sensors[row, 0] + sensors[row, 1] + sensors[row, 2])
+    if total != 0.0:
+        return False, sensors, carriers, np.empty((0, 0))
+    if carrier == WHO_STANDS_THERE:
+        for row in range(m):
+            carriers[row] = standing_at(robots[row, 0], robots[row, 1], scene)
+    distances = cast(scene, sensors, carriers, cosines, sines, first, step, range_m + rim_m)
+    if rim_m > 0.0:
+        for row in range(m):
+            for k in range(len(cosines)):
+                met = distances[row, k] < range_m + rim_m
+                distances[row, k] = max(distances[row, k] - rim_m, 0.0) if met else range_m
+    return True, sensors, carriers, distances
+
+
+@kernel
+def standing_at(x: float, y: float, scene: Scene) -> int:
+    """Number of the disc around a place, NOBODY for none."""
+    found, nearest = NOBODY, 0.0
+    frame = scene.standing.frame
+    cell = row_of(frame, y) * int(frame[3]) + column_of(frame, x)
+    for at in range(scene.disc_start[cell], scene.disc_start[cell + 1]):
+        disc_x, disc_y, radius, number = scene.discs[scene.disc_items[at]]
+        beside = math.hypot(disc_x - x, disc_y - y) - radius
+        if beside <= nearest:
+            nearest, found = beside, int(number)
+    return found
