@@ -180,6 +180,41 @@ class ChannelSettings:
         return cls(ServerSettings.given(given), given.name, peers, foreign)
 
 
+@dataclass(frozen=True)
+class SimulationSettings:
+    """What the simulation server needs: the settings of every server, and the event channel that is told what happens,
+    empty for none."""
+
+    server: ServerSettings
+    channel: str
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SimulationSettings:
+        """From the arguments of ServerSettings and `[--channel NAME]`. Raises as ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--channel", default="", metavar="NAME", help="the event channel to tell what happens")
+        given = parser.parse_args(arguments)
+        return cls(ServerSettings.given(given), given.channel)
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """What a virtual sensor process needs: the settings of every server, and its name."""
+
+    server: ServerSettings
+    name: str
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SensorSettings:
+        """From the arguments of ServerSettings and `--name NAME`. Raises as ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--name", required=True, metavar="NAME", help="of the virtual sensor")
+        given = parser.parse_args(arguments)
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
+            raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
+        return cls(ServerSettings.given(given), given.name)
+
+
 def _folder(path: Path, setting: str) -> Path:
     if "\0" in str(path):
         raise InvalidSetting(setting, str(path), "not a path")

@@ -35,6 +35,7 @@ def up(
         str,
         typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
     ] = "main",
+    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="How many virtual sensor processes.")] = 1,
     start_limit: Annotated[float, typer.Option(metavar="S", help="Seconds for each process to answer a call.")] = 180.0,
 ) -> None:
     """Start the naming service and all servers, each a process of its own; print `ready` when all answer.
@@ -53,7 +54,7 @@ def up(
         system = System(
             folder=folder,
             naming=naming,
-            servers=servers(names),
+            servers=servers(names, sensors),
             settle=functools.partial(settle, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,

@@ -14,6 +14,9 @@ from robocorba import errors
 from robocorba.conversion import maps, paths
 from robocorba.stubs import RoboCorba
 
+#: Of a text in an exception: what was wrong may have been of any length.
+MOST_TEXT = 500
+
 
 def raise_idl(error: errors.RoboCorbaError) -> NoReturn:
     """Raise the IDL exception that says what a domain error says."""
@@ -21,7 +24,15 @@ def raise_idl(error: errors.RoboCorbaError) -> NoReturn:
     if make is None:
         # The store failed: nothing was changed. Anything else would be a fault of the servant.
         raise CORBA.PERSIST_STORE(0, CORBA.COMPLETED_NO) from error
-    raise make(error) from error
+    raise _shortened(make(error)) from error
+
+
+def _shortened(exception: Any) -> Any:
+    """The same with its texts cut."""
+    for member, value in vars(exception).items():
+        if isinstance(value, str) and len(value) > MOST_TEXT:
+            setattr(exception, member, value[:MOST_TEXT])
+    return exception
 
 
 def _id(error: Any) -> Any:
@@ -45,6 +56,24 @@ _EXCEPTIONS: dict[type, Callable[[Any], Exception]] = {
     errors.NotFree: lambda e: RoboCorba.NotFree(
         e.which, RoboCorba.Point(e.floor, e.x, e.y), e.obstacle, e.clearance_m, e.required_m
     ),
+    errors.InvalidScan: lambda e: RoboCorba.InvalidScan(e.field, e.reason),
+    errors.SensorBehind: lambda e: RoboCorba.SensorBehind(e.lag_s, e.limit_s),
+    errors.InvalidDescription: lambda e: RoboCorba.InvalidDescription(e.field, e.reason),
+    errors.NameTaken: lambda e: RoboCorba.NameTaken(e.name),
+    errors.PlaceTaken: lambda e: RoboCorba.PlaceTaken(RoboCorba.Point(e.floor, e.x, e.y), e.blocker),
+    errors.ServerFull: lambda e: RoboCorba.ServerFull(e.limit, e.now, e.retry_s),
+    errors.InvalidCommand: lambda e: RoboCorba.InvalidCommand(e.field, e.reason),
+    errors.CannotGrip: lambda e: RoboCorba.CannotGrip(e.what, e.reason),
+    errors.InvalidRide: lambda e: RoboCorba.InvalidRide(e.field, e.reason),
+    errors.ElevatorFull: lambda e: RoboCorba.ElevatorFull(e.elevator, e.limit),
+    errors.InvalidPicture: lambda e: RoboCorba.InvalidPicture(e.field, e.reason),
+    errors.UnknownRobot: lambda e: RoboCorba.UnknownRobot(e.name),
+    errors.InvalidChoice: lambda e: RoboCorba.InvalidSetting(e.field, e.reason),
+    errors.InvalidMission: lambda e: RoboCorba.InvalidMission(e.field, e.reason),
+    errors.StaleMission: lambda e: RoboCorba.StaleMission(e.name, e.expected, e.current),
+    errors.UnknownMission: lambda e: RoboCorba.UnknownMission(e.name),
+    errors.SessionExpired: lambda e: CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO),
+    errors.SimulationBusy: lambda e: CORBA.TRANSIENT(0, CORBA.COMPLETED_NO),
     errors.InvalidEvent: lambda e: RoboCorba.InvalidEvent(e.field, e.reason),
     errors.InvalidSubscription: lambda e: RoboCorba.InvalidSubscription(e.where, e.reason),
     errors.InvalidQueue: lambda e: RoboCorba.InvalidQueue(e.field, e.reason),
@@ -100,6 +129,22 @@ _DOMAIN_ERRORS: dict[type, Callable[[Any], Exception]] = {
     RoboCorba.NotFree: lambda e: errors.NotFree(
         e.which, *paths.place_of(e.position), e.obstacle, e.clearance, e.required
     ),
+    RoboCorba.InvalidScan: lambda e: errors.InvalidScan(e.field, e.reason),
+    RoboCorba.SensorBehind: lambda e: errors.SensorBehind(e.lag, e.limit),
+    RoboCorba.InvalidDescription: lambda e: errors.InvalidDescription(e.field, e.reason),
+    RoboCorba.NameTaken: lambda e: errors.NameTaken(e.name),
+    RoboCorba.PlaceTaken: lambda e: errors.PlaceTaken(*paths.place_of(e.place), e.by),
+    RoboCorba.ServerFull: lambda e: errors.ServerFull(e.limit, e.now, e.retryAfter),
+    RoboCorba.InvalidCommand: lambda e: errors.InvalidCommand(e.field, e.reason),
+    RoboCorba.CannotGrip: lambda e: errors.CannotGrip(e.what, e.reason),
+    RoboCorba.InvalidRide: lambda e: errors.InvalidRide(e.field, e.reason),
+    RoboCorba.ElevatorFull: lambda e: errors.ElevatorFull(e.elevator, e.limit),
+    RoboCorba.InvalidPicture: lambda e: errors.InvalidPicture(e.field, e.reason),
+    RoboCorba.UnknownRobot: lambda e: errors.UnknownRobot(e.name),
+    RoboCorba.InvalidSetting: lambda e: errors.InvalidChoice(e.field, e.reason),
+    RoboCorba.InvalidMission: lambda e: errors.InvalidMission(e.field, e.reason),
+    RoboCorba.StaleMission: lambda e: errors.StaleMission(e.name, e.expected, e.current),
+    RoboCorba.UnknownMission: lambda e: errors.UnknownMission(e.name),
     RoboCorba.InvalidEvent: lambda e: errors.InvalidEvent(e.field, e.reason),
     RoboCorba.InvalidSubscription: lambda e: errors.InvalidSubscription(e.where, e.reason),
     RoboCorba.InvalidQueue: lambda e: errors.InvalidQueue(e.field, e.reason),

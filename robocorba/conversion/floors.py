@@ -17,8 +17,8 @@ _DOORS = {
     Doors.OPEN: RoboCorba.OPEN,
     Doors.CLOSING: RoboCorba.DOORS_CLOSING,
 }
-_KINDS_BACK = {kind._v: own for own, kind in _KINDS.items()}
-_DOORS_BACK = {doors._v: own for own, doors in _DOORS.items()}
+_KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
+_DOORS_OF = {struct: doors for doors, struct in _DOORS.items()}
 
 
 def update(found: FloorUpdate) -> Any:
@@ -55,7 +55,7 @@ def update_of(struct: Any) -> FloorUpdate:
         [
             Body(
                 body.number,
-                _KINDS_BACK[body.kind._v],
+                _KIND_OF[body.kind],
                 body.name,
                 body.radius,
                 tuple((point.x, point.y) for point in body.outline),
@@ -86,8 +86,6 @@ def elevators(moments: dict[str, Moment]) -> list[Any]:
 
 def elevators_of(structs: list[Any]) -> dict[str, Moment]:
     return {
-        one.name: Moment(
-            one.height, one.cabin, _DOORS_BACK[one.doors._v], one.opening, tuple(one.riders), tuple(one.queue)
-        )
+        one.name: Moment(one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue))
         for one in structs
     }

@@ -1,4 +1,4 @@
-"""Which servers `robocorba up` runs: the map editor, and an event channel for each sub-network."""
+"""Which servers `robocorba up` runs: map editor, simulation, virtual sensors, an event channel for each sub-network."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.errors import NotReachable
+from robocorba.names import CHANNELS, SENSORS
 from robocorba.orb import Orb, describe
-from robocorba.remote.event_peers import CHANNELS
 from robocorba.stubs import RoboCorba
 
 
@@ -48,17 +48,34 @@ _MAP_EDITOR = {
     "MapEditor": Probe(RoboCorba.MapEditor, lambda editor: editor._get_currentVersion()),
     "PathPlanner": Probe(RoboCorba.PathPlanner, lambda planner: planner._get_mapVersion()),
 }
+_SIMULATION = {
+    "SimulationServer": Probe(RoboCorba.SimulationServer, lambda server: server._get_state()),
+    "OmniDatabase": Probe(RoboCorba.OmniDatabase, lambda database: database.floors()),
+}
+_SENSOR = Probe(RoboCorba.VirtualSensor, lambda sensor: sensor._get_load())
 _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
-def servers(subnets: Sequence[str]) -> list[Server]:
-    """The servers of a system with these sub-networks; the channel of each is linked with those of all others."""
-    return [Server("map_editor", "servers.map_editor", _MAP_EDITOR), *(_channel(name, subnets) for name in subnets)]
+def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
+    """The servers of a system with these sub-networks, whose channels are all linked, and so many virtual sensors.
+
+    The simulation server tells the first channel what happens."""
+    return [
+        Server("map_editor", "servers.map_editor", _MAP_EDITOR),
+        Server("simulation", "servers.simulation", _SIMULATION, ("--channel", subnets[0])),
+        *(_sensor(f"s{number}") for number in range(1, sensors + 1)),
+        *(_channel(name, subnets) for name in subnets),
+    ]
 
 
 def probe_of(name: str) -> Probe | None:
     """How to ask what is bound to `name`; None where no server of this version binds it."""
-    return _CHANNEL if name.startswith(f"{CHANNELS}/") else _MAP_EDITOR.get(name)
+    contexts = {CHANNELS: _CHANNEL, SENSORS: _SENSOR}
+    return contexts.get(name.partition("/")[0]) or {**_MAP_EDITOR, **_SIMULATION}.get(name)
+
+
+def _sensor(name: str) -> Server:
+    return Server(f"sensor_{name}", "servers.virtual_sensor", {f"{SENSORS}/{name}": _SENSOR}, ("--name", name))
 
 
 def _channel(name: str, subnets: Sequence[str]) -> Server:

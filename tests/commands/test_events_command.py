@@ -154,14 +154,19 @@ def test_json_has_the_names_of_the_idl() -> None:
 
 
 def test_each_channel_has_all_others_as_peers() -> None:
-    editor, *channels = servers(subnets_of("lab, hall,yard"))
-    assert editor.name == "map_editor"
+    editor, simulation, *others = servers(subnets_of("lab, hall,yard"), sensors=2)
+    sensors, channels = others[:2], others[2:]
+    assert (editor.name, simulation.arguments) == ("map_editor", ("--channel", "lab"))
+    assert [(server.name, list(server.objects), server.arguments) for server in sensors] == [
+        ("sensor_s1", ["VirtualSensors/s1"], ("--name", "s1")),
+        ("sensor_s2", ["VirtualSensors/s2"], ("--name", "s2")),
+    ]
     assert [(server.name, list(server.objects), server.arguments) for server in channels] == [
         ("events_lab", ["EventChannels/lab"], ("--name", "lab", "--peer", "hall", "--peer", "yard")),
         ("events_hall", ["EventChannels/hall"], ("--name", "hall", "--peer", "lab", "--peer", "yard")),
         ("events_yard", ["EventChannels/yard"], ("--name", "yard", "--peer", "lab", "--peer", "hall")),
     ]
-    assert all(probe_of(name) for server in (editor, *channels) for name in server.objects)
+    assert all(probe_of(name) for server in (editor, simulation, *others) for name in server.objects)
     assert probe_of("Echo") is None
 
 

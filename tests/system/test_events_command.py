@@ -48,6 +48,11 @@ def state(events: Events, channel: str) -> Any:
     return json.loads(done(events("stats", channel, "--json")))[channel]
 
 
+def consumers(events: Events, channel: str) -> list[Any]:
+    """Those that are connected; the simulation server is a supplier of the first channel."""
+    return [proxy for proxy in state(events, channel)["proxies"] if proxy["kind"] == "PUSH_SUPPLIER"]
+
+
 def is_linked(events: Events, channel: str) -> bool:
     links = state(events, channel)["links"]
     return len(links) == 2 and all(link["condition"] == "UP" for link in links)
@@ -69,7 +74,7 @@ def test_stats_tell_of_all_channels(events: Events) -> None:
 def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> None:
     listener = events("tail", "hall", "--type", "robot.*", "--source", "A", "--count", "2")
     eventually(lambda: is_wanted(events, {"type": "robot.*", "source": "A"}, "lab"), 20, "the interest of hall")
-    (proxy,) = (proxy for proxy in state(events, "hall")["proxies"] if proxy["kind"] == "PUSH_SUPPLIER")
+    (proxy,) = consumers(events, "hall")
     assert proxy["condition"] == "CONNECTED" and proxy["client"]
 
     done(events("push", "lab", "robot.state", '{"x": 1}', "--source", "A"))
@@ -81,7 +86,7 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
     assert second.endswith('  robot.alarm  A  priority 3  ["\\u001b[2J"]')
 
     for channel in ("lab", "hall"):
-        assert state(events, channel)["proxies"] == []
+        assert consumers(events, channel) == []
     into_hall, _ = state(events, "hall")["links"]
     assert into_hall["events"]["delivered"] == 2
     assert into_hall["bytes"] > 0
@@ -90,25 +95,25 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_tail_ends_by_a_signal_and_leaves_nothing(events: Events, number: signal.Signals) -> None:
     listener = events("tail", "lab", "--json")
-    eventually(lambda: len(state(events, "lab")["proxies"]) == 1, 20, "the consumer")
+    eventually(lambda: len(consumers(events, "lab")) == 1, 20, "the consumer")
     done(events("push", "lab", "x", "[1, 2]"))
     assert listener.stdout is not None
     said = json.loads(listener.stdout.readline())
     assert (said["type"], said["payload"], said["origin"]) == ("x", [1, 2], "lab")
     listener.send_signal(number)
     assert done(listener) == ""
-    assert state(events, "lab")["proxies"] == []
+    assert consumers(events, "lab") == []
 
 
 def test_tail_that_nobody_reads_any_more_ends(events: Events) -> None:
     listener = events("tail", "lab")
-    eventually(lambda: len(state(events, "lab")["proxies"]) == 1, 20, "the consumer")
+    eventually(lambda: len(consumers(events, "lab")) == 1, 20, "the consumer")
     assert listener.stdout is not None
     listener.stdout.close()
     done(events("push", "lab", "x", "1"))
     listener.wait(20)
     assert listener.stderr is not None and listener.stderr.read() == ""
-    assert state(events, "lab")["proxies"] == []
+    assert consumers(events, "lab") == []
 
 
 def test_links_end_and_begin(events: Events) -> None:
@@ -177,4 +182,4 @@ def test_the_example_clients(launch: Launch, federation: Running, events: Events
     lines = done(consumer).splitlines()
     assert len(lines) == 3
     assert all(str(number) in line for number, line in enumerate(lines))
-    assert [proxy for proxy in state(events, "hall")["proxies"] if proxy["kind"] == "PUSH_SUPPLIER"] == []
+    assert consumers(events, "hall") == []

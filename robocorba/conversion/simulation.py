@@ -1,0 +1,98 @@
+"""Robots that are logged on, and the state of the simulation server, as the IDL has them.
+
+Structs are named tuples with the members' names, which omniORBpy sends as well as the generated classes."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from omniORB import CORBA
+
+from robocorba.simulation.building import State
+from robocorba.simulation.elevator import Phase, Ride
+from robocorba.simulation.load_balance import Load, Sensor
+from robocorba.simulation.management_agent import ServerState
+from robocorba.simulation.physics import Limits
+from robocorba.simulation.registry import Client, Description, Pose
+from robocorba.stubs import RoboCorba
+
+_PHASES = {
+    Phase.WAITING: RoboCorba.WAITING_FOR_CABIN,
+    Phase.BOARDING: RoboCorba.BOARDING,
+    Phase.RIDING: RoboCorba.RIDING,
+    Phase.ALIGHTING: RoboCorba.ALIGHTING,
+}
+_NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
+
+
+class _Velocity(NamedTuple):
+    ahead: float
+    left: float
+    turn: float
+
+
+class _RobotState(NamedTuple):
+    time: float
+    at: Pose
+    moving: _Velocity
+    holding: str
+    riding: Any
+    collisions: int
+    touched: str
+
+
+def description_of(struct: Any) -> Description:
+    """Raises InvalidDescription."""
+    limits = struct.limits
+    return Description(
+        struct.name,
+        pose_of(struct.start),
+        struct.radius,
+        struct.mass,
+        Limits(limits.speed, limits.turn, limits.acceleration, limits.turnAcceleration),
+    )
+
+
+def description(about: Description) -> Any:
+    return RoboCorba.RobotDescription(
+        about.name, about.pose, about.radius_m, about.mass_kg, RoboCorba.MotionLimits(*about.limits)
+    )
+
+
+def pose_of(struct: Any) -> Pose:
+    return Pose(struct.floor, struct.x, struct.y, struct.heading)
+
+
+def robot_state(state: State, holding: str, riding: Ride | None, collisions: int, touched: str) -> Any:
+    return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
+
+
+def ride(found: Ride | None) -> Any:
+    if found is None:
+        return _NO_RIDE
+    return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
+
+
+def server_state(state: ServerState) -> Any:
+    return RoboCorba.ServerState(*state)
+
+
+def client_state(client: Client, at: Pose, silent_s: float, sensor: str) -> Any:
+    return RoboCorba.ClientState(
+        client.name, at, client.since, max(0.0, silent_s), client.call_rate, client.latency_s, sensor
+    )
+
+
+def load(found: Load) -> Any:
+    return RoboCorba.SensorLoad(*found)
+
+
+def load_of(struct: Any) -> Load:
+    """Raises CORBA.BAD_PARAM for what no process can say of itself."""
+    if not all(0.0 <= value <= 1e9 for value in (struct.busy, struct.lag, struct.scanRate)):
+        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+    return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)
+
+
+def sensor_state(sensor: Sensor) -> Any:
+    return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))

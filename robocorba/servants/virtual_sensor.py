@@ -1,0 +1,90 @@
+"""Servants of virtual sensors: those of a sensor process, and what a robot's session hands out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn, Protocol
+
+import omniORB
+from omniORB import CORBA
+
+from robocorba.conversion import scans, simulation
+from robocorba.conversion.errors import translating
+from robocorba.errors import InvalidScan
+from robocorba.sensing.fan import LASER, PROXIMITY
+from robocorba.sensing.reports import Reports
+from robocorba.sensing.virtual_sensor import MOST_RAYS_AT_ONCE, ScanSpec, VirtualSensor
+from robocorba.stubs import RoboCorba__POA
+
+
+class Activator(Protocol):
+    """What gives an object a reference for as long as it is needed."""
+
+    def for_robot(self, name: str) -> Any:
+        """The reference of a robot's sensor."""
+
+    def dismiss(self, name: str) -> None:
+        """It is not needed any more."""
+
+
+class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
+    """RoboCorba::VirtualSensor of a process; of one robot, where `robot` names it."""
+
+    def __init__(self, sensor: VirtualSensor, reports: Reports, activator: Activator, robot: str | None = None) -> None:
+        self._sensor, self._reports, self._activator, self._robot = sensor, reports, activator, robot
+
+    @translating
+    def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
+        return self._scan(robot.floor, [robot], where, wanted)[0]
+
+    @translating
+    def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
+        if len(robots) * wanted.rays > MOST_RAYS_AT_ONCE:
+            raise InvalidScan("rays", f"{len(robots)} x {wanted.rays} are more than {MOST_RAYS_AT_ONCE}")
+        by_floor: dict[str, list[int]] = {}
+        for place, pose in enumerate(robots):
+            by_floor.setdefault(pose.floor, []).append(place)
+        found: list[Any] = [None] * len(robots)
+        for floor, places in by_floor.items():
+            answers = self._scan(floor, [robots[place] for place in places], where, wanted)
+            for place, answer in zip(places, answers, strict=True):
+                found[place] = answer
+        return found
+
+    def _scan(self, floor: str, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
+        spec = scans.spec_of(wanted)
+        seen = self._sensor.scan(floor, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
+        self._reports.saw(self._robot, floor, spec, seen)
+        return scans.scans(seen, spec)
+
+    def laser(self) -> Any:
+        return scans.spec(ScanSpec(LASER))
+
+    @translating
+    def proximity(self, radius: float) -> Any:
+        return scans.spec(ScanSpec(PROXIMITY, radius))
+
+    def _get_load(self) -> Any:
+        return simulation.load(self._reports.load)
+
+    def forRobot(self, name: str) -> Any:
+        if not 0 < len(name) <= 60:
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+        return self._activator.for_robot(name)
+
+    def dismiss(self, name: str) -> None:
+        self._activator.dismiss(name)
+
+
+class RobotSensorServant(RoboCorba__POA.VirtualSensor):
+    """RoboCorba::VirtualSensor that sends its callers on to the process that senses for a robot now.
+
+    find: the reference there; waits while there is none."""
+
+    def __init__(self, find: Callable[[], Any]) -> None:
+        self._find = find
+
+    def _send_on(self, *arguments: Any) -> NoReturn:
+        raise omniORB.LOCATION_FORWARD(self._find())
+
+    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _send_on

@@ -1,0 +1,35 @@
+"""The monitor: how a floor of the running simulation looks, for the 2D simulator."""
+
+from __future__ import annotations
+
+from robocorba.maps.model import Building
+from robocorba.simulation.floor_update import BodyKind, FloorView
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.picture import FloorPainter, SightFan
+
+#: Scans that are older are not shown, simulated s.
+OLD_S = 1.0
+
+
+class Monitor:
+    """Of a simulation on this map. Safe from any thread."""
+
+    def __init__(self, agent: ManagementAgent, building: Building) -> None:
+        self._agent, self._building = agent, building
+        self._painter = FloorPainter(building)
+
+    def png(self, floor: str, width_px: int) -> bytes:
+        """A floor as it is now. Raises UnknownFloor, InvalidPicture."""
+        database = self._agent.database
+        view = FloorView(floor)
+        view.apply(database.floor(floor))
+        fans = [
+            SightFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
+            for scan in database.last_scans(floor)
+            if scan.time >= view.time - OLD_S
+        ]
+        robots = sum(body.kind is BodyKind.ROBOT for body in view.bodies.values())
+        rate = self._agent.state.event_rate
+        who = f"{robots} robot{'s' * (robots != 1)}"
+        caption = f"{self._building.name} · {floor} · {view.time:.1f} s · {who} · {rate:.1f} events/s"
+        return self._painter.png(view, fans, width_px, caption)

@@ -1,0 +1,122 @@
+"""The simulation server: communication management agent, Omni database and 2D simulator of one building."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from robocorba import logs
+from robocorba.errors import NotReachable
+from robocorba.orb import Orb
+from robocorba.remote.announcer import Announcer
+from robocorba.remote.maps import RemoteMap
+from robocorba.remote.sensors import RemoteSensors
+from robocorba.repeating import Repeating
+from robocorba.servants.omni_database import OmniDatabaseServant
+from robocorba.servants.simulation_server import (
+    RobotSessionServant,
+    SimulationAdministratorServant,
+    SimulationServerServant,
+)
+from robocorba.servants.virtual_sensor import RobotSensorServant
+from robocorba.settings import SimulationSettings
+from robocorba.simulation.building import Happening
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.monitor import Monitor
+from robocorba.simulation.session import Session
+from robocorba.simulation.store import SimulationStore
+
+#: The map is asked for edits so often, s.
+MAP_CHECK_S = 0.25
+#: A few threads serve all connections: with one for each, hundreds of robots would leave the simulation no time.
+THREADS = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
+
+
+class SimulationServer:
+    """A simulation and its CORBA objects. Whoever has the reference of a session may act as its robot: the key of it is
+    a secret, and the same whenever this process is started again."""
+
+    def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, channel: str) -> None:
+        self._orb, self._store, self._map = orb, store, remote_map
+        self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._happened, self._gone)
+        self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
+        self._sensors = RemoteSensors(self.agent.sensors)
+        self._monitor = Monitor(self.agent, remote_map.building)
+        self._map_check = Repeating("map", self._follow_map, MAP_CHECK_S)
+
+    def start(self, administrator: Path) -> None:
+        """Let time pass and calls in; write the administrator's reference to that file."""
+        for session in self.agent.sessions.values():
+            self._reference_of(session)
+        self._hand_out(
+            self._orb.activate(SimulationAdministratorServant(self.agent), self._store.secret()), administrator
+        )
+        self.agent.start()
+        self._map_check.start()
+        if self._announcer:
+            self._announcer.start()
+        servant = SimulationServerServant(
+            self.agent, self._reference_of, lambda floor, width: self._monitor.png(floor, width), self._sensors.let_go
+        )
+        database = OmniDatabaseServant(self.agent.database, self._store)
+        self._orb.serve({"SimulationServer": servant, "OmniDatabase": database})
+        self.agent.begin_leases()
+
+    def close(self) -> None:
+        self._map_check.close()
+        if self._announcer:
+            self._announcer.close()
+        self._sensors.close()
+        self.agent.close()
+
+    def _reference_of(self, session: Session) -> Any:
+        sensor = RobotSensorServant(functools.partial(self._sensors.find, session.name))
+        senses = self._orb.activate(sensor, _sensor_key(session))
+        servant = RobotSessionServant(session, self.agent.registry.lease_s, senses)
+        return self._orb.activate(servant, f"sessions/{session.client.key}")
+
+    def _gone(self, session: Session) -> None:
+        self._orb.deactivate_key(f"sessions/{session.client.key}")
+        self._orb.deactivate_key(_sensor_key(session))
+
+    def _happened(self, happening: Happening) -> None:
+        if self._announcer:
+            self._announcer.happened(happening)
+
+    def _follow_map(self) -> None:
+        with contextlib.suppress(NotReachable):
+            if self._map.follow():
+                self.agent.follow_map(self._map.building, self._map.version)
+                self._monitor = Monitor(self.agent, self._map.building)
+
+    def _hand_out(self, reference: Any, file: Path) -> None:
+        """For whoever may read the state folder's files of this user."""
+        with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as out:
+            out.write(self._orb.uri(reference))
+
+
+def _sensor_key(session: Session) -> str:
+    """It does not tell the session's: a robot may let others use its sensor."""
+    return f"sensors/{hashlib.sha256(session.client.key.encode()).hexdigest()}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = SimulationSettings.read(arguments, __doc__ or "")
+    state = settings.server.state
+    logs.setup("simulation", state / "logs")
+    with (
+        SimulationStore(state / "simulation.sqlite") as store,
+        Orb(settings.server.naming, settings.server.endpoint, options=THREADS) as orb,
+        contextlib.closing(SimulationServer(orb, store, RemoteMap(orb), settings.channel)) as server,
+    ):
+        server.start(state / "administrator.ior")
+        orb.run()
+
+
+if __name__ == "__main__":
+    main()

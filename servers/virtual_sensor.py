@@ -1,0 +1,121 @@
+"""A virtual sensor process: it follows the Omni database and the map, and scans for the robots that it is given."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from robocorba import logs
+from robocorba.errors import NotReachable, UnknownFloor
+from robocorba.names import SENSORS
+from robocorba.orb import Orb
+from robocorba.remote.maps import RemoteMap
+from robocorba.remote.simulation import RemoteSimulation
+from robocorba.repeating import Repeating
+from robocorba.sensing.reports import Reports
+from robocorba.sensing.virtual_sensor import VirtualSensor
+from robocorba.servants.virtual_sensor import VirtualSensorServant
+from robocorba.settings import SensorSettings
+
+#: Floors are followed, the map is asked for edits, and the simulation server is told that we are here, so often, s.
+FOLLOW_S, MAP_CHECK_S, REPORT_S = 0.03, 0.25, 0.5
+#: Robots with a sensor of their own; where there are more, the oldest find out that theirs has gone.
+MOST_ROBOTS = 10_000
+
+
+class SensorServer:
+    """A virtual sensor and its CORBA objects."""
+
+    def __init__(self, orb: Orb, name: str) -> None:
+        self._orb, self._name, self._path = orb, name, f"{SENSORS}/{name}"
+        self._map, self._simulation = RemoteMap(orb), RemoteSimulation(orb)
+        self._sensor = VirtualSensor()
+        self._sensor.know(self._map.building)
+        self._sensor.warm_up()
+        self._reports = Reports(self._sensor)
+        self._lock = threading.Lock()
+        self._given: dict[str, tuple[str, Any]] = {}
+        self._number = 0
+        self._known: set[str] = set()
+        self._tasks = [
+            Repeating("follow", self._follow, FOLLOW_S),
+            Repeating("map", self._follow_map, MAP_CHECK_S),
+            Repeating("report", self._report, REPORT_S),
+        ]
+
+    def start(self) -> None:
+        """Follow, and let calls in."""
+        self._itself = VirtualSensorServant(self._sensor, self._reports, self)
+        self._reference = self._orb.activate(self._itself, self._path)
+        for task in self._tasks:
+            task.start()
+        self._orb.serve({self._path: self._itself})
+
+    def close(self) -> None:
+        for task in self._tasks:
+            task.close()
+
+    # ---- what the servants ask for ----
+
+    def for_robot(self, name: str) -> Any:
+        """The reference of a robot's sensor."""
+        with self._lock:
+            if name not in self._given:
+                self._number += 1  # a key is used once: its object may still be busy when it ends
+                key = f"{self._path}/robots/{name}/{self._number}"
+                servant = VirtualSensorServant(self._sensor, self._reports, self, name)
+                self._given[name] = key, self._orb.activate(servant, key)
+            for oldest in list(self._given)[: len(self._given) - MOST_ROBOTS]:
+                self._deactivate(oldest)
+            self._reports.robots = len(self._given)
+            return self._given[name][1]
+
+    def dismiss(self, name: str) -> None:
+        """It is not needed any more."""
+        with self._lock:
+            self._deactivate(name)
+            self._reports.robots = len(self._given)
+
+    def _deactivate(self, name: str) -> None:
+        if name in self._given:
+            self._orb.deactivate_key(self._given.pop(name)[0])
+
+    # ---- in threads of their own ----
+
+    def _follow(self) -> None:
+        for floor in self._sensor.floors:
+            with contextlib.suppress(NotReachable, UnknownFloor):
+                asked_at = time.monotonic()
+                self._sensor.follow(self._simulation.changes(floor, self._sensor.version(floor)), asked_at)
+        robots = self._sensor.robots
+        for name in self._known - robots:
+            self.dismiss(name)
+        self._known = robots
+
+    def _follow_map(self) -> None:
+        with contextlib.suppress(NotReachable):
+            if self._map.follow():
+                self._sensor.know(self._map.building)
+
+    def _report(self) -> None:
+        latest = self._reports.mark()
+        with contextlib.suppress(NotReachable):
+            self._simulation.sensor_is(self._name, self._reference, self._reports.load, latest)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = SensorSettings.read(arguments, __doc__ or "")
+    logs.setup(f"sensor_{settings.name}", settings.server.state / "logs")
+    with (
+        Orb(settings.server.naming, settings.server.endpoint) as orb,
+        contextlib.closing(SensorServer(orb, settings.name)) as server,
+    ):
+        server.start()
+        orb.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,593 @@
+"""The 2D simulator's pictures: the right colour at the right place, now and not before, whatever is in a view."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image, ImageColor
+
+from robocorba.errors import InvalidPicture, UnknownFloor
+from robocorba.maps import drawing
+from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL, to_pixel
+from robocorba.maps.model import (
+    XY,
+    Area,
+    BoxShape,
+    Building,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    FloorMap,
+    GeometricalMap,
+    MapObject,
+    PathEdge,
+    PathNode,
+    SegmentShape,
+    TopologicalMap,
+    Wall,
+)
+from robocorba.maps.sheet import FOOT_PX, GROUND, HEAD_PX, INK
+from robocorba.simulation import picture
+from robocorba.simulation.elevator import Doors, Moment
+from robocorba.simulation.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, SightFan
+
+WIDTH = 800
+SQUARE = ((-1.0, -0.25), (1.0, -0.25), (1.0, 0.25), (-1.0, 0.25))
+#: A body with its x, y, heading and velocity.
+Placed = tuple[Body, float, float, float, XY]
+
+
+def scene() -> Building:
+    """20 m by 12 m; E1 serves L1 and L2, E2 does not serve L1."""
+    outline = ((0.0, 0.0), (20.0, 0.0), (20.0, 12.0), (0.0, 12.0))
+    plan = GeometricalMap(
+        walls={"w": Wall(name="w", a=(0.0, 9.0), b=(12.0, 9.0))},
+        objects={
+            "box": MapObject(name="box", shape=BoxShape(size=(1.0, 1.0)), at=(2.0, 2.0)),
+            "cart": MapObject(name="cart", shape=BoxShape(size=(2.0, 0.5)), at=(6.0, 2.0), movable=True),
+            "rail": MapObject(name="rail", shape=SegmentShape(length=2.0), at=(10.0, 2.0), movable=True),
+        },
+        areas={"a": Area(name="a", polygon=((0.0, 9.0), (12.0, 9.0), (12.0, 12.0), (0.0, 12.0)))},
+    )
+    roads = TopologicalMap(
+        {"n": PathNode(name="n", at=(3.0, 6.0)), "m": PathNode(name="m", at=(9.0, 6.0))},
+        {"r": PathEdge(name="r", a="n", b="m")},
+    )
+    floors = {
+        "L1": FloorMap(Floor(name="L1", level=1, elevation=4.0, outline=outline), plan, roads),
+        "L2": FloorMap(
+            Floor(name="L2", level=2, elevation=8.0, outline=outline),
+            GeometricalMap(objects={"cart": MapObject(name="cart", shape=BoxShape(size=(2.0, 2.0)), at=(4.0, 4.0))}),
+        ),
+    }
+    elevators = {
+        "E1": Elevator("E1", (17.0, 3.0), (2.0, 2.0), (ElevatorDoor("L1", width=1.2), ElevatorDoor("L2"))),
+        "E2": Elevator("E2", (17.0, 9.0), (2.0, 2.0), (ElevatorDoor("L2"),)),
+    }
+    return Building("scene", floors, elevators)
+
+
+def robot(
+    x: float, y: float, heading: float = 0.0, velocity: XY = (0.0, 0.0), name: str = "R", radius: float = 0.5
+) -> Placed:
+    return Body(0, BodyKind.ROBOT, name, radius, (), 100.0), x, y, heading, velocity
+
+
+def cart(x: float, y: float, heading: float = 0.0, outline: tuple[XY, ...] = SQUARE) -> Placed:
+    return Body(0, BodyKind.OBJECT, "cart", 1.0, outline, 20.0), x, y, heading, (0.0, 0.0)
+
+
+def standing(floor: str, opening: float = 0.0) -> Moment:
+    return Moment({"L1": 4.0, "L2": 8.0}[floor], floor, Doors.OPENING, opening, (), ())
+
+
+def view_of(*placed: Placed, floor: str = "L1", **elevators: Moment) -> FloorView:
+    motions = np.array(
+        [(i, *velocity, 0.0, x, y, heading) for i, (_, x, y, heading, velocity) in enumerate(placed)], MOTION
+    )
+    bodies = [body._replace(number=i) for i, (body, *_) in enumerate(placed)]
+    view = FloorView(floor)
+    view.apply(FloorUpdate(floor, 0, 1, 2.5, 1, bodies, [], motions, elevators))
+    return view
+
+
+def fan(x: float, y: float, heading: float, reach: float = 3.0, count: int = 181) -> SightFan:
+    """Half a turn ahead."""
+    return SightFan(x, y, heading, -math.pi / 2, math.pi / 180, np.full(count, reach))
+
+
+class Shown:
+    """What a painter draws of a scene."""
+
+    def __init__(
+        self,
+        view: FloorView,
+        fans: Sequence[SightFan] = (),
+        width: int = WIDTH,
+        caption: str = "",
+        painter: FloorPainter | None = None,
+    ) -> None:
+        self.floor = view.floor
+        self.png = (painter or FloorPainter(scene())).png(view, fans, width, caption)
+        self.image = Image.open(io.BytesIO(self.png))
+        self.image.load()
+        self.rgb = np.asarray(self.image.convert("RGB")).astype(int)
+
+    def at(self, x: float, y: float) -> tuple[int, ...]:
+        """The colour at a place on the floor."""
+        column, row = to_pixel(scene(), self.floor, (x, y), self.image.width)
+        return tuple(self.rgb[row, column].tolist())
+
+    def is_about(self, x: float, y: float, colour: str | Sequence[float]) -> bool:
+        """What stands has its colour but for a few steps."""
+        wanted = ImageColor.getrgb(colour) if isinstance(colour, str) else colour
+        return bool(np.abs(np.subtract(self.at(x, y), wanted)).max() <= 8)
+
+    def count(self, colour: str, rows: slice = slice(0, -FOOT_PX)) -> int:
+        """Pixels of just this colour; by default in all rows but the legend's."""
+        return int((self.rgb[rows] == ImageColor.getrgb(colour)).all(axis=2).sum())
+
+
+@pytest.fixture(scope="module")
+def painter() -> FloorPainter:
+    return FloorPainter(scene())
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, int]]]:
+    """Floor and width of each layer that was drawn."""
+    found: list[tuple[str, int]] = []
+    draw = picture._layer
+
+    def counted(building: Building, floor: str, width: int) -> picture._Layer:
+        found.append((floor, width))
+        return draw(building, floor, width)
+
+    monkeypatch.setattr(picture, "_layer", counted)
+    yield found
+
+
+# ---- what stands ----
+
+
+@pytest.mark.parametrize("width", [200, 801, 1200])
+def test_what_stands_is_where_the_map_says(width: int, painter: FloorPainter) -> None:
+    shown = Shown(view_of(E1=standing("L1")), width=width, painter=painter)
+    assert (shown.image.format, shown.image.mode) == ("PNG", "P")
+    assert shown.image.size == drawing.draw_floor(scene(), "L1", width_px=width).size
+    assert shown.is_about(2.2, 1.7, FIXED)
+    assert shown.is_about(6.0, 10.0, drawing.TINTS[0])
+    assert shown.is_about(17.7, 3.7, CABIN)
+    assert shown.is_about(16.4, 9.0, CLOSED_SHAFT), "E2 does not stop here"
+    column, row = to_pixel(scene(), "L1", (6.0, 9.0), width)
+    around = shown.rgb[row - 1 : row + 2, column]
+    assert np.abs(around - ImageColor.getrgb(WALL)).max(axis=1).min() <= 12
+
+
+def test_roads_are_left_out(painter: FloorPainter) -> None:
+    shown = Shown(view_of(), painter=painter)
+    assert shown.is_about(6.0, 6.0, GROUND)
+    assert shown.is_about(3.0, 6.0, GROUND)
+
+
+def test_a_movable_line_stands(painter: FloorPainter) -> None:
+    """It has no mass: the simulation does not move it."""
+    assert Shown(view_of(), painter=painter).is_about(9.1, 2.0, MOVABLE)
+
+
+# ---- objects ----
+
+
+def test_an_object_is_where_it_is_now(painter: FloorPainter) -> None:
+    nowhere, moved = Shown(view_of(), painter=painter), Shown(view_of(cart(10.0, 5.0)), painter=painter)
+    assert nowhere.is_about(6.8, 2.0, GROUND)
+    assert nowhere.is_about(10.8, 5.0, GROUND)
+    assert moved.is_about(6.8, 2.0, GROUND)
+    assert moved.at(10.8, 5.0) == moved.at(9.2, 4.85) == ImageColor.getrgb(MOVABLE)
+    assert moved.is_about(10.0, 5.6, GROUND)
+
+
+def test_an_object_is_turned_counter_clockwise(painter: FloorPainter) -> None:
+    shown = Shown(view_of(cart(10.0, 5.0, math.radians(30))), painter=painter)
+    along = (0.85 * math.cos(math.radians(30)), 0.85 * math.sin(math.radians(30)))
+    assert shown.at(10.0 + along[0], 5.0 + along[1]) == ImageColor.getrgb(MOVABLE)
+    assert shown.is_about(10.0 + along[0], 5.0 - along[1], GROUND)
+
+
+def test_an_object_has_its_name_where_there_is_room(painter: FloorPainter) -> None:
+    bare = Shown(view_of(cart(10.0, 5.0)), painter=painter).rgb
+    small = tuple((x / 8, y / 2) for x, y in SQUARE)
+    big = tuple((2 * x, 4 * y) for x, y in SQUARE)
+    assert Shown(view_of(cart(10.0, 5.0, outline=small)), painter=painter).at(10.0, 5.0) == ImageColor.getrgb(MOVABLE)
+    named = Shown(view_of(cart(10.0, 5.0, outline=big)), painter=painter)
+    column, row = to_pixel(scene(), "L1", (10.0, 5.0), WIDTH)
+    name = named.rgb[row - 8 : row + 9, column - 20 : column + 21]
+    assert (name == ImageColor.getrgb(GROUND)).all(axis=2).any(), "the halo of its letters"
+    assert bare.shape == named.rgb.shape
+
+
+def test_an_object_without_a_shape_is_not_drawn(painter: FloorPainter) -> None:
+    for outline in ((), ((0.0, 0.0),), ((0.0, 0.0), (1.0, 1.0))):
+        assert (
+            Shown(view_of(cart(10.0, 5.0, outline=outline)), painter=painter).png
+            == Shown(view_of(), painter=painter).png
+        )
+
+
+# ---- robots ----
+
+
+def test_a_robot_is_a_disc_that_looks_ahead(painter: FloorPainter) -> None:
+    for heading in (0.0, 1.0, -2.5, 100.0):
+        shown = Shown(view_of(robot(8.0, 5.0, heading)), painter=painter)
+        dx, dy = 0.3 * math.cos(heading), 0.3 * math.sin(heading)
+        assert shown.at(8.0 - dx, 5.0 - dy) == shown.at(8.0 - dy, 5.0 + dx) == ImageColor.getrgb(ROBOT)
+        assert shown.at(8.0 + dx, 5.0 + dy) == ImageColor.getrgb(GROUND), "the mark"
+    assert shown.at(8.0, 5.45) == ImageColor.getrgb(ROBOT)
+    assert shown.is_about(8.0, 5.65, GROUND)
+
+
+def test_a_small_robot_can_be_seen(painter: FloorPainter) -> None:
+    assert Shown(view_of(robot(8.0, 5.0, radius=0.01)), width=200, painter=painter).count(ROBOT) > 12
+
+
+def test_a_robot_that_drives_has_an_arrow(painter: FloorPainter) -> None:
+    driving = Shown(view_of(robot(8.0, 5.0, velocity=(0.0, 1.0))), painter=painter)
+    assert driving.at(8.0, 6.0) == ImageColor.getrgb(VELOCITY)
+    assert driving.is_about(8.0, 6.6, GROUND)
+    assert Shown(view_of(robot(8.0, 5.0, radius=0.1)), width=200, painter=painter).count(VELOCITY) == 0
+    for velocity in ((0.0, 0.0), (0.01, 0.0), (math.nan, 0.0), (math.inf, 1.0)):
+        assert Shown(view_of(robot(8.0, 5.0, velocity=velocity)), painter=painter).count(VELOCITY) == 0
+
+
+def test_a_robot_covers_an_object(painter: FloorPainter) -> None:
+    shown = Shown(view_of(robot(10.0, 5.0), cart(10.0, 5.0)), painter=painter)
+    assert shown.at(9.7, 5.0) == ImageColor.getrgb(ROBOT)
+    assert shown.at(9.1, 5.0) == ImageColor.getrgb(MOVABLE)
+    column, row = to_pixel(scene(), "L1", (9.5, 5.0), WIDTH)
+    assert (shown.rgb[row, column - 3 : column + 3] == ImageColor.getrgb(GROUND)).all(axis=1).any(), (
+        "a rim between them"
+    )
+
+
+def test_names_stand_below_robots(painter: FloorPainter) -> None:
+    named = Shown(view_of(robot(8.0, 5.0, name="HHHH")), painter=painter)
+    bare = Shown(view_of(robot(8.0, 5.0, name="")), painter=painter)
+    rows, columns = np.nonzero((named.rgb != bare.rgb).any(axis=2))
+    column, row = to_pixel(scene(), "L1", (8.0, 5.0), WIDTH)
+    assert abs((columns.min() + columns.max()) / 2 - column) <= 2
+    assert row + 12 < rows.min() < rows.max() < row + 45
+    assert named.count(INK) > bare.count(INK)
+
+
+@pytest.mark.parametrize("place", [(-0.2, 5.0), (20.2, 5.0), (10.0, -0.3), (10.0, -1.1), (10.0, 12.9)])
+def test_names_stay_in_the_picture(place: XY, painter: FloorPainter) -> None:
+    def letters(x: float, y: float) -> int:
+        """Pixels of a name's letters."""
+        named, bare = (Shown(view_of(robot(x, y, name=name)), painter=painter) for name in ("robot-with-a-name", ""))
+        return int(((named.rgb != bare.rgb).any(axis=2) & (named.rgb == ImageColor.getrgb(INK)).all(axis=2)).sum())
+
+    assert letters(*place) >= 0.7 * letters(9.0, 5.0) > 50
+
+
+@pytest.mark.parametrize(
+    "name", ["Zürich ❄", "第一層", "$x^2$", "a\nb", "\0", "\ud800", "_" * 5000, "%s {0}", "‏עברית", "é" * 40]
+)
+def test_any_name_can_be_written(name: str, painter: FloorPainter, recwarn: pytest.WarningsRecorder) -> None:
+    shown = Shown(view_of(robot(8.0, 5.0, name=name)), caption=name, painter=painter)
+    bare = Shown(view_of(robot(8.0, 5.0, name="")), painter=painter)
+    changed = (shown.rgb != bare.rgb).any(axis=2)
+    assert changed[:HEAD_PX].any(), "the caption"
+    assert changed[HEAD_PX:].any(), "the name"
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(("name", "shown"), [("a\nb", "a□b"), ("_" * 29, "_" * 26 + "…"), ("é" * 5000, "é" * 26 + "…")])
+def test_names_are_one_short_line(name: str, shown: str, painter: FloorPainter) -> None:
+    written, wanted = (Shown(view_of(robot(8.0, 5.0, name=text)), painter=painter) for text in (name, shown))
+    assert written.png == wanted.png
+
+
+def test_the_caption_is_above_the_floor(painter: FloorPainter) -> None:
+    without, captioned = (
+        Shown(view_of(), painter=painter),
+        Shown(view_of(), caption="scene · L1   2.5 s", painter=painter),
+    )
+    assert without.count(INK, slice(0, HEAD_PX)) == 0
+    assert captioned.count(INK, slice(0, HEAD_PX)) > 50
+    cut, long = (Shown(view_of(), width=4096, caption="x" * letters, painter=painter) for letters in (200, 10_000))
+    assert cut.png == long.png
+    assert (captioned.rgb[HEAD_PX:] == without.rgb[HEAD_PX:]).all()
+
+
+# ---- lasers ----
+
+
+def test_a_fan_lights_the_ground(painter: FloorPainter) -> None:
+    def lit(colour: str) -> list[float]:
+        return [a + LIGHT * (b - a) for a, b in zip(ImageColor.getrgb(colour), ImageColor.getrgb(LASER), strict=True)]
+
+    shown = Shown(view_of(), [fan(8.0, 6.0, math.pi / 2, 4.0)], painter=painter)
+    assert shown.is_about(8.0, 7.0, lit(GROUND))
+    assert shown.is_about(6.5, 6.3, lit(GROUND))
+    assert shown.is_about(7.0, 9.6, lit(drawing.TINTS[0])), "an area keeps its tint"
+    assert shown.is_about(8.0, 5.7, GROUND), "behind the laser"
+    assert shown.is_about(12.4, 6.2, GROUND), "beyond what it measured"
+    assert shown.at(8.0, 9.99) == ImageColor.getrgb(LASER) or shown.at(8.0, 10.0) == ImageColor.getrgb(LASER)
+
+
+def test_a_fan_ends_where_its_rays_do(painter: FloorPainter) -> None:
+    distances = np.where(np.arange(181) < 90, 1.0, 4.0)
+    shown = Shown(view_of(), [fan(8.0, 5.0, 0.0)._replace(distances=distances)], painter=painter)
+    ground = shown.at(4.0, 5.0)
+    assert shown.at(9.8, 3.2) == ground, "the first rays are to the right, and short"
+    assert shown.at(9.8, 6.8) != ground
+
+
+def test_fans_over_one_another_light_once(painter: FloorPainter) -> None:
+    one = fan(8.0, 5.0, math.pi / 2)
+    two = Shown(view_of(), [one, one._replace(heading=0.0)], painter=painter)
+    assert two.at(9.0, 6.5) == two.at(7.0, 6.5) == two.at(9.0, 4.0) != two.at(7.0, 4.0)
+
+
+def test_what_moves_is_not_lit(painter: FloorPainter) -> None:
+    lasers = [fan(9.0, 4.0, math.pi / 2), fan(15.0, 3.0, 0.0)]
+    shown = Shown(view_of(cart(10.0, 6.0), robot(8.0, 6.0)), lasers, painter=painter)
+    assert shown.at(16.3, 2.3) == ImageColor.getrgb(CLOSED_SHAFT)
+    assert shown.at(10.8, 6.0) == ImageColor.getrgb(MOVABLE)
+    assert shown.at(7.8, 6.0) == ImageColor.getrgb(ROBOT)
+
+
+def test_fans_that_show_nothing(painter: FloorPainter) -> None:
+    nothing = Shown(view_of(), painter=painter)
+    fans = [
+        fan(8.0, 5.0, 0.0, count=0),
+        fan(8.0, 5.0, 0.0, count=1),
+        fan(math.nan, 5.0, 0.0),
+        fan(8.0, math.inf, 0.0),
+        fan(8.0, 5.0, math.nan),
+        fan(1e7, 5.0, 0.0),
+        fan(1e300, 5.0, 0.0),
+    ]
+    assert Shown(view_of(), fans, painter=painter).png == nothing.png
+
+
+def test_rays_without_an_end(painter: FloorPainter, recwarn: pytest.WarningsRecorder) -> None:
+    distances = np.full(181, 2.0)
+    distances[:60], distances[60:90], distances[90:120] = np.inf, np.nan, -1.0
+    shown = Shown(view_of(), [fan(8.0, 6.0, math.pi / 2)._replace(distances=distances)], painter=painter)
+    assert not shown.is_about(12.0, 7.0, GROUND), "inf: as far as the picture goes"
+    assert shown.is_about(7.98, 6.5, GROUND), "neither NaN nor less than nothing is a way"
+    assert not shown.is_about(6.7, 6.5, GROUND)
+    assert not recwarn.list
+
+
+def test_a_fan_of_many_rays_is_thinned_out(painter: FloorPainter) -> None:
+    rays = np.linspace(2.0, 4.0, 8192)
+    whole = SightFan(8.0, 5.0, 0.0, 0.0, math.pi / 8191, rays)
+    thin = whole._replace(step_rad=math.pi * 12 / 8191, distances=rays[::12])
+    shown, wanted = (Shown(view_of(), [one], painter=painter) for one in (whole, thin))
+    assert shown.png == wanted.png
+    few = fan(8.0, 5.0, 0.0, count=719)._replace(step_rad=math.pi / 718)
+    few.distances[::2] = 1.0
+    assert Shown(view_of(), [few], painter=painter).count(LASER) > 700, "every ray of these"
+
+
+def test_a_ray_without_an_end_keeps_its_way(painter: FloorPainter) -> None:
+    rays = SightFan(2.0, 2.0, 0.0, math.radians(20), math.radians(20), np.array([np.inf, np.inf]))
+    shown = Shown(view_of(), [rays], painter=painter)
+    lit = {
+        angle: not shown.is_about(2 + 6 * math.cos(angle), 2 + 6 * math.sin(angle), GROUND)
+        for angle in (0.3, 0.4, 0.6, 0.8)
+    }
+    assert lit == {0.3: False, 0.4: True, 0.6: True, 0.8: False}
+
+
+# ---- elevators ----
+
+
+def test_a_cabin_stands_out_where_it_is(painter: FloorPainter) -> None:
+    corner = (16.3, 2.3)
+    assert Shown(view_of(E1=standing("L1")), painter=painter).is_about(*corner, CABIN)
+    for elsewhere in (standing("L2"), Moment(5.0, "", Doors.CLOSED, 0.0, (), ())):
+        assert Shown(view_of(E1=elsewhere), painter=painter).at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
+    unknown = Shown(view_of(), painter=painter)
+    assert unknown.at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
+    assert Shown(view_of(E1=standing("L1"), E9=standing("L1")), painter=painter).is_about(*corner, CABIN)
+
+
+def test_a_shaft_says_where_its_cabin_is(painter: FloorPainter) -> None:
+    moments = [
+        standing("L2"),
+        Moment(8.0, "", Doors.CLOSED, 0.0, (), ()),
+        Moment(2.0, "", Doors.CLOSED, 0.0, (), ()),
+        Moment(0.0, "L0", Doors.CLOSED, 0.0, (), ()),
+    ]
+    pictures = {Shown(view_of(E1=moment), painter=painter).png for moment in moments}
+    assert len(pictures) == len(moments)
+
+
+def test_an_arrow_points_to_the_cabin(painter: FloorPainter) -> None:
+    above, below = (Shown(view_of(E1=Moment(z, "", Doors.CLOSED, 0.0, (), ())), painter=painter) for z in (6.0, 2.0))
+    differs = (above.rgb != below.rgb).any(axis=2)
+    rows = [
+        np.nonzero(differs & (shown.rgb == ImageColor.getrgb(INK)).all(axis=2))[0].mean() for shown in (above, below)
+    ]
+    assert rows[0] > rows[1] + 1, "a triangle is wide at its lower end where it points up"
+
+
+def test_an_elevator_that_does_not_stop_here_has_its_name(painter: FloorPainter) -> None:
+    shown = Shown(view_of(), painter=painter)
+    (left, low), (right, top) = (to_pixel(scene(), "L1", corner, WIDTH) for corner in ((16.2, 8.2), (17.8, 9.8)))
+    assert shown.rgb[top:low, left:right].min(axis=2).max() > 240, "the halo of its letters"
+
+
+def test_doors_open_from_the_middle(painter: FloorPainter) -> None:
+    shut, half, wide = (Shown(view_of(E1=standing("L1", share)), painter=painter) for share in (0.0, 0.5, 1.0))
+    middle, side = (17.0, 2.0), (17.45, 2.0)
+    assert shut.is_about(*middle, DOOR)
+    assert shut.is_about(*side, DOOR)
+    assert half.at(*middle) == ImageColor.getrgb(GROUND)
+    assert half.at(17.35, 2.0) == half.at(16.65, 2.0) == ImageColor.getrgb(DOOR)
+    assert half.at(17.25, 2.0) == half.at(16.75, 2.0) == ImageColor.getrgb(GROUND)
+    assert wide.at(*middle) == wide.at(*side) == ImageColor.getrgb(GROUND)
+    elsewhere = Shown(view_of(E1=standing("L2", 1.0)), painter=painter)
+    assert elsewhere.is_about(*middle, DOOR), "its doors are open on another floor"
+
+
+def test_a_share_that_cannot_be(painter: FloorPainter) -> None:
+    shut, wide = (Shown(view_of(E1=standing("L1", share)), painter=painter).png for share in (0.0, 1.0))
+    assert Shown(view_of(E1=standing("L1", math.nan)), painter=painter).png == shut
+    assert Shown(view_of(E1=standing("L1", -3.0)), painter=painter).png == shut
+    assert Shown(view_of(E1=standing("L1", 7.0)), painter=painter).png == wide
+
+
+# ---- what is not there ----
+
+
+def test_a_floor_with_nobody_on_it(painter: FloorPainter) -> None:
+    shown = Shown(view_of(floor="L2"), painter=painter)
+    assert shown.count(ROBOT) == 0
+    assert shown.is_about(8.0, 5.0, GROUND)
+    assert shown.is_about(3.2, 3.2, FIXED), "only the one on L1 can be moved"
+
+
+def test_what_is_far_away_or_nowhere_is_not_drawn(painter: FloorPainter, recwarn: pytest.WarningsRecorder) -> None:
+    nobody = Shown(view_of(), painter=painter).png
+    places = [(-50.0, 5.0), (8.0, 500.0), (1e6, 1e6), (-1e308, 1e308), (math.nan, 5.0), (8.0, math.inf)]
+    for x, y in places:
+        assert Shown(view_of(robot(x, y, velocity=(0.1, 0.0)), cart(x, y)), painter=painter).png == nobody
+    assert Shown(view_of(robot(8.0, 5.0, math.nan), cart(8.0, 5.0, math.inf)), painter=painter).png == nobody
+    assert not recwarn.list
+
+
+def test_a_robot_at_the_edge_is_drawn_as_far_as_it_is_in(painter: FloorPainter) -> None:
+    shown = Shown(view_of(robot(-0.7, 5.0)), painter=painter)
+    assert 0 < shown.count(ROBOT) < Shown(view_of(robot(8.0, 5.0)), painter=painter).count(ROBOT)
+
+
+def test_what_cannot_be_drawn(painter: FloorPainter) -> None:
+    with pytest.raises(UnknownFloor, match="L1, L2"):
+        painter.png(view_of(floor="L9"), (), WIDTH)
+    for width in (-1, 0, 199, 4097, 2**32 - 1):
+        with pytest.raises(InvalidPicture, match="width"):
+            painter.png(view_of(), (), width)
+    assert Shown(view_of(), width=200, painter=painter).image.width == 200
+    assert Shown(view_of(), width=4096, painter=painter).image.width == 4096
+
+
+def test_a_building_without_anything() -> None:
+    empty = Building("empty", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
+    png = FloorPainter(empty).png(view_of(robot(0.0, 0.0, radius=5.0)), [fan(0.0, 0.0, 0.0)], 300, "empty")
+    assert Image.open(io.BytesIO(png)).width == 300
+
+
+# ---- layers ----
+
+
+def test_a_layer_is_drawn_once_and_stays_clean(drawn: list[tuple[str, int]]) -> None:
+    painter = FloorPainter(scene())
+    before = Shown(view_of(), painter=painter)
+    crowd = view_of(*(robot(x, 5.0) for x in range(1, 19)), cart(5.0, 7.0), E1=standing("L1", 0.4))
+    Shown(crowd, [fan(8.0, 5.0, 1.0)], caption="crowd", painter=painter)
+    assert Shown(view_of(), painter=painter).png == before.png
+    assert drawn == [("L1", WIDTH)]
+    Shown(view_of(floor="L2"), painter=painter)
+    Shown(view_of(), width=400, painter=painter)
+    assert drawn[1:] == [("L2", WIDTH), ("L1", 400)]
+
+
+def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch: pytest.MonkeyPatch) -> None:
+    painter = FloorPainter(scene())
+    sizes = {
+        width: math.prod(Shown(view_of(), width=width, painter=FloorPainter(scene())).image.size)
+        for width in (300, 301, 302)
+    }
+    monkeypatch.setattr(picture, "MOST_KEPT_PX", sum(sizes.values()) - 1)
+    drawn.clear()
+    for width in (300, 301, 300, 302, 300, 302, 301):
+        Shown(view_of(), width=width, painter=painter)
+    assert [width for _, width in drawn] == [300, 301, 302, 301]
+
+
+def test_a_layer_that_is_larger_than_all_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(picture, "MOST_KEPT_PX", 1)
+    painter = FloorPainter(scene())
+    assert Shown(view_of(), painter=painter).png == Shown(view_of(), painter=painter).png
+
+
+def test_threads_draw_at_the_same_time(drawn: list[tuple[str, int]]) -> None:
+    painter = FloorPainter(scene())
+    crowd = [robot(x, y, x + y, (0.5, -0.5), f"robot-{x}-{y}") for x in range(1, 19, 3) for y in range(1, 12, 3)]
+    asked = [(floor, width) for floor in ("L1", "L2") for width in (300, 400)] * 6
+
+    def draw(which: tuple[str, int]) -> bytes:
+        floor, width = which
+        return painter.png(
+            view_of(*crowd, cart(4.0, 4.0), floor=floor), [fan(8.0, 5.0, 1.0)], width, f"{floor} {width}"
+        )
+
+    with ThreadPoolExecutor(8) as pool:
+        pictures = list(pool.map(draw, asked))
+    assert sorted(drawn) == sorted(set(asked)), "each layer once"
+    assert pictures == [draw(which) for which in asked]
+
+
+# ---- anything ----
+
+finite = st.one_of(st.floats(-30.0, 30.0), st.floats(allow_nan=False, allow_infinity=False))
+single = st.floats(width=32, allow_nan=False, allow_infinity=False)
+outlines = st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 2), max_size=6).map(tuple)
+bodies = st.builds(
+    Body,
+    number=st.just(0),
+    kind=st.sampled_from(BodyKind),
+    name=st.text(max_size=40),
+    radius_m=st.floats(0.0, 1e6),
+    outline=outlines,
+    mass_kg=st.just(1.0),
+)
+placed_bodies = st.lists(st.tuples(bodies, finite, finite, finite, st.tuples(single, single)), max_size=8)
+fans = st.lists(
+    st.builds(
+        SightFan,
+        x=finite,
+        y=finite,
+        heading=finite,
+        first_rad=st.floats(-7, 7),
+        step_rad=st.floats(0.001, 7),
+        distances=st.lists(st.floats(), max_size=20).map(np.array),
+    ),
+    max_size=3,
+)
+moments = st.builds(
+    Moment,
+    height=finite,
+    floor=st.sampled_from(["", "L1", "L2", "L9"]),
+    doors=st.sampled_from(Doors),
+    opening=st.floats(0.0, 1.0),
+    riders=st.just(()),
+    queue=st.just(()),
+)
+WIDTHS = (200, 333, 640)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.sampled_from(["L1", "L2"]), placed_bodies, fans, moments, st.sampled_from(WIDTHS), st.text(max_size=250))
+def test_any_view_gives_a_picture(
+    floor: str, placed: list[Placed], seen: list[SightFan], moment: Moment, width: int, caption: str
+) -> None:
+    shown = Shown(view_of(*placed, floor=floor, E1=moment), seen, width, caption, ANY)
+    assert shown.image.size == (width, drawing.Frame(scene(), floor, width, True).height)
+    assert shown.image.format == "PNG"
+
+
+ANY = FloorPainter(scene())

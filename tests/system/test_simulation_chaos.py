@@ -1,0 +1,59 @@
+"""Kills of the simulation server, of sensor processes and of clients, and what became of every robot.
+
+With more rounds and a table: python -m bench.simulation_chaos"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.stubs import RoboCorba
+from tests.system.processes import eventually
+from tests.system.simulation_place import BACK_LIMIT_S, GONE, Chaos, Place, away, complaints, simulation
+
+pytestmark = pytest.mark.system
+ROUNDS = 3
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    with simulation(tmp_path_factory.mktemp("simulation"), sensors=2) as place:
+        yield place
+
+
+def test_who_is_killed_makes_room_and_nobody_else_loses_anything(place: Place) -> None:
+    with contextlib.closing(Chaos(place, seed=1)) as chaos:
+        for _ in range(ROUNDS):
+            outcome = chaos.round()
+            print(f"\n{outcome}")
+            assert outcome.is_right, outcome
+    assert {process.state for process in place.running.record().processes} == {"running"}
+    assert [line for line in complaints(place.running.state) if "ended by SIGKILL" not in line] == []
+
+
+def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_server(place: Place) -> None:
+    floor = RoboCorba.Element(aFloor=RoboCorba.Floor("roof", 9, 40.0, 3.0, []))
+    version = place.editor.create("", floor)
+    eventually(lambda: "roof" in place.database.floors())
+    before = place.log_on("a", 3.0, 3.0, floor="roof")
+    place.editor.remove(RoboCorba.ElementId(RoboCorba.FLOOR_ELEMENT, "", "roof"), version)
+    eventually(lambda: "roof" not in place.database.floors())
+    with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+        before.state()
+    a = place.log_on("a", 3.0, 12.0)
+    began = a.state().time
+    eventually(lambda: a.state().time > began + 0.5, what="all is written")
+    place.kill("simulation")
+
+    def answers() -> bool:
+        with contextlib.suppress(*GONE):
+            return away(a.state(), RoboCorba.Pose("L1", 3.0, 12.0, 0.0)) == 0.0
+        return False
+
+    eventually(answers, BACK_LIMIT_S, "the robot is back")
+    assert "a" in place.names
+    with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+        before.state()
