@@ -12,8 +12,12 @@ from robocorba import __version__
 from robocorba.commands.events import app as events_app
 from robocorba.commands.map import app as map_app
 from robocorba.commands.path import path
+from robocorba.commands.record import record
+from robocorba.commands.replay import replay
+from robocorba.commands.simulation import app as simulation_app
 from robocorba.commands.status import status
 from robocorba.commands.up import up
+from robocorba.commands.watch import watch
 
 app = typer.Typer(
     help="A CORBA-based cooperative mobile robot system.",
@@ -24,6 +28,10 @@ app = typer.Typer(
 app.command()(up)
 app.command()(status)
 app.command()(path)
+app.command()(watch)
+app.command()(record)
+app.command()(replay)
+app.add_typer(simulation_app, name="simulation")
 app.add_typer(map_app, name="map")
 app.add_typer(events_app, name="events")
 

@@ -1,0 +1,69 @@
+"""robocorba record: what happens on the floors of the running simulation, into a file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress, reporting
+from robocorba.errors import NotReachable
+from robocorba.maps import native
+from robocorba.orb import Orb
+from robocorba.remote.floors import RemoteFloors
+from robocorba.settings import Settings
+from robocorba.simulation.recording import Recorder
+from robocorba.stubs import RoboCorba
+
+#: How often floors are asked.
+EVERY_S = 0.05
+LONGEST_PAUSE_S = 1.0
+#: A server that is away is waited for so long.
+AWAY_LIMIT_S = 30.0
+
+
+def record(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, such as monday.mcap.")],
+    floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Record this floor only; repeatable.")] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Record so long; 0: until Ctrl-C.")] = 0.0,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a file that is there.")] = False,
+    naming: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+    ] = None,
+) -> None:
+    """Record floors of the running simulation, 20 times a second, until Ctrl-C or SIGTERM."""
+    with reporting("record"), Orb(Settings.read(naming=naming).naming) as orb:
+        stop = Stop()
+        floors = floor or []
+        RemoteFloors(orb, floors).follow(FIND_S)  # what is wrong is told before there is a file
+        editor = orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_S)
+        recorder = Recorder(file, native.loads(editor.exportMap(), "the served map"), overwrite=force)
+        try:
+            with recorder:
+                follow(RemoteFloors(orb, floors), recorder, seconds, stop)
+        finally:
+            typer.echo(f"wrote {file}: {recorder.count} updates, {recorder.size} bytes")
+
+
+def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop) -> None:
+    """Write what changes, until the stop. Raises UnknownFloor, StateDamaged, NotReachable."""
+    absence = Absence(AWAY_LIMIT_S)
+    began = time.time()
+    written_at: dict[str, float] = {}
+    with progress(seconds) as bar:
+        for passed_s in stop.ticks(EVERY_S, seconds):
+            try:
+                updates = floors.follow(FIND_AGAIN_S)
+                absence.end()
+            except NotReachable as wrong:
+                bar(passed_s, absence.go_on(wrong))
+                continue
+            for update in updates:
+                # Where nothing happens, time goes on all the same.
+                if update.version != update.since or passed_s - written_at[update.floor] >= LONGEST_PAUSE_S:
+                    recorder.write(update, began + passed_s)
+                    written_at[update.floor] = passed_s
+            simulated_s = max((update.time for update in updates), default=0.0)
+            bar(passed_s, f"simulated time {simulated_s:.1f} s, {recorder.count} updates, {recorder.size} bytes")

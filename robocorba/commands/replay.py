@@ -1,0 +1,118 @@
+"""robocorba replay: a recording in the terminal, as a picture, as a video. No server is needed."""
+
+from __future__ import annotations
+
+import io
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+
+from robocorba.commands.scene import Scene, as_tables, elevators, robots, show
+from robocorba.commands.waiting import Stop, progress, reporting
+from robocorba.commands.watch import SHOW_S
+from robocorba.errors import StateDamaged
+from robocorba.settings import InvalidSetting
+from robocorba.simulation.floor_update import FloorView
+from robocorba.simulation.recording import Recording
+
+#: The floor as a PNG file, so many seconds after the recording's begin.
+Draw = Callable[[float, FloorView], bytes]
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording.")],
+    floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
+    speed: Annotated[float, typer.Option(metavar="X", min=0.01, max=1000.0, help="So many times as fast.")] = 1.0,
+    at: Annotated[
+        float | None, typer.Option(metavar="S", min=0.0, help="Only how it was after so many seconds.")
+    ] = None,
+    png: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw a floor --at S, or at the end.")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file.")] = None,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures a second of the video.")] = 10,
+    width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video.")] = 960,
+) -> None:
+    """Show what was recorded."""
+    with reporting("replay"):
+        recording = Recording(file)
+        if not recording.count:
+            raise StateDamaged(str(file), "nothing was recorded in it")
+        at_s = math.inf if at is None else at
+        if png:
+            draw_one(recording, one_of(recording, floor or []), at_s, png, width)
+        if video:
+            film(recording, one_of(recording, floor or []), video, speed, fps, width)
+        if png or video:
+            return
+        if at is None and Console().is_terminal:
+            show_live(recording, floor or [], speed)
+        else:
+            show(scene(recording.at(at_s, floor or [])))
+
+
+def one_of(recording: Recording, floors: Sequence[str]) -> str:
+    """The floor that was chosen, or the first. Raises InvalidSetting."""
+    if len(floors) > 1:
+        raise InvalidSetting("--floor", ", ".join(floors), "a picture shows one floor")
+    return floors[0] if floors else recording.floors[0]
+
+
+def scene(views: Mapping[str, FloorView]) -> Scene:
+    """What a recording knows of floors."""
+    return Scene(robots=robots(views.values()), elevators=elevators(views.values()))
+
+
+def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
+    """Tables on the terminal, as time goes by. Raises UnknownFloor, StateDamaged."""
+    stop = Stop()
+    began = time.monotonic()
+    with Live(auto_refresh=False) as live:
+        for at_s, views in recording.moments(SHOW_S * speed, floors):
+            if stop.wait(began + at_s / speed - time.monotonic()):
+                return
+            note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
+            live.update(as_tables(scene(views), note, "bold"), refresh=True)
+    if not recording.is_complete:
+        typer.echo("here the recorder was killed, or it is still at work")
+
+
+def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
+    """A floor as it was, as a PNG file. Raises UnknownFloor, InvalidPicture, StateDamaged, InvalidSetting."""
+    picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
+    try:
+        file.write_bytes(picture)
+    except OSError as wrong:
+        raise InvalidSetting("--png", str(file), wrong.strerror or str(wrong)) from None
+    typer.echo(f"drew {file}")
+
+
+def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
+    """All of a recording as a video, as far as it came before a stop.
+
+    Raises UnknownFloor, InvalidPicture, StateDamaged, VideoError."""
+    from PIL import Image  # here and below: what pictures need takes a second to load
+
+    from robocorba.video import VideoFile
+
+    stop, draw = Stop(), painting(recording, width_px)
+    size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
+    with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:
+        for at_s, views in recording.moments(speed / fps, [floor]):
+            video.add(draw(at_s, views[floor]))
+            bar(at_s, f"{video.count} pictures")
+            if stop.wait(0.0):
+                break
+    typer.echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {video.size[0]} x {video.size[1]}")
+
+
+def painting(recording: Recording, width_px: int) -> Draw:
+    """How floors are drawn on the recorded map."""
+    from robocorba.simulation.picture import FloorPainter
+
+    painter = FloorPainter(recording.building)
+    return lambda at_s, view: painter.png(view, (), width_px, f"{view.floor}, {at_s:.1f} s")

@@ -1,0 +1,227 @@
+"""What is to be seen of a simulation, as tables: live in the terminal, in pipes, as JSON."""
+
+from __future__ import annotations
+
+import json as json_format
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from omniORB import CORBA
+from rich.console import Console, Group
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from robocorba.commands.waiting import FIND_AGAIN_S
+from robocorba.errors import NotReachable
+from robocorba.orb import Orb, describe
+from robocorba.remote.floors import CALL_LIMIT_S, RemoteFloors
+from robocorba.simulation.floor_update import BodyKind, FloorView
+from robocorba.stubs import RoboCorba
+
+#: What is known of a robot, an elevator, a sensor process or the server.
+Row = dict[str, Any]
+
+
+class Scene(NamedTuple):
+    """What is shown: metres, seconds, radians. A replay has neither server nor sensors."""
+
+    server: Sequence[Row] = ()
+    robots: Sequence[Row] = ()
+    elevators: Sequence[Row] = ()
+    sensors: Sequence[Row] = ()
+
+
+class System:
+    """The running simulation, as it is seen on some floors or on all; found again where it was away."""
+
+    def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
+        self._orb = orb
+        self._floors = RemoteFloors(orb, floors)
+        self._server: Any = None
+
+    def look(self, find_s: float = FIND_AGAIN_S) -> Scene:
+        """What there is now. Raises UnknownFloor, NotReachable."""
+        self._floors.follow(find_s)
+        views = list(self._floors.views.values())
+        try:
+            if self._server is None:
+                interface = RoboCorba.SimulationServer
+                self._server = self._orb.resolve("SimulationServer", interface, find_s, CALL_LIMIT_S)
+            return Scene(
+                [plain(self._server._get_state())],
+                clients(self._server.clients(), views),
+                elevators(views),
+                [sensor(state) for state in self._server.sensors()],
+            )
+        except CORBA.SystemException as wrong:
+            self._server = None
+            raise NotReachable(f"the simulation server does not answer ({describe(wrong)})") from None
+
+
+# ---- what is known, as rows ----
+
+
+def plain(struct: Any) -> Row:
+    """A struct of numbers and strings."""
+    return dict(vars(struct))
+
+
+def robots(views: Iterable[FloorView]) -> list[Row]:
+    """Robots as the floors know them."""
+    return [
+        {
+            "name": body.name,
+            "floor": view.floor,
+            "x": float(motion["x"]),
+            "y": float(motion["y"]),
+            "heading": float(motion["heading"]),
+            "speed": math.hypot(motion["vx"], motion["vy"]),
+        }
+        for view in views
+        for body, motion in zip(view.bodies.values(), view.motions, strict=True)
+        if body.kind is BodyKind.ROBOT
+    ]
+
+
+def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
+    """Robots as the server knows them (each a ClientState), where they are on one of the floors."""
+    speeds = {row["name"]: row["speed"] for row in robots(views)}
+    floors = {view.floor for view in views}
+    return [
+        {
+            "name": state.name,
+            **plain(state.at),
+            "speed": speeds.get(state.name, 0.0),
+            "since": state.since,
+            "silent": state.silent,
+            "callRate": state.callRate,
+            "latency": state.latency,
+            "sensor": state.sensor,
+        }
+        for state in states
+        if state.at.floor in floors
+    ]
+
+
+def elevators(views: Iterable[FloorView]) -> list[Row]:
+    """Those that serve the floors; `cabin` is empty on the way."""
+    moments = {name: moment for view in views for name, moment in view.elevators.items()}
+    return [
+        {
+            "name": name,
+            "cabin": moment.floor,
+            "height": moment.height,
+            "doors": moment.doors.name,
+            "opening": moment.opening,
+            "riders": list(moment.riders),
+            "queue": list(moment.queue),
+        }
+        for name, moment in moments.items()
+    ]
+
+
+def sensor(state: Any) -> Row:
+    """A SensorState."""
+    return {"name": state.name, **plain(state.load), "robots": state.robots}
+
+
+# ---- rows as tables ----
+
+
+def _word(value: object) -> str:
+    text = str(value)
+    return text if text.isprintable() else repr(text)[1:-1]
+
+
+def _words(values: Iterable[str]) -> str:
+    return ", ".join(map(_word, values))
+
+
+def _pace(value: float) -> str:
+    return f"{value:g}" if value else "as fast as it can"
+
+
+#: Of each table: title, key in the row, and how a value is written.
+_COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
+    "server": (
+        ("robots", "robots", str),
+        ("limit", "limit", str),
+        ("time [s]", "time", "{:.1f}".format),
+        ("pace", "pace", _pace),
+        ("achieved", "achieved", "{:.2f}".format),
+        ("paused", "paused", lambda value: "yes" if value else "no"),
+        ("collisions", "collisions", str),
+        ("events/s", "eventRate", "{:.1f}".format),
+        ("map version", "mapVersion", str),
+    ),
+    "robot": (
+        ("robot", "name", _word),
+        ("floor", "floor", _word),
+        ("x [m]", "x", "{:.2f}".format),
+        ("y [m]", "y", "{:.2f}".format),
+        ("heading [°]", "heading", lambda value: f"{math.degrees(value):.0f}"),
+        ("speed [m/s]", "speed", "{:.2f}".format),
+        ("silent [s]", "silent", "{:.2f}".format),
+        ("calls/s", "callRate", "{:.1f}".format),
+        ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
+        ("sensor", "sensor", _word),
+    ),
+    "elevator": (
+        ("elevator", "name", _word),
+        ("cabin", "cabin", lambda value: _word(value) or "on its way"),
+        ("height [m]", "height", "{:.2f}".format),
+        ("doors", "doors", str.lower),
+        ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
+        ("riders", "riders", _words),
+        ("queue", "queue", _words),
+    ),
+    "sensor": (
+        ("sensor process", "name", _word),
+        ("robots", "robots", str),
+        ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
+        ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),
+        ("scans/s", "scanRate", "{:.1f}".format),
+    ),
+}
+
+
+def tables(scene: Scene) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+    """Kind of row, titles and cells of each table that has rows."""
+    found = []
+    for (kind, columns), rows in zip(_COLUMNS.items(), scene, strict=True):
+        if rows:
+            shown = [column for column in columns if column[1] in rows[0]]
+            cells = [tuple(write(row[key]) for _, key, write in shown) for row in rows]
+            found.append((kind, tuple(title for title, _, _ in shown), cells))
+    return found
+
+
+def as_json(scene: Scene) -> str:
+    """All of it, with the members of the IDL; doors by the names of simulation.elevator.Doors."""
+    return json_format.dumps({**scene._asdict(), "server": scene.server[0]}, indent=2)
+
+
+def show(scene: Scene) -> None:
+    """Print tables; without a terminal one line a row, which begins with its kind, with tabs between."""
+    console = Console()
+    if console.is_terminal:
+        console.print(as_tables(scene))
+        return
+    for kind, _, rows in tables(scene):
+        for row in rows:
+            print(kind, *row, sep="\t", flush=True)
+
+
+def as_tables(scene: Scene, note: str = "", style: str = "bold red") -> Group:
+    """For the terminal, with a note below."""
+    parts: list[Table | Text] = []
+    for _, titles, rows in tables(scene):
+        table = Table()
+        for title in titles:
+            table.add_column(escape(title), justify="right" if "[" in title or title.endswith("/s") else "left")
+        for row in rows:
+            table.add_row(*map(escape, row))  # a name may be any text, such as [/]
+        parts.append(table)
+    return Group(*parts, *([Text(note, style)] if note else []))

@@ -1,0 +1,91 @@
+"""robocorba simulation: what an administrator of the simulation server may do."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from robocorba.commands.waiting import reporting
+from robocorba.errors import NotReachable
+from robocorba.orb import Orb
+from robocorba.settings import Settings
+from robocorba.stubs import RoboCorba
+
+#: Steps are waited for.
+CALL_LIMIT_S = 60.0
+#: In the state folder.
+FILE = "administrator.ior"
+
+app = typer.Typer(help="Set limits and pace of the simulation, and log robots off.", no_args_is_help=True)
+State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
+
+
+@app.command()
+def limit(
+    robots: Annotated[int, typer.Argument(min=0, help="Robots at most. Those who are logged on stay.")],
+    state: State = None,
+) -> None:
+    """Let at most so many robots log on."""
+    with _administrator(state) as administrator:
+        administrator.setLimit(robots)
+
+
+@app.command()
+def evict(robot: str, state: State = None) -> None:
+    """Log a robot off."""
+    with _administrator(state) as administrator:
+        administrator.evict(robot)
+
+
+@app.command()
+def pace(
+    seconds: Annotated[
+        float, typer.Argument(help="Simulated seconds in a second; 1: real time, 0: as many as can be.")
+    ],
+    state: State = None,
+) -> None:
+    """Let time pass faster or slower."""
+    with _administrator(state) as administrator:
+        administrator.setPace(seconds)
+
+
+@app.command()
+def pause(state: State = None) -> None:
+    """Let time stand."""
+    with _administrator(state) as administrator:
+        administrator.pause()
+
+
+@app.command()
+def resume(state: State = None) -> None:
+    """Let time pass again."""
+    with _administrator(state) as administrator:
+        administrator.resume()
+
+
+@app.command()
+def step(
+    steps: Annotated[int, typer.Argument(help="Of 0.02 s each, at most 10,000.")] = 1, state: State = None
+) -> None:
+    """While time stands: let so many steps pass."""
+    with _administrator(state) as administrator:
+        administrator.step(steps)
+
+
+@contextlib.contextmanager
+def _administrator(state: Path | None) -> Iterator[Any]:
+    with reporting("simulation"):
+        settings = Settings.read(state=state)
+        file = settings.state / FILE
+        try:
+            reference = file.read_text()
+        except OSError as wrong:
+            raise NotReachable(
+                f"no simulation server runs in {settings.state} ({file.name}: {wrong.strerror})"
+            ) from None
+        with Orb(settings.naming, call_timeout_s=CALL_LIMIT_S) as orb:
+            yield orb.reference(reference, RoboCorba.SimulationAdministrator)

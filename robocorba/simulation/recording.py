@@ -1,0 +1,278 @@
+"""A recording of the simulated building: an MCAP file with the updates of its floors, and the map.
+
+What MCAP tools see: an attachment with the map (a native map file, gzipped), a topic for each floor with the messages
+that SCHEMA describes, chunks compressed with zstd. `log_time` is when an update was recorded, `publish_time` that of
+the simulation, both in ns. A chunk is written each second, and what was written can be read: also while it is recorded,
+and when the recorder was killed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from io import BufferedWriter, BytesIO, FileIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import msgspec
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Header, Message
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC, Writer
+
+from robocorba import __version__
+from robocorba.errors import MapFileError, OutOfStep, StateDamaged, UnknownFloor
+from robocorba.maps import native
+from robocorba.maps.model import Building
+from robocorba.simulation.floor_format import dumps, loads
+from robocorba.simulation.floor_update import FloorUpdate, FloorView
+
+PROFILE = "x-robocorba"
+MAP = "building.yaml.gz"
+TOPIC = "floor/"
+ENCODING = "msgpack"
+#: How much is lost at most when a recorder is killed, s.
+CHUNK_S = 1.0
+NS = 1_000_000_000
+
+SCHEMA = b"""// RoboCorba::FloorUpdate of omni_database.idl in msgpack: a struct is a map from the names of its members,
+// an enumerator its number, counted from 0.
+
+enum BodyKind { ROBOT_BODY, OBJECT_BODY };
+struct XY { double x; double y; };
+struct Body {
+  unsigned long number;
+  BodyKind kind;
+  string name;
+  double radius;
+  sequence<XY> outline;
+  double mass;
+};
+
+enum DoorPhase { CLOSED, DOORS_OPENING, OPEN, DOORS_CLOSING };
+struct ElevatorState {
+  string name;
+  string cabin;
+  double height;
+  DoorPhase doors;
+  double opening;
+  sequence<string> riders;
+  sequence<string> queue;
+};
+
+struct FloorUpdate {
+  string floorName;
+  unsigned long long since;
+  unsigned long long current;
+  double time;
+  unsigned long long mapVersion;
+  sequence<Body> came;
+  sequence<unsigned long> went;
+  // 40 bytes a body that moved, little-endian: unsigned long number; float vx, vy, turn; double x, y, heading
+  sequence<octet> motions;
+  sequence<ElevatorState> elevators;
+};
+"""
+
+#: What the parsers make of bytes that they were not made for.
+_DAMAGE: tuple[Any, ...] = (McapError, struct.error, zlib.error, zstandard.ZstdError, msgspec.MsgspecError)
+_DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeError, MapFileError, OutOfStep)
+_PREFIX = struct.Struct("<BQ")
+
+
+class _Message(NamedTuple):
+    floor: str
+    log_time: int
+    data: bytes
+
+
+class Recorder:
+    """Writes a recording, in a `with`; what is there already stays, unless told to `overwrite` it.
+
+    Raises StateDamaged where the file can't be written."""
+
+    def __init__(self, path: Path, building: Building, overwrite: bool = False) -> None:
+        self.path = path
+        #: Updates, and bytes that are on their way to the disk.
+        self.count = self.size = 0
+        self._flushed_at = 0.0
+        self._channels: dict[str, int] = {}
+        with _writing(path):
+            self._file = BufferedWriter(FileIO(path, "wb" if overwrite else "xb"))
+            self._writer = Writer(self._file)
+            self._writer.start(PROFILE, f"robocorba {__version__}")
+            document = gzip.compress(native.dumps(building).encode(), mtime=0)
+            self._writer.add_attachment(0, 0, MAP, "application/gzip", document)
+            self._schema = self._writer.register_schema("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
+        self.flush()
+
+    def write(self, update: FloorUpdate, at_s: float) -> None:
+        """Add an update that was received at a time, s since 1970."""
+        with _writing(self.path):
+            self._writer.add_message(
+                self._channel(update.floor), round(at_s * NS), dumps(update), round(update.time * NS), self.count
+            )
+        self.count += 1
+        if not 0.0 <= at_s - self._flushed_at < CHUNK_S:
+            self._flushed_at = at_s
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what `write` still holds back; nothing that happens to this process harms it any more."""
+        with _writing(self.path):
+            self._writer.flush()
+        self.size = self._file.tell()
+
+    def _channel(self, floor: str) -> int:
+        if floor not in self._channels:
+            self._channels[floor] = self._writer.register_channel(f"{TOPIC}{floor}", ENCODING, self._schema)
+        return self._channels[floor]
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with _writing(self.path), self._file:
+            if not isinstance(error, StateDamaged):  # behind half a chunk nothing more would be found
+                self._writer.finish()
+            self.size = self._file.tell()
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as wrong:
+        raise StateDamaged(str(path), wrong.strerror or str(wrong)) from None
+
+
+class Recording:
+    """A recording as it is when this is made: all of it, or what was written before its recorder was killed.
+
+    `began` is in s since 1970; `floors` those that were recorded. Raises StateDamaged for any other file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.floors: list[str] = []
+        self.count = 0
+        self.began = self.duration_s = 0.0
+        #: Whether the recorder came to its end.
+        self.is_complete = False
+        document = None
+        with self._reading():
+            self._size = path.stat().st_size
+            for record in self._records():
+                if isinstance(record, Attachment) and record.name == MAP:
+                    document = gzip.decompress(record.data)
+                elif isinstance(record, _Message):
+                    self._note(record)
+            if document is None:
+                raise StateDamaged(str(path), "there is no map in it")
+            self.building = native.loads(document, MAP)
+
+    def __iter__(self) -> Iterator[tuple[float, FloorUpdate]]:
+        return self.updates()
+
+    def updates(self, floors: Collection[str] = ()) -> Iterator[tuple[float, FloorUpdate]]:
+        """Updates of some floors, by default of all, in order, each with its time in s after `began`.
+
+        Raises UnknownFloor, StateDamaged."""
+        for floor in floors:
+            if floor not in self.floors:
+                raise UnknownFloor("recording", floor, self.floors)
+        with self._reading():
+            for record in self._records():
+                if isinstance(record, _Message) and (not floors or record.floor in floors):
+                    yield record.log_time / NS - self.began, loads(record.data)
+
+    def moments(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
+        """Floors by name as they were each `every_s`, and at the end. Raises UnknownFloor, StateDamaged.
+
+        Always the same views: they change with the next step."""
+        views = self._views(floors)
+        count = 0
+        for at_s, update in self.updates(floors):
+            while count * every_s < at_s:
+                yield count * every_s, views
+                count += 1
+            self._apply(update, views)
+        yield self.duration_s, views
+
+    def at(self, at_s: float, floors: Collection[str] = ()) -> dict[str, FloorView]:
+        """Floors by name as they were at a time, s after `began`. Raises UnknownFloor, StateDamaged."""
+        views = self._views(floors)
+        for updated_at_s, update in self.updates(floors):
+            if updated_at_s > at_s:
+                break
+            self._apply(update, views)
+        return views
+
+    def _views(self, floors: Collection[str]) -> dict[str, FloorView]:
+        return {floor: FloorView(floor) for floor in floors or self.floors}
+
+    def _apply(self, update: FloorUpdate, views: dict[str, FloorView]) -> None:
+        with self._reading():
+            views[update.floor].apply(update)
+
+    def _note(self, message: _Message) -> None:
+        at_s = message.log_time / NS
+        if not self.count:
+            self.began = at_s
+        if message.floor not in self.floors:
+            self.floors.append(message.floor)
+        self.count += 1
+        self.duration_s = at_s - self.began
+
+    def _records(self) -> Iterator[Attachment | _Message]:
+        channels: dict[int, Channel] = {}
+        for opcode, stream in self._pieces():
+            if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
+                raise StateDamaged(str(self.path), "somebody else's MCAP file, not a recording of RoboCorba")
+            if opcode == Opcode.ATTACHMENT:
+                yield Attachment.read(stream)
+            if opcode == Opcode.CHUNK:
+                for record in breakup_chunk(Chunk.read(stream), validate_crc=True):
+                    if isinstance(record, Channel):
+                        channels[record.id] = record
+                    elif isinstance(record, Message):
+                        channel = channels[record.channel_id]
+                        if channel.message_encoding == ENCODING and channel.topic.startswith(TOPIC):
+                            yield _Message(channel.topic.removeprefix(TOPIC), record.log_time, record.data)
+
+    def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:
+        """Opcode and content of each record up to the end of the data, or to where the recorder was killed."""
+        with open(self.path, "rb") as file:
+            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise StateDamaged(str(self.path), "not an MCAP file")
+            while self._size - file.tell() >= _PREFIX.size:
+                opcode, length = _PREFIX.unpack(file.read(_PREFIX.size))
+                if opcode == Opcode.DATA_END:
+                    self.is_complete = True
+                    return
+                if length > self._size - file.tell():
+                    break
+                yield opcode, ReadDataStream(BytesIO(file.read(length)))
+            file.seek(self._size - len(MCAP0_MAGIC))
+            if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
+                raise StateDamaged(str(self.path), "damaged: it has an end, but its parts don't lead there")
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as wrong:
+            reason = wrong.strerror or str(wrong)
+        except _DAMAGE as wrong:
+            reason = f"damaged ({wrong or type(wrong).__name__})"
+        else:
+            return
+        raise StateDamaged(str(self.path), reason) from None

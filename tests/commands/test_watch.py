@@ -1,0 +1,210 @@
+"""What `robocorba watch` shows of any state, and how it goes on and ends."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import math
+import os
+import signal
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from robocorba.commands.scene import Scene, as_tables, clients, elevators, plain, robots, sensor, show, tables
+from robocorba.commands.waiting import Absence, Stop
+from robocorba.errors import NotReachable
+from robocorba.simulation.elevator import Doors, Moment
+from robocorba.simulation.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.stubs import RoboCorba
+
+
+def view(floor: str, *names: str, moments: dict[str, Moment] | None = None) -> FloorView:
+    """A floor where robots drive at 0.5 m/s from x = 1, 2, ... m, among a chair."""
+    bodies = [Body(number, BodyKind.ROBOT, name, 0.4, (), 127.0) for number, name in enumerate(names, 1)]
+    bodies.insert(0, Body(99, BodyKind.OBJECT, "chair", 0.3, ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), 5.0))
+    rows = [(body.number, 0.3, 0.4, 0.0, float(body.number), 2.0, math.pi / 2) for body in bodies]
+    found = FloorView(floor)
+    found.apply(FloorUpdate(floor, WHOLE, 1, 5.0, 1, bodies, [], np.array(rows, MOTION), moments or {}))
+    return found
+
+
+def client(name: str, floor: str) -> RoboCorba.ClientState:
+    return RoboCorba.ClientState(name, RoboCorba.Pose(floor, 3.0, 4.0, -math.pi), 1.7e9, 0.25, 12.5, 0.0015, "s1")
+
+
+RIDE = {"E1": Moment(1.75, "", Doors.CLOSED, 0.0, ("A",), ("B", "C"))}
+STOP = {"E2": Moment(0.0, "L1", Doors.OPENING, 0.5, (), ())}
+STATE = RoboCorba.ServerState(300, 2, 91.84, 0.0, 57.3, True, 4, 69, 15.81)
+SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7), 9)
+
+
+def test_a_scene_as_tables() -> None:
+    floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
+    scene = Scene([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
+    found = {kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in tables(scene)}
+    assert found == {
+        "server": [
+            {
+                "robots": "2",
+                "limit": "300",
+                "time [s]": "91.8",
+                "pace": "as fast as it can",
+                "achieved": "57.30",
+                "paused": "yes",
+                "collisions": "69",
+                "events/s": "15.8",
+                "map version": "4",
+            }
+        ],
+        "robot": [
+            {
+                "robot": "B",
+                "floor": "L1",
+                "x [m]": "3.00",
+                "y [m]": "4.00",
+                "heading [°]": "-180",
+                "speed [m/s]": "0.50",
+                "silent [s]": "0.25",
+                "calls/s": "12.5",
+                "latency [ms]": "1.50",
+                "sensor": "s1",
+            }
+        ],
+        "elevator": [
+            {
+                "elevator": "E1",
+                "cabin": "on its way",
+                "height [m]": "1.75",
+                "doors": "closed",
+                "open [%]": "0",
+                "riders": "A",
+                "queue": "B, C",
+            },
+            {
+                "elevator": "E2",
+                "cabin": "L1",
+                "height [m]": "0.00",
+                "doors": "opening",
+                "open [%]": "50",
+                "riders": "",
+                "queue": "",
+            },
+        ],
+        "sensor": [{"sensor process": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
+    }
+    assert json.loads(json.dumps(scene._asdict()))["robots"][0]["callRate"] == 12.5
+
+
+def test_only_robots_on_the_floors_are_shown() -> None:
+    both = [client("A", "L1"), client("B", "L2")]
+    assert [row["name"] for row in clients(both, [view("L2")])] == ["B"]
+    assert [row["name"] for row in clients(both, [view("L2"), view("L1")])] == ["A", "B"]
+
+
+def test_a_robot_that_no_floor_knows_yet_stands() -> None:
+    (row,) = clients([client("new", "L1")], [view("L1", "A")])
+    assert row["speed"] == 0.0
+
+
+def test_floors_alone_tell_where_robots_are() -> None:
+    scene = Scene(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
+    ((kind, titles, rows),) = tables(scene)
+    assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
+    assert rows == [
+        ("A", "L1", "1.00", "2.00", "90", "0.50"),
+        ("B", "L1", "2.00", "2.00", "90", "0.50"),
+        ("C", "L2", "1.00", "2.00", "90", "0.50"),
+    ]
+
+
+def test_the_last_known_elevator_counts() -> None:
+    later = {"E1": Moment(3.5, "L2", Doors.OPEN, 1.0, (), ())}
+    (row,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
+    assert (row["cabin"], row["doors"]) == ("L2", "OPEN")
+
+
+def test_an_empty_scene_has_no_tables() -> None:
+    assert tables(Scene()) == []
+
+
+@given(name=st.text(), floor=st.text())
+def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
+    scene = Scene(robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})]))
+    assert all(cell.isprintable() for _, _, rows in tables(scene) for row in rows for cell in row)
+    console = Console(file=io.StringIO(), width=300)
+    console.print(as_tables(scene, note="gone [/]"))
+
+
+def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    show(Scene(robots=robots([view("L\t1", "A")])))
+    assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
+
+
+# ---- going on ----
+
+
+@pytest.fixture
+def stop() -> Iterator[Stop]:
+    """A stop, and afterwards the signals as they were."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield Stop()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_wait(stop: Stop, number: signal.Signals) -> None:
+    assert not stop.wait(0.0)
+    os.kill(os.getpid(), number)
+    began = time.monotonic()
+    assert stop.wait(60.0)
+    assert stop.wait(60.0)
+    assert time.monotonic() - began < 5.0
+
+
+def test_ticks_come_in_time_up_to_a_limit(stop: Stop) -> None:
+    began = time.monotonic()
+    times = list(stop.ticks(0.02, 0.2))
+    assert 0.2 <= time.monotonic() - began < 2.0
+    assert times[0] == 0.0
+    assert 1 < len(times) <= 10
+    assert times == sorted(times) and times[-1] < 0.2
+    assert all(later - earlier > 0.0 for earlier, later in itertools.pairwise(times))
+
+
+def test_slow_ticks_are_missed_not_made_up_for(stop: Stop) -> None:
+    slow = []
+    for passed_s in stop.ticks(0.01, 0.3):
+        slow.append(passed_s)
+        time.sleep(0.05)
+    assert 2 <= len(slow) <= 6
+
+
+def test_ticks_end_by_a_signal(stop: Stop) -> None:
+    count = 0
+    for _ in stop.ticks(0.001):
+        count += 1
+        if count == 3:
+            os.kill(os.getpid(), signal.SIGTERM)
+    assert count == 3
+
+
+def test_an_absence_is_borne_up_to_a_limit() -> None:
+    wrong = NotReachable("gone")
+    absence = Absence(0.1)
+    assert not absence.is_on
+    assert absence.go_on(wrong) == "away for 0 s: gone"
+    assert absence.is_on
+    absence.end()
+    assert not absence.is_on
+    absence.go_on(wrong)
+    time.sleep(0.15)
+    with pytest.raises(NotReachable, match="gone"):
+        absence.go_on(wrong)

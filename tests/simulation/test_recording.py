@@ -1,0 +1,304 @@
+"""Recordings: what was written is read again, also when the recorder was killed or the file is damaged."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from robocorba.errors import StateDamaged, UnknownFloor
+from robocorba.maps.model import Building, Floor, FloorMap
+from robocorba.simulation.elevator import Doors, Moment
+from robocorba.simulation.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.simulation.recording import CHUNK_S, MAP, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
+from tests.maps.buildings import two_floors
+
+BEGAN = 1.7e9
+SMALL = Building("b", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
+
+versions = st.integers(0, 2**63)
+numbers = st.integers(0, 2**32 - 1)
+floats = st.floats(allow_nan=False)
+names = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+bodies = st.builds(
+    Body, numbers, st.sampled_from(BodyKind), names, floats, st.lists(st.tuples(floats, floats)).map(tuple), floats
+)
+moments = st.builds(
+    Moment, floats, names, st.sampled_from(Doors), floats, st.lists(names).map(tuple), st.lists(names).map(tuple)
+)
+motions = st.binary(max_size=200).map(lambda data: np.frombuffer(data[: len(data) // 40 * 40], MOTION))
+updates = st.builds(
+    FloorUpdate,
+    st.sampled_from(["L1", "L2", "一階/b"]),
+    versions,
+    versions,
+    st.floats(0, 1e9),
+    versions,
+    st.lists(bodies, max_size=3),
+    st.lists(numbers),
+    motions,
+    st.dictionaries(names, moments, max_size=3),
+)
+
+
+def same(one: FloorUpdate, other: FloorUpdate) -> bool:
+    return one._replace(motions=one.motions.tobytes()) == other._replace(motions=other.motions.tobytes())  # type: ignore[arg-type]
+
+
+def moved(floor: str, version: int, x: float) -> FloorUpdate:
+    """An update by which the robot A of a floor comes, version 1, or moves."""
+    came = [Body(1, BodyKind.ROBOT, "A", 0.4, (), 127.0)] if version == 1 else []
+    rows = np.array([(1, 1.0, 0.0, 0.0, x, 2.0, 0.0)], MOTION)
+    return FloorUpdate(floor, version - 1, version, 0.05 * version, 1, came, [], rows, {})
+
+
+def record(path: Path, count: int = 100, building: Building | None = None, every_s: float = 0.05) -> list[FloorUpdate]:
+    """A robot moves on each floor."""
+    building = building or two_floors()
+    written = [moved(floor, version, 0.1 * version) for version in range(1, count + 1) for floor in building.floors]
+    with Recorder(path, building) as recorder:
+        for update in written:
+            recorder.write(update, BEGAN + every_s * update.version)
+    return written
+
+
+def assert_prefix(path: Path, written: Sequence[FloorUpdate]) -> Recording:
+    """It holds what was written, in order, perhaps without the last ones."""
+    found = Recording(path)
+    read = [update for _, update in found]
+    assert len(read) == found.count <= len(written)
+    assert all(map(same, read, written))
+    return found
+
+
+@given(update=updates)
+def test_an_update_is_read_as_it_was_written(update: FloorUpdate) -> None:
+    assert same(loads(dumps(update)), update)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
+@given(steps=st.lists(st.tuples(updates, st.floats(0.0, 3.0)), max_size=10))
+def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple[FloorUpdate, float]]) -> None:
+    file = tmp_path / "a.mcap"
+    at_s = BEGAN
+    times = []
+    with Recorder(file, two_floors(), overwrite=True) as recorder:
+        for update, pause_s in steps:
+            at_s += pause_s
+            times.append(at_s)
+            recorder.write(update, at_s)
+        assert recorder.count == len(steps)
+    found = Recording(file)
+    assert found.is_complete
+    assert found.building == two_floors()
+    assert found.floors == list(dict.fromkeys(update.floor for update, _ in steps))
+    read = list(found)
+    assert len(read) == found.count == len(steps)
+    assert all(same(update, written) for (_, update), (written, _) in zip(read, steps, strict=True))
+    assert [at for at, _ in read] == pytest.approx([at - found.began for at in times], abs=1e-6)
+    if steps:
+        assert found.duration_s == pytest.approx(times[-1] - times[0], abs=1e-6)
+
+
+def test_any_mcap_tool_can_read_it(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", 40)
+    with open(tmp_path / "a.mcap", "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == PROFILE
+        (attachment,) = reader.iter_attachments()
+        assert (attachment.name, attachment.media_type) == (MAP, "application/gzip")
+        messages = list(reader.iter_messages(topics=["floor/L2"]))
+    assert len(messages) == 40
+    schema, channel, message = messages[1]
+    assert schema is not None
+    assert (schema.name, schema.encoding, schema.data) == ("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
+    assert channel.message_encoding == "msgpack"
+    assert (message.log_time, message.publish_time) == (pytest.approx(1.7e18 + 1e8, abs=1e3), 1e8)
+    content = msgspec.msgpack.decode(message.data)
+    assert content == {
+        "floorName": "L2",
+        "since": 1,
+        "current": 2,
+        "time": 0.1,
+        "mapVersion": 1,
+        "came": [],
+        "went": [],
+        "motions": moved("L2", 2, 0.2).motions.tobytes(),
+        "elevators": [],
+    }
+
+
+def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap")
+    found = Recording(tmp_path / "a.mcap")
+    assert {update.floor for _, update in found.updates(["L2"])} == {"L2"}
+    times = []
+    for at_s, views in found.moments(0.5):
+        times.append(at_s)
+        for view in views.values():
+            assert view.motion(1)["x"] == pytest.approx(0.1 * view.version)
+            assert view.version == 1 + int(at_s / 0.05 + 1e-3)
+    assert times == pytest.approx([*(0.5 * i for i in range(10)), 4.95], abs=1e-6)
+    assert [view.version for view in found.at(0.51).values()] == [11, 11]
+    assert {floor: view.version for floor, view in found.at(99.0, ["L2"]).items()} == {"L2": 100}
+    assert {floor: view.version for floor, view in found.at(-1.0, ["L2"]).items()} == {"L2": 0}
+    with pytest.raises(UnknownFloor, match="L3"):
+        next(found.updates(["L1", "L3"]))
+
+
+def test_what_is_there_stays(tmp_path: Path) -> None:
+    written = record(tmp_path / "a.mcap", 3)
+    with pytest.raises(StateDamaged, match="File exists"):
+        Recorder(tmp_path / "a.mcap", two_floors())
+    assert_prefix(tmp_path / "a.mcap", written)
+
+
+def test_where_nothing_can_be_written(tmp_path: Path) -> None:
+    with pytest.raises(StateDamaged, match="No such file"):
+        Recorder(tmp_path / "no" / "a.mcap", two_floors())
+    with pytest.raises(StateDamaged, match="Is a directory"):
+        Recorder(tmp_path, two_floors(), overwrite=True)
+
+
+def test_a_full_disk_is_told_and_keeps_what_is_there() -> None:
+    with pytest.raises(StateDamaged, match="No space left"), Recorder(Path("/dev/full"), Building("b"), overwrite=True):
+        pass
+
+
+def test_it_can_be_read_while_it_is_recorded(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", two_floors()) as recorder:
+        assert Recording(tmp_path / "a.mcap").count == 0
+        for version in range(1, 101):
+            recorder.write(moved("L1", version, 0.0), BEGAN + 0.05 * version)
+        found = Recording(tmp_path / "a.mcap")
+        assert not found.is_complete
+        assert 100 - CHUNK_S / 0.05 <= found.count <= 100
+        recorder.write(moved("L1", 101, 0.0), BEGAN + 6.0)
+        recorder.flush()
+        assert len(list(found)) == found.count
+        assert Recording(tmp_path / "a.mcap").count == 101
+
+
+def test_what_a_killed_recorder_wrote_can_be_read(tmp_path: Path) -> None:
+    program = """
+import os, sys
+from pathlib import Path
+from tests.simulation.test_recording import BEGAN, Recorder, moved, two_floors
+with Recorder(Path("a.mcap"), two_floors()) as recorder:
+    for version in range(1, 100_000):
+        recorder.write(moved("L1", version, 0.1 * version), BEGAN + 0.05 * version)
+        print(version, flush=True)
+"""
+    root = Path(__file__).resolve().parents[2]
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(root)},
+    )
+    with process:
+        assert process.stdout is not None
+        while (last := int(process.stdout.readline())) < 200:
+            pass
+        process.send_signal(signal.SIGKILL)
+        last = int((process.stdout.read().split() or [last])[-1])
+    found = assert_prefix(tmp_path / "a.mcap", [moved("L1", version, 0.1 * version) for version in range(1, last + 2)])
+    assert found.count >= last - CHUNK_S / 0.05
+    assert not found.is_complete
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[FloorUpdate]]:
+    """The bytes of a recording of a few chunks, and what it holds."""
+    path = tmp_path_factory.mktemp("recorded") / "a.mcap"
+    written = record(path, 12, SMALL, 0.3)
+    return path.read_bytes(), written
+
+
+def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path) -> None:
+    data, written = recorded
+    file = tmp_path / "a.mcap"
+    file.write_bytes(data)
+    counts = []
+    for length in reversed(range(len(data))):
+        os.truncate(file, length)
+        try:
+            counts.append(assert_prefix(file, written).count)
+        except StateDamaged:
+            break
+    assert counts == sorted(counts, reverse=True)
+    assert len(set(counts)) >= 4
+    assert (counts[0], counts[-1]) == (12, 0)
+    for shorter in range(length):
+        os.truncate(file, shorter)
+        with pytest.raises(StateDamaged):
+            Recording(file)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@given(draw=st.data())
+def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject) -> None:
+    data, written = recorded
+    damaged = bytearray(data)
+    for place in draw.draw(st.lists(st.integers(0, len(data) - 1), min_size=1, max_size=3)):
+        damaged[place] ^= draw.draw(st.integers(1, 255))
+    (tmp_path / "a.mcap").write_bytes(damaged)
+    try:
+        found = Recording(tmp_path / "a.mcap")
+        read = list(found.updates())
+        views = list(found.moments(0.05))
+    except StateDamaged:
+        return
+    assert found.building == SMALL
+    assert views
+    assert all(map(same, (update for _, update in read), written))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.binary())
+def test_any_other_file_is_told(tmp_path: Path, data: bytes) -> None:
+    for content in (data, b"\x89MCAP0\r\n" + data):
+        (tmp_path / "a.mcap").write_bytes(content)
+        with pytest.raises(StateDamaged):
+            Recording(tmp_path / "a.mcap")
+
+
+def test_other_files_are_told_apart(tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with pytest.raises(StateDamaged, match="No such file"):
+        Recording(file)
+    with pytest.raises(StateDamaged, match="Is a directory"):
+        Recording(tmp_path)
+    file.write_text("robocorba: 1")
+    with pytest.raises(StateDamaged, match="not an MCAP file"):
+        Recording(file)
+    writer = Writer(str(file))
+    writer.start("ros2")
+    writer.finish()
+    with pytest.raises(StateDamaged, match="somebody else's"):
+        Recording(file)
+    writer = Writer(str(file))
+    writer.start(PROFILE)
+    writer.finish()
+    with pytest.raises(StateDamaged, match="no map"):
+        Recording(file)
+
+
+def test_what_can_not_be_followed_is_told(tmp_path: Path) -> None:
+    for strange in (moved("L1", 3, 1.0), moved("L1", 2, 1.0)._replace(since=0)):
+        with Recorder(tmp_path / "a.mcap", two_floors(), overwrite=True) as recorder:
+            recorder.write(strange, BEGAN)
+        with pytest.raises(StateDamaged, match="damaged"):
+            Recording(tmp_path / "a.mcap").at(0.0)

@@ -1,0 +1,177 @@
+"""robocorba watch, record and replay beside a running simulation, whose server is killed meanwhile."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import signal
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import av
+import pytest
+from omniORB import CORBA
+
+from robocorba.commands.scene import System, as_json
+from robocorba.commands.watch import Camera, film
+from robocorba.errors import InvalidPicture, UnknownFloor
+from robocorba.orb import Orb
+from robocorba.simulation.floor_update import WHOLE
+from robocorba.simulation.recording import Recording
+from robocorba.stubs import RoboCorba
+from tests.maps.buildings import two_floors
+from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, refusal
+
+pytestmark = pytest.mark.system
+
+PATIENCE_S = 40.0
+Robocorba = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture(scope="module")
+def robots(system: Running, system_orb: Orb) -> Iterator[None]:
+    """A on L1 and B on L2 drive in circles."""
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    limits = RoboCorba.MotionLimits(1.0, 2.0, 1.0, 2.0)
+    sessions = [
+        server.registerRobot(RoboCorba.RobotDescription(name, RoboCorba.Pose(floor, 5.0, 4.0, 0.0), 0.4, 100.0, limits))
+        for name, floor in (("A", "L1"), ("B", "L2"))
+    ]
+    ended = threading.Event()
+
+    def drive() -> None:
+        while not ended.wait(0.3):
+            for session in sessions:
+                with contextlib.suppress(CORBA.SystemException):  # the server is killed now and then
+                    session.command(RoboCorba.Velocity(0.5, 0.0, 0.5), 2.0)
+
+    driver = threading.Thread(target=drive)
+    driver.start()
+    yield
+    ended.set()
+    driver.join()
+    for session in sessions:
+        session.deregister()
+
+
+@pytest.fixture
+def robocorba(launch: Launcher, system: Running, robots: None) -> Robocorba:
+    """Starts `robocorba` with arguments, in the folder of the test."""
+    return lambda *arguments: launch(ROBOCORBA, *arguments, ROBOCORBA_NAMING=str(system.naming))
+
+
+def done(process: subprocess.Popen[str]) -> str:
+    """What a command printed that had nothing to complain about."""
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, err) == (0, "")
+    return out
+
+
+def pictures(path: Path) -> int:
+    with av.open(str(path)) as container:
+        return sum(1 for _ in container.decode(video=0))
+
+
+def test_what_there_is_now(robocorba: Robocorba) -> None:
+    rows = [line.split("\t") for line in done(robocorba("watch", "--once")).splitlines()]
+    assert [row[:3] for row in rows if row[0] == "robot"] == [["robot", "A", "L1"], ["robot", "B", "L2"]]
+    assert [row[:5] for row in rows if row[0] == "elevator"] == [["elevator", "E1", "L1", "0.00", "closed"]]
+    assert [row[1] for row in rows if row[0] == "server"] == ["2"]
+    assert [row[1] for row in rows if row[0] == "sensor"] == ["s1"]
+
+
+@pytest.mark.usefixtures("robots")
+def test_a_floor(system_orb: Orb) -> None:
+    scene = System(system_orb, ["L2"]).look()
+    (robot,) = scene.robots
+    assert (robot["name"], robot["floor"]) == ("B", "L2")
+    assert 0.0 < robot["speed"] <= 0.51
+    assert abs(robot["x"] - 5.0) < 3.0
+    assert scene.server[0]["robots"] == 2
+    assert json.loads(as_json(scene))["server"]["time"] > 0.0
+    with pytest.raises(UnknownFloor, match="L9"):
+        System(system_orb, ["L9"]).look()
+
+
+def test_a_film(system_orb: Orb, tmp_path: Path) -> None:
+    class Times:
+        """A stop whose ticks come at once, and of which some are missed."""
+
+        def ticks(self, every_s: float, limit_s: float) -> Iterator[float]:
+            return iter([0.0, every_s, 4 * every_s])
+
+    film(Camera(system_orb, ["L2"], 301), tmp_path / "a.mp4", 1.0, 5, Times())  # type: ignore[arg-type]
+    assert pictures(tmp_path / "a.mp4") == 5
+    with pytest.raises(UnknownFloor, match="L9"):
+        Camera(system_orb, ["L9"], 300).png()
+    with pytest.raises(InvalidPicture, match="width"):
+        Camera(system_orb, [], 1).png()
+
+
+def test_it_is_live_on_a_terminal(system: Running, robots: None) -> None:
+    ours, its = pty.openpty()
+    environment = {**os.environ, "ROBOCORBA_NAMING": str(system.naming), "TERM": "xterm", "COLUMNS": "150"}
+    with subprocess.Popen([ROBOCORBA, "watch"], stdin=its, stdout=its, stderr=its, env=environment) as process:
+        os.close(its)
+        shown = ""
+        with contextlib.suppress(OSError):  # so ends a terminal
+            while data := os.read(ours, 65536).decode(errors="replace"):
+                shown += data
+                if shown.count("heading") >= 3 and process.poll() is None:
+                    process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0
+    os.close(ours)
+    assert "Traceback" not in shown
+    assert shown.count("\x1b[2K") > 10
+
+
+def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Running, tmp_path: Path) -> None:
+    file, lost = tmp_path / "a.mcap", tmp_path / "lost.mcap"
+    recorder, killed = robocorba("record", "a.mcap"), robocorba("record", "lost.mcap", "--floor", "L2")
+    watcher, film = robocorba("watch"), robocorba("watch", "--video", "a.mp4", "--fps", "20", "--width", "300")
+    (tmp_path / "there.mcap").touch()
+    assert refusal(robocorba("record", "there.mcap")) == "robocorba record: there.mcap: File exists"
+    assert watcher.stdout is not None
+    assert watcher.stdout.readline().startswith("server\t2\t")
+    for path in (file, lost):
+        eventually(lambda path=path: path.exists() and Recording(path).count > 20, PATIENCE_S, "updates")
+    eventually((tmp_path / "a.mp4").exists, PATIENCE_S, "the video")
+
+    killed.kill()
+    pid = system.pid("simulation")
+    os.kill(pid, signal.SIGKILL)
+    killed.wait(PATIENCE_S)
+    cut_off = Recording(lost)
+    assert not cut_off.is_complete
+    assert cut_off.floors == ["L2"]
+
+    def loaded() -> int:
+        """How often the first floor came as a whole."""
+        return sum(update.since == WHOLE for _, update in Recording(file).updates(["L1"]))
+
+    eventually(lambda: loaded() == 2, PATIENCE_S, "the floor of the next server")
+    for process, number in ((recorder, signal.SIGTERM), (watcher, signal.SIGINT), (film, signal.SIGINT)):
+        process.send_signal(number)
+    assert done(recorder).startswith("wrote a.mcap: ")
+    out, err = watcher.communicate(timeout=PATIENCE_S)
+    assert (watcher.returncode, err.count("\n")) == (0, 1)
+    assert err.startswith("robocorba watch: ") and err.endswith("; waiting\n")
+    assert "server\t2\t" in out
+    said = done(film)
+    assert pictures(tmp_path / "a.mp4") == int(said.split(" s, ")[1].split()[0]) > 20
+
+    found = Recording(file)
+    assert found.is_complete
+    assert found.building == two_floors()
+    assert found.floors == ["L1", "L2"]
+    ways: dict[str, set[float]] = {"A": set(), "B": set()}
+    for _, views in found.moments(0.2):
+        for view in views.values():
+            for body in view.bodies.values():
+                if body.name in ways:
+                    ways[body.name].add(float(view.motion(body.number)["x"]))
+    assert all(len(way) > 3 for way in ways.values())

@@ -1,0 +1,124 @@
+"""Videos are decoded again: their pictures, their size, their time."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import av
+import pytest
+from PIL import Image
+
+from robocorba.video import VideoError, VideoFile
+
+COLOURS = ["red", "lime", "blue", "white", "black"]
+
+
+def png(colour: str, width: int, height: int, mode: str = "RGB") -> bytes:
+    buffer = io.BytesIO()
+    Image.new("RGB", (width, height), colour).convert(mode).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def decoded(path: Path) -> list[Image.Image]:
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert stream.codec_context.name == "h264"
+        return [frame.to_image() for frame in container.decode(stream)]
+
+
+def near(image: Image.Image, place: tuple[int, int], colour: str) -> bool:
+    found, wanted = image.getpixel(place), Image.new("RGB", (1, 1), colour).getpixel((0, 0))
+    assert isinstance(found, tuple) and isinstance(wanted, tuple)
+    return max(abs(a - b) for a, b in zip(found, wanted, strict=True)) < 40
+
+
+def test_pictures_come_again_in_order(tmp_path: Path) -> None:
+    with VideoFile(tmp_path / "a.mp4", 200, 120, 10) as video:
+        for colour in COLOURS:
+            video.add(png(colour, 200, 120), times=3)
+    frames = decoded(tmp_path / "a.mp4")
+    assert len(frames) == video.count == 3 * len(COLOURS)
+    assert {frame.size for frame in frames} == {(200, 120)}
+    assert all(near(frame, (100, 60), COLOURS[i // 3]) for i, frame in enumerate(frames))
+
+
+@pytest.mark.parametrize("fps", [1, 10, 25, 60])
+def test_it_takes_the_time_that_it_should(tmp_path: Path, fps: int) -> None:
+    with VideoFile(tmp_path / "a.mp4", 64, 64, fps) as video:
+        video.add(Image.new("RGB", (64, 64)), times=2 * fps)
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        stream = container.streams.video[0]
+        assert stream.frames == 2 * fps
+        assert stream.average_rate == fps
+        assert stream.duration is not None and stream.time_base is not None
+        assert float(stream.duration * stream.time_base) == pytest.approx(2.0, abs=1 / fps)
+
+
+@pytest.mark.parametrize("size", [(201, 121), (200, 121), (3, 3)])
+def test_odd_sides_are_made_even(tmp_path: Path, size: tuple[int, int]) -> None:
+    with VideoFile(tmp_path / "a.mp4", *size, 5) as video:
+        video.add(png("blue", *size))
+    (frame,) = decoded(tmp_path / "a.mp4")
+    assert frame.size == (size[0] + size[0] % 2, size[1] + size[1] % 2)
+    assert near(frame, (0, 0), "blue")
+
+
+@pytest.mark.parametrize("mode", ["P", "L", "RGBA", "1"])
+def test_any_kind_of_picture_is_taken(tmp_path: Path, mode: str) -> None:
+    with VideoFile(tmp_path / "a.mp4", 100, 80, 5) as video:
+        video.add(png("white", 50, 200, mode))
+        video.add(Image.new(mode, (300, 30)))
+    first, second = decoded(tmp_path / "a.mp4")
+    assert first.size == second.size == (100, 80)
+    assert near(first, (20, 40), "white")
+    assert near(second, (90, 10), "black") and near(second, (50, 60), "white")
+
+
+def test_an_exception_leaves_a_video_that_plays(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), VideoFile(tmp_path / "a.mp4", 64, 64, 10) as video:
+        video.add(png("red", 64, 64), times=7)
+        raise KeyboardInterrupt
+    assert len(decoded(tmp_path / "a.mp4")) == 7
+
+
+def test_a_video_of_nothing_is_no_fault(tmp_path: Path) -> None:
+    with VideoFile(tmp_path / "a.mp4", 64, 64, 10):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "fps", "reason"),
+    [
+        ("a.gif", (64, 64), 10, "ends with .mp4"),
+        ("a", (64, 64), 10, "ends with .mp4"),
+        ("no/a.mp4", (64, 64), 10, "No such file"),
+        (".", (64, 64), 10, "ends with .mp4"),
+        ("folder.mp4", (64, 64), 10, "Is a directory"),
+        ("a.mp4", (1, 64), 10, "1 x 64 is not"),
+        ("a.mp4", (64, 10_000), 10, "64 x 10000 is not"),
+        ("a.mp4", (64, 64), 0, "0 is not"),
+        ("a.mp4", (64, 64), 1000, "1000 is not"),
+    ],
+)
+def test_what_can_not_be_written_is_told(
+    tmp_path: Path, name: str, size: tuple[int, int], fps: int, reason: str
+) -> None:
+    (tmp_path / "folder.mp4").mkdir()
+    with pytest.raises(VideoError, match=reason):
+        VideoFile(tmp_path / name, *size, fps)
+
+
+@pytest.mark.parametrize("content", [b"", b"no picture", png("red", 64, 64)[:60]])
+def test_what_is_no_picture_is_told(tmp_path: Path, content: bytes) -> None:
+    with VideoFile(tmp_path / "a.mp4", 64, 64, 10) as video:
+        with pytest.raises(VideoError, match="not a picture"):
+            video.add(content)
+        video.add(png("red", 64, 64))
+    assert len(decoded(tmp_path / "a.mp4")) == 1
+
+
+def test_a_full_disk_is_told(tmp_path: Path) -> None:
+    (tmp_path / "full.mp4").symlink_to("/dev/full")
+    with pytest.raises(VideoError, match="No space left"), VideoFile(tmp_path / "full.mp4", 64, 64, 10) as video:
+        video.add(png("red", 64, 64))
