@@ -1,4 +1,5 @@
-"""The demo: start every server on the five-floor building, plan trips over CORBA, check and draw them.
+"""The demo: start every server on the five-floor building, plan trips over CORBA, check and draw them; and let a robot
+drive one of them in the simulation.
 
     python -m clients.demo [FOLDER]
 
@@ -19,6 +20,7 @@ from pathlib import Path
 from omniORB import CORBA
 from rich.console import Console
 
+from clients.drive import drive, log_on
 from robocorba.commands.path import as_table, marks
 from robocorba.conversion import errors as idl_errors
 from robocorba.conversion import paths
@@ -71,11 +73,33 @@ def main(folder: str = "demo-output") -> int:
                     draw_floor(building, floor, path=marks(path, floor), title=f"{title} · {floor}").save(picture)
                     console.print(f"drew {picture}")
                 console.print()
+            drive_one(orb, Path(state), output, console)
     if wrong:
         console.print(f"[red]{wrong} of {len(TRIPS)} paths have faults[/red]")
         return 1
     console.print(f"{len(TRIPS)} paths planned over CORBA, checked against the walls: no collision.")
     return 0
+
+
+def drive_one(orb: Orb, state: Path, output: Path, console: Console) -> None:
+    """Let a robot log on and drive, five times as fast as in real life; draw where it is in the end."""
+    title, request = list(TRIPS.items())[1]
+    reference = (state / "administrator.ior").read_text()
+    orb.reference(reference, RoboCorba.SimulationAdministrator).setPace(5.0)
+    path = orb.resolve("PathPlanner", RoboCorba.PathPlanner).findPaths(paths.request(request))[0].points
+    console.print(f"[bold]Robot A drives it: {title}[/bold]")
+    robot = log_on(orb, "A", path)
+    drive(robot, path, lambda text: console.print(f"A {text}"))
+    at, seconds = robot.state().at, robot.state().time
+    laser, waist = robot.sensor.laser(), RoboCorba.Mount(0.0, 0.0, 0.0)
+    nearest = min(robot.sensor.scan(at, waist, laser).distances)
+    picture = output / f"simulation-{at.floor}.png"
+    picture.write_bytes(orb.resolve("SimulationServer", RoboCorba.SimulationServer).renderFloor(at.floor, 1200))
+    console.print(
+        f"A is there: {at.floor} ({at.x:.2f}, {at.y:.2f}); its laser sees the nearest thing {nearest:.2f} m away"
+    )
+    console.print(f"drew {picture} at {seconds:.0f} s of simulated time\n")
+    robot.deregister()
 
 
 @contextlib.contextmanager

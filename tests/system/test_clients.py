@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from PIL import Image
 
 from robocorba.orb import Orb, corbaname
 from robocorba.stubs import RoboCorba
-from tests.system.processes import ROBOCORBA, Launcher, Running
+from tests.system.processes import ROBOCORBA, Launcher, Running, eventually
 
 pytestmark = pytest.mark.system
 
@@ -58,6 +59,30 @@ def test_the_command_prints_and_draws(system: Running, launch: Launcher, tmp_pat
     assert "drew path.png" in out
     with Image.open(tmp_path / "path.png") as picture:
         assert min(picture.size) > 100
+
+
+def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher) -> None:
+    simulation, state = (ROBOCORBA, "simulation"), ("--state", str(system.state))
+    assert run(launch, *simulation, "pace", "10", *state) == (0, "", "")
+    environment = {"PYTHONPATH": str(ROOT), "ROBOCORBA_NAMING": str(system.naming)}
+    process = launch(sys.executable, "-m", "clients.drive", "A", *WEST, "L2", "14", "3", **environment)
+    out, err = process.communicate(timeout=60.0)
+    code = process.returncode
+    assert (code, err) == (0, "")
+    assert out.splitlines()[:2] == ["A calls E1", "A is on L2"]
+    assert out.splitlines()[2].startswith("A is there: L2 (")
+    code, out, err = run(launch, *simulation, "evict", "A", *state)
+    assert (code, out, err) == (1, "", "robocorba simulation: no robot called A is logged on\n")
+
+
+def test_a_robot_wanders_until_it_is_stopped(system: Running, launch: Launcher, system_orb: Orb) -> None:
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    uri = corbaname(system.naming, "RoboCorba/SimulationServer")
+    process = launch(sys.executable, "-m", "clients.wander", "W", *WEST, uri, PYTHONPATH=str(ROOT))
+    eventually(lambda: any(robot.name == "W" and robot.at.x > 3.2 for robot in server.clients()), 20.0)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 0
+    assert all(robot.name != "W" for robot in server.clients())
 
 
 @pytest.mark.parametrize(
