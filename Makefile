@@ -5,14 +5,15 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench bench-events stubs clean help
+.PHONY: demo test lint bench bench-events bench-simulation stubs clean help
 
 help:
-	@echo "make demo    plan paths over CORBA through the five-floor sample building"
+	@echo "make demo    plan paths over CORBA through the five-floor sample building, and let a robot drive"
 	@echo "make test    run every test"
 	@echo "make lint    formatting, lint and types"
 	@echo "make bench   measure, print tables, write JSON and pictures to bench/results"
 	@echo "make bench-events  the event service: the paper's Figure 13, and one channel beside other brokers"
+	@echo "make bench-simulation  the simulation: rays, pictures, robots, sensors, kills"
 	@echo "make stubs   make the Python stubs from idl/ anew"
 	@echo "make clean   remove what make made"
 
@@ -58,6 +59,10 @@ bench-events: stubs $(VENV)/.peers
 	@$(BIN)/python -m bench.event_network
 	@$(BIN)/python -m bench.event_channel
 	@$(BIN)/python -m bench.event_chaos
+
+bench-simulation: stubs
+	@for bench in rays render simulation_headless simulation_robots simulation_sensors simulation_chaos; do \
+	  $(BIN)/python -m bench.$$bench; done
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output

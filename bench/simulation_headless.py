@@ -1,0 +1,268 @@
+"""How many times faster than real time the simulation is where nobody waits: no processes, but the calls that the
+servants make. Each robot has a laser or proximity sensors, and is asked and commanded ten times a simulated second.
+
+python -m bench.simulation_headless [--rounds N] [--profile ROBOTS]
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import cProfile
+import gc
+import math
+import pstats
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from bench.report import PROGRESS, Mark, at_least, at_most, tell
+from bench.simulation_building import RADIUS_M, office, robots
+from robocorba.grids import Floats
+from robocorba.maps.model import Building
+from robocorba.sensing.fan import PROXIMITY, Fan
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.physics import STEP_S, warm_up
+from robocorba.simulation.registry import Pose
+from robocorba.simulation.store import SimulationStore
+
+NAME = "simulation_headless"
+#: A robot senses, is asked and commanded so often, simulated s.
+PERIOD_S = 0.1
+STEPS = round(PERIOD_S / STEP_S)
+VALID_S = 0.5
+WARM_UP_S = 3.0
+LASER = ScanSpec(Fan(-math.pi / 2, math.pi / 179, 180, 8.0))
+RING = ScanSpec(PROXIMITY, RADIUS_M)
+#: A robot turns away from what is nearer than this in front of it, m from its rim; otherwise it goes ahead, m/s.
+NEAR_M, AHEAD_M_S = 0.35, 0.8
+#: In front is so far to each side, as a cosine.
+FRONT = 0.7
+
+
+class Case(NamedTuple):
+    """`one_by_one`: each robot's sensor is asked by itself, as by robots' own references; else all of a floor at once.
+    `least`: times real time that must be reached; None: none."""
+
+    robots: int
+    sensor: str
+    spec: ScanSpec
+    seconds: float
+    one_by_one: bool = False
+    least: float | None = None
+
+
+CASES = (
+    Case(100, "laser, 180 rays", LASER, 60.0, least=60.0),
+    Case(100, "laser, one by one", LASER, 60.0, one_by_one=True),
+    Case(500, "8 proximity", RING, 20.0),
+    Case(1000, "8 proximity", RING, 20.0, least=20.0),
+    Case(2000, "8 proximity", RING, 10.0),
+)
+ROUNDS = 5
+#: Time a robot in the largest crowd to that in the smallest.
+FEWEST, MOST, MOST_GROWTH = 500, 2000, 1.3
+
+
+class Lap(NamedTuple):
+    """Times real time, by the wall's clock and by the time that the process worked; and where the wall's time went."""
+
+    factor: float
+    cpu_factor: float
+    parts: dict[str, float]
+    collisions: int
+
+
+class Crowd:
+    """Robots in a building, each with a client that wanders about by what its sensor sees."""
+
+    def __init__(self, building: Building, case: Case, store: SimulationStore) -> None:
+        self.agent = ManagementAgent(building, 1, store)
+        self.agent.choose(limit=case.robots)
+        self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
+        self._sensor = VirtualSensor()
+        self._sensor.know(building)
+        self._case = case
+        self._front = np.flatnonzero(np.cos(case.spec.fan.angles) > FRONT)
+        self._near_m = NEAR_M + (0.0 if case.spec.rim_m else RADIUS_M)
+        self._chance = np.random.default_rng(5)
+        self._side = self._chance.choice((-1.0, 1.0), case.robots)
+        self.parts = dict.fromkeys(("steps", "database", "following", "states", "scans", "wandering", "commands"), 0.0)
+        self._at = 0.0
+
+    def lap(self, seconds: float) -> Lap:
+        """Let so much simulated time pass."""
+        self.parts = dict.fromkeys(self.parts, 0.0)
+        collided, began, worked = self.agent.collisions, time.perf_counter(), time.process_time()
+        periods = round(seconds / PERIOD_S)
+        for _ in range(periods):
+            self.period()
+        took, worked = time.perf_counter() - began, time.process_time() - worked
+        passed = periods * PERIOD_S
+        return Lap(passed / took, passed / worked, dict(self.parts), self.agent.collisions - collided)
+
+    def period(self) -> None:
+        """What happens in PERIOD_S."""
+        self._at = time.perf_counter()
+        for _ in range(STEPS):
+            self.agent.step()
+        self._end_of("steps")
+        asked_at = time.monotonic()
+        updates = [self.agent.database.changes(floor, self._sensor.version(floor)) for floor in self._sensor.floors]
+        self._end_of("database")
+        for update in updates:
+            self._sensor.follow(update, asked_at)
+        self._end_of("following")
+        poses = [session.state().pose for session in self.sessions]
+        self._end_of("states")
+        seen = self._scan(poses)
+        self._end_of("scans")
+        commands = self._wander(seen)
+        self._end_of("wandering")
+        for session, (ahead, turn) in zip(self.sessions, commands, strict=True):
+            session.command(ahead, 0.0, turn, VALID_S)
+        self._end_of("commands")
+
+    def _scan(self, poses: list[Pose]) -> Floats:
+        """Distances (robots, rays), m; floor by floor, as the servant's scanMany does."""
+        rows: dict[str, list[int]] = {}
+        for row, pose in enumerate(poses):
+            rows.setdefault(pose.floor, []).append(row)
+        seen = np.empty((len(poses), self._case.spec.fan.count))
+        for floor, these in rows.items():
+            places = np.array([poses[row][1:] for row in these])
+            if self._case.one_by_one:
+                for row, place in zip(these, places, strict=True):
+                    carrier = self.sessions[row].name
+                    found = self._sensor.scan(floor, place[np.newaxis], Mount(), self._case.spec, carrier)
+                    seen[row] = found.distances
+            else:
+                seen[these] = self._sensor.scan(floor, places, Mount(), self._case.spec).distances
+        return seen
+
+    def _wander(self, seen: Floats) -> list[list[float]]:
+        """Ahead, m/s, and turn, rad/s, of each robot: on with a bend, or about where something is near."""
+        is_near = seen[:, self._front].min(axis=1) < self._near_m
+        change = self._chance.random(len(seen)) < 0.02
+        self._side[change] *= -1.0
+        ahead = np.where(is_near, 0.1, AHEAD_M_S)
+        turn = self._side * np.where(is_near, 1.5, 0.2)
+        return np.column_stack([ahead, turn]).tolist()
+
+    def _end_of(self, part: str) -> None:
+        now = time.perf_counter()
+        self.parts[part] += now - self._at
+        self._at = now
+
+
+@contextlib.contextmanager
+def crowd(building: Building, case: Case) -> Iterator[Crowd]:
+    """Robots that have been under way for a moment."""
+    with tempfile.TemporaryDirectory() as folder, SimulationStore(Path(folder) / "simulation.sqlite") as store:
+        found = Crowd(building, case, store)
+        found.lap(WARM_UP_S)
+        yield found
+
+
+def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
+    """What the laps of a case found, medians."""
+    factors = [lap.factor for lap in laps]
+    median = statistics.median(factors)
+    minutes = case.robots * len(laps) * case.seconds / 60
+    return {
+        "robots": case.robots,
+        "sensor": case.sensor,
+        "x real time": median,
+        "worst": min(factors),
+        "best": max(factors),
+        "by CPU time": statistics.median(lap.cpu_factor for lap in laps),
+        "us a robot and s": 1e6 / (median * case.robots),
+        "hits a robot and min": sum(lap.collisions for lap in laps) / minutes,
+    }
+
+
+def parts_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
+    """Where the time went: us for a robot in a period, medians."""
+    periods = case.robots * case.seconds / PERIOD_S
+    parts = {part: 1e6 * statistics.median(lap.parts[part] for lap in laps) / periods for part in laps[0].parts}
+    return {"robots": case.robots, "sensor": case.sensor, **parts, "all": sum(parts.values())}
+
+
+def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> list[Mark]:
+    """What had to be reached."""
+    marks = [
+        at_least(f"{case.robots} robots, {case.sensor}: x real time", row["x real time"], case.least)
+        for case, row in zip(cases, rows, strict=True)
+        if case.least is not None
+    ]
+    cost = {row["robots"]: row["us a robot and s"] for row in rows}
+    growth = cost[MOST] / cost[FEWEST]
+    return [*marks, at_most(f"time a robot, {MOST} robots to {FEWEST}", growth, MOST_GROWTH)]
+
+
+def profile(count: int) -> None:
+    """Print where the time of a case goes, function by function."""
+    case = next(case for case in CASES if case.robots == count)
+    with crowd(office(), case) as found:
+        profiler = cProfile.Profile()
+        profiler.runcall(found.lap, case.seconds / 2)
+    pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
+
+
+def main() -> int:
+    """Exit code: 0 if every mark was reached."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="of all cases in turn (default: %(default)s)")
+    parser.add_argument("--profile", type=int, metavar="ROBOTS", help="print where the time goes, and nothing else")
+    options = parser.parse_args()
+    warm_up()
+    if options.profile:
+        profile(options.profile)
+        return 0
+    building = office()
+    laps: list[list[Lap]] = [[] for _ in CASES]
+    with contextlib.ExitStack() as stack:
+        with PROGRESS.status("logging robots on"):
+            crowds = [stack.enter_context(crowd(building, case)) for case in CASES]
+        gc.collect()
+        gc.freeze()  # as servers do
+        for round_ in range(options.rounds):
+            for case, found, of_it in zip(CASES, crowds, laps, strict=True):
+                with PROGRESS.status(f"round {round_ + 1} of {options.rounds}: {case.robots} robots, {case.sensor}"):
+                    of_it.append(found.lap(case.seconds))
+    rows = [row_of(case, of_it) for case, of_it in zip(CASES, laps, strict=True)]
+    parts = [parts_of(case, of_it) for case, of_it in zip(CASES, laps, strict=True)]
+    title = f"office of 4 floors, one core, medians of {options.rounds} rounds"
+    tell(f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts))
+    return 0 if tell(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
+
+
+def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    axes.barh(_labels(rows), [row["x real time"] for row in rows])
+    axes.set(xscale="log", xlabel="times real time")
+
+
+def _draw_parts(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    left = np.zeros(len(rows))
+    for part in list(rows[0])[2:-1]:
+        widths = [row[part] for row in rows]
+        axes.barh(_labels(rows), widths, left=left, label=part)
+        left += widths
+    axes.set(xlabel=f"microseconds for a robot in {PERIOD_S} s")
+    axes.legend()
+
+
+def _labels(rows: list[dict[str, Any]]) -> list[str]:
+    return [f"{row['robots']} robots,\n{row['sensor']}" for row in rows]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

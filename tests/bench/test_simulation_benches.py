@@ -1,0 +1,289 @@
+"""The benches of the simulation: their building, what they compute, and small runs of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from omniORB import CORBA
+
+from bench import simulation_headless, simulation_robots, simulation_sensors
+from bench.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, Worked, drive, in_threads, joined, pids_of
+from bench.simulation_building import RADIUS_M, office, robots
+from bench.simulation_headless import LASER, MOST, RING, Case, Lap, crowd
+from bench.simulation_robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
+from clients.demo import servers
+from robocorba.maps import native
+from robocorba.maps.movable import movables
+from robocorba.orb import Orb
+from robocorba.stubs import RoboCorba
+
+
+def test_the_office_is_as_it_is_described() -> None:
+    building = office()
+    assert building == office() != office(seed=2)
+    assert native.loads(native.dumps(building)) == building
+    assert len(building.floors) == 4
+    for entry in building.floors.values():
+        assert 68 <= len(entry.geometrical.walls) <= 80
+        assert np.ptp(entry.floor.outline, axis=0).tolist() == [60.0, 60.0]
+    assert len(movables(building)) == 4 * 24
+
+
+def test_nobody_stands_in_the_way_of_another() -> None:
+    found = robots(office(), 200)
+    assert len({about.name for about in found}) == 200
+    assert {about.pose.floor for about in found} == set(office().floors)
+    for floor in office().floors:
+        places = np.array([about.pose[1:3] for about in found if about.pose.floor == floor])
+        apart = np.hypot(*(places[:, None] - places[None]).T)
+        assert apart[~np.eye(len(places), dtype=bool)].min() > 2 * RADIUS_M
+
+
+# ---- headless ----
+
+
+@pytest.mark.parametrize("spec", [LASER, RING], ids=["laser", "ring"])
+def test_a_crowd_drives_and_sees_the_same_either_way(spec: Any) -> None:
+    case = Case(12, "some", spec, 1.0)
+    with crowd(office(), case) as found:
+        before = [session.state() for session in found.sessions]
+        lap = found.lap(1.0)
+        after = [session.state() for session in found.sessions]
+        assert lap.factor > 0 < lap.cpu_factor
+        assert sum(lap.parts.values()) == pytest.approx(1.0 / lap.factor, rel=0.1)
+        assert after[0].time == pytest.approx(before[0].time + 1.0)
+        moved = [math.dist(a.pose[1:3], b.pose[1:3]) for a, b in zip(before, after, strict=True)]
+        assert sum(way > 0.3 for way in moved) > 6
+
+        poses = [state.pose for state in after]
+        together = found._scan(poses)
+        found._case = case._replace(one_by_one=True)
+        assert np.array_equal(found._scan(poses), together)
+
+
+def test_laps_are_told_by_their_medians() -> None:
+    laps = [Lap(factor, factor, {"steps": 2.0 / factor, "scans": 1.0}, 60) for factor in (4.0, 2.0, 3.0)]
+    row = simulation_headless.row_of(Case(10, "ring", RING, 60.0), laps)
+    assert (row["x real time"], row["worst"], row["best"]) == (3.0, 2.0, 4.0)
+    assert row["us a robot and s"] == pytest.approx(1e5 / 3)
+    assert row["hits a robot and min"] == 6.0
+    parts = simulation_headless.parts_of(Case(10, "ring", RING, 60.0), laps)
+    assert parts["scans"] == pytest.approx(1e6 / 6000)
+    assert parts["all"] == pytest.approx(parts["steps"] + parts["scans"])
+
+
+@pytest.mark.parametrize(("factor_of_most", "is_linear"), [(1.0, True), (0.7, False)])
+def test_growth_is_judged_by_the_time_a_robot(factor_of_most: float, is_linear: bool) -> None:
+    cases = simulation_headless.CASES
+    rows = [
+        {
+            "robots": case.robots,
+            "x real time": 1e5 / case.robots,
+            "us a robot and s": 10.0 / (factor_of_most if case.robots == MOST else 1.0),
+        }
+        for case in cases
+    ]
+    *speeds, growth = simulation_headless.marks_of(rows)
+    assert [mark.limit for mark in speeds] == [case.least for case in cases if case.least]
+    assert all(mark.is_reached for mark in speeds)
+    assert growth.is_reached is is_linear
+
+
+# ---- robots ----
+
+
+class Session:
+    """Of a robot that is commanded, and is as fast as it is told to."""
+
+    def __init__(self, takes_s: float = 0.0) -> None:
+        self.commands: list[Any] = []
+        self._takes_s = takes_s
+
+    def command(self, wanted: Any, valid_s: float) -> None:
+        time.sleep(self._takes_s)
+        self.commands.append(wanted)
+
+    def state(self) -> Any:
+        return SimpleNamespace(moving=self.commands[-1])
+
+
+def test_a_robot_that_is_stuck_turns_away_for_a_while() -> None:
+    robot = Robot(None, 1)
+    for _ in range(PATIENCE + 1):
+        assert robot.next_command()[0] > 0
+        robot.look(0.0)
+    turns = 0
+    while robot.next_command()[0] == 0:
+        robot.look(0.0)
+        turns += 1
+    assert turns >= 5
+    for _ in range(30):
+        assert robot.next_command()[0] > 0
+        robot.look(2 * STUCK_M_S)
+
+
+def test_robots_are_commanded_as_often_as_is_due() -> None:
+    fleet = [Robot(Session(), number) for number in range(4)]
+    found = drive(fleet, time.monotonic() + 0.05, 0.5, 10.0)
+    assert found["due"] == len(found["command"]) == len(found["state"]) == 20
+    assert [len(robot.session.commands) for robot in fleet] == [5] * 4
+    assert min(found["late"]) >= 0
+
+
+def test_what_a_slow_server_keeps_from_being_made_is_missing() -> None:
+    found = drive([Robot(Session(0.05), 0)], time.monotonic(), 0.4, 100.0)
+    assert found["due"] == 40
+    assert len(found["command"]) <= 9
+    assert found["late"][-1] > 200
+
+
+def test_what_several_say_is_joined() -> None:
+    assert joined([[1, 2], [], [3]]) == [1, 2, 3]
+    assert joined([1, 2, 3]) == 6
+    assert in_threads(lambda number: number * number, 3) == [0, 1, 4]
+    with pytest.raises(ZeroDivisionError):
+        in_threads(lambda number: 1 // number, 2)
+
+
+def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
+    """By a made-up one."""
+    ms = [1.0] * (made - 2) + [15.0, 30.0]
+    return {
+        **dict.fromkeys(("command", "state", "late"), ms),
+        **{BY_TURNS: [2.0, 3.0, 4.0], AT_ONCE: [20.0], "due": 100, "achieved": [0.5, achieved, achieved]},
+        **{"pace": 1.0, "server": 0.5, "cpu": 0.2, "collisions": 30, "lost": 0},
+    }
+
+
+def test_runs_of_robots_are_told() -> None:
+    row = simulation_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
+    assert (row["command ms"], row["command p99"], row["worst"], row["from due p99"]) == (1.0, 30.0, 30.0, 60.0)
+    assert (row["callers"], row["made"], row["achieved"], row["hits/min"]) == (12, 0.5, 1.0, 5.0)
+    one_by_one, at_once = simulation_robots.log_on_rows_of("1", FEW, found_by_a_run())
+    assert (one_by_one["median ms"], one_by_one["worst ms"], at_once["p99 ms"]) == (3.0, 4.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("found", "is_reached"),
+    [({}, [True, True, True]), ({"achieved": 0.97}, [False, True, True]), ({"made": 90}, [True, False, False])],
+)
+@pytest.mark.parametrize("load", [FEW, MANY])
+def test_robots_are_judged_by_the_medians_of_the_runs(
+    load: Load, found: dict[str, Any], is_reached: list[bool]
+) -> None:
+    runs = [found_by_a_run(**found), found_by_a_run(), found_by_a_run(**found)]
+    other = MANY if load is FEW else FEW
+    rows = [simulation_robots.row_of("1", load, each, 6, 60.0) for each in runs]
+    rows.append(simulation_robots.row_of("1", other, found_by_a_run(), 6, 60.0))
+    for row in rows:
+        row["command p99"] = 15.0 if row["made"] == 1.0 else 30.0
+    marks = simulation_robots.marks_of(rows, 6)
+    judged, others = (marks[:3], marks[3:]) if load is FEW else (marks[3:], marks[:3])
+    assert [mark.is_reached for mark in judged] == is_reached[: len(judged)]
+    assert all(mark.is_reached for mark in others)
+
+
+def test_robots_that_were_logged_off_are_counted() -> None:
+    class Gone(Session):
+        def state(self) -> Any:
+            raise CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO)
+
+    found = drive([Robot(Session(), 0), Robot(Gone(), 1)], time.monotonic(), 0.3, 10.0)
+    assert (found["due"], len(found["command"]), found["lost"]) == (6, 3, 1)
+
+
+@pytest.mark.parametrize(("refused", "is_reached"), [(2, [True, True]), (1, [True, False])])
+def test_every_run_must_refuse_the_one_too_many(refused: int, is_reached: list[bool]) -> None:
+    rows = [row for name in "12" for row in simulation_robots.log_on_rows_of(name, MANY, found_by_a_run())]
+    assert [mark.is_reached for mark in simulation_robots.log_on_marks_of(rows, 6, refused)] == is_reached
+
+
+# ---- sensors ----
+
+
+@pytest.mark.parametrize(("scan_ms", "is_reached"), [(0.3, True), (0.5, False)])
+def test_a_scan_is_compared_with_null_calls_of_its_own_round(scan_ms: float, is_reached: bool) -> None:
+    rounds = [
+        {simulation_sensors.NULL: [0.2 * slow] * 3, simulation_sensors.SCAN: [scan_ms * slow] * 3}
+        for slow in (1.0, 5.0, 1.0)
+    ]
+    rows = simulation_sensors.latency_rows(simulation_sensors.ALONE, rounds)
+    assert [row["null calls"] for row in rows] == pytest.approx([1.0, scan_ms / 0.2])
+    (mark,) = simulation_sensors.marks_of(rows)
+    assert mark.is_reached is is_reached
+
+
+def test_what_each_sensor_does_is_told_side_by_side() -> None:
+    assert simulation_sensors.spread([20, 19]) == "20 + 19"
+
+
+# ---- a real system, for all of them ----
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Clients, Path]]:
+    """Its server, two processes of clients, and its state folder."""
+    folder = tmp_path_factory.mktemp("bench")
+    native.save(office(), folder / "office.yaml")
+    more = ("--building", str(folder / "office.yaml"), "--sensors", "2", "--start-limit", "300")
+    with servers(folder / "state", *more) as naming, Orb(naming) as orb, Clients(naming, 2, folder) as clients:
+        administrator = (folder / "state" / "administrator.ior").read_text()
+        orb.reference(administrator, RoboCorba.SimulationAdministrator).setLimit(6)
+        yield orb.resolve("SimulationServer", RoboCorba.SimulationServer), clients, folder / "state"
+
+
+@pytest.mark.system
+def test_a_small_run_of_robots(system: tuple[Any, Clients, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    server, clients, state = system
+    monkeypatch.setattr(simulation_robots, "WARM_UP_S", 0.5)
+    monkeypatch.setattr(simulation_robots, "NULL_CALLS", 20)
+    (pid,) = pids_of(state, "simulation")
+    people = robots(office(), 12)
+    assert len(simulation_robots.null_calls(server, people[0])) == 20
+    assert simulation_robots.is_refused(server, people[0]) is False
+
+    on = simulation_robots.log_on(server, clients, people, 6)
+    found = simulation_robots.drive(server, clients, 2, 3.5, pid)
+    clients.all("log_off")
+
+    assert on["refused"] is True
+    assert len(on[BY_TURNS]) == len(on[AT_ONCE]) == 6
+    assert (found["due"], found["lost"]) == (6 * 35, 0)
+    assert 0.9 * 210 <= len(found["command"]) <= 210
+    row = simulation_robots.row_of("1", Load(2, 2), found, 6, 3.5)
+    assert row["pace"] > 0.5 and row["server cores"] > 0 < row["client cores"]
+    assert server._get_state().robots == 0
+
+
+@pytest.mark.system
+def test_a_small_run_of_sensors(system: tuple[Any, Clients, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    server, clients, state = system
+    for name, value in (("ROBOTS", 6), ("SETTLE_S", 0.5), ("CALLS", 10), ("ROUNDS", 2)):
+        monkeypatch.setattr(simulation_sensors, name, value)
+
+    (row,) = simulation_sensors.throughput(server, clients, state, 1.0, 1)
+
+    assert row["sensors"] == 2
+    assert row["scans/s"] > 20 and row["scans a sensor's CPU s"] > 20
+    assert sum(map(int, row["robots of sensors"].split(" + "))) == 6
+    with simulation_sensors.awake(state):
+        rounds = simulation_sensors.latency(server)
+    assert len(rounds) == 2
+    assert {len(took) for each in rounds for took in each.values()} == {10}
+    assert server._get_state().robots == 0
+
+
+@pytest.mark.system
+def test_work_of_a_process_is_counted(system: tuple[Any, Clients, Path]) -> None:
+    server, _, state = system
+    worked = Worked(pids_of(state, "simulation"))
+    for _ in range(500):
+        server._get_state()
+    assert 0 < worked.seconds()[0] < 60
