@@ -40,7 +40,7 @@ demo: stubs
 	@$(BIN)/python -m clients.demo
 
 test: stubs
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 lint: stubs
 	@$(BIN)/ruff format --check .
