@@ -8,6 +8,9 @@ import pytest
 
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
+from robocorba.sensing.virtual_sensor import VirtualSensor
+from robocorba.simulation import physics
+from tests.maps.buildings import two_floors
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -18,5 +21,9 @@ def sigint() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
-    """Compile the planner once, before any test's clock runs and before servers would each do it."""
+    """Compile once what servers use, before any test's clock runs and before they would each do it."""
     PathPlanner(Building("none")).warm_up()
+    physics.warm_up()
+    sensor = VirtualSensor()
+    sensor.know(two_floors())
+    sensor.warm_up()

@@ -15,7 +15,8 @@ from robocorba.stubs import RoboCorba
 
 #: The topological map is the path planning agent's.
 LEFT_OUT = (ElementKind.NODE, ElementKind.EDGE)
-LOAD_LIMIT_S = 30.0
+#: A map editor that compiles for the first time takes a while; who starts us waits no longer than that.
+LOAD_LIMIT_S = 300.0
 
 
 class RemoteMap:

@@ -16,7 +16,7 @@ from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
 from robocorba.stubs import RoboCorba
 
-START_LIMIT_S, CALL_LIMIT_S = 60.0, 1.0
+START_LIMIT_S, CALL_LIMIT_S = 300.0, 1.0
 
 
 class RemoteSimulation:
