@@ -26,6 +26,7 @@ from robocorba.conversion import errors as idl_errors
 from robocorba.conversion import paths
 from robocorba.errors import RoboCorbaError, StartFailed
 from robocorba.maps import native
+from robocorba.names import ADMINISTRATOR
 from robocorba.orb import Orb, corbaname
 from robocorba.planning.checking import faults
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Criterion, PathRequest, Place, RouteMode
@@ -84,7 +85,7 @@ def main(folder: str = "demo-output") -> int:
 def drive_one(orb: Orb, state: Path, output: Path, console: Console) -> None:
     """Let a robot log on and drive, five times as fast as in real life; draw where it is in the end."""
     title, request = list(TRIPS.items())[1]
-    reference = (state / "administrator.ior").read_text()
+    reference = (state / ADMINISTRATOR).read_text()
     orb.reference(reference, RoboCorba.SimulationAdministrator).setPace(5.0)
     path = orb.resolve("PathPlanner", RoboCorba.PathPlanner).findPaths(paths.request(request))[0].points
     console.print(f"[bold]Robot A drives it: {title}[/bold]")

@@ -18,7 +18,8 @@ RoboCorbaError
 │   ├── NotFree               start or goal is too near to an obstacle
 │   └── NoPath                nothing leads there: the blockers are named
 ├── SensingError
-│   └── InvalidScan           a field of a scan's request is out of range
+│   ├── InvalidScan           a field of a scan's request is out of range
+│   └── SensorBehind          what the sensor knows is too old
 ├── SimulationError
 │   ├── InvalidDescription    a field of a robot's description is out of range
 │   ├── PlaceTaken            a robot would stand in something there
@@ -26,9 +27,17 @@ RoboCorbaError
 │   ├── ServerFull            as many robots are logged on as may be: the limit, how many, when to try again
 │   ├── SessionExpired        the robot is not logged on any more
 │   ├── UnknownRobot          no robot of this name is logged on
+│   ├── InvalidCommand        a velocity, or how long it shall hold, can't be
+│   ├── CannotGrip            the object is out of reach, or can't be moved
 │   ├── InvalidRide           a field of a call for an elevator can't be
 │   ├── ElevatorFull          too many robots wait for it
-│   └── NoRide                a robot has no ride, or not in this phase
+│   ├── NoRide                a robot has no ride, or not in this phase
+│   ├── InvalidChoice         an administrator set what can't be
+│   ├── InvalidMission, StaleMission, UnknownMission
+│   ├── InvalidPicture        a picture of a floor can't be drawn like this
+│   ├── VideoError, StateDamaged   a film can't be written, a recording not be read
+│   ├── OutOfStep             an update of a floor does not follow what is known
+│   └── SimulationBusy        there was no time for it; nothing was done
 ├── EventError
 │   ├── InvalidEvent          a field of an event is out of range
 │   ├── InvalidSubscription   a subscription can't be used: where in it, and why
@@ -61,6 +70,14 @@ from collections.abc import Sequence
 
 class RoboCorbaError(Exception):
     """Root of the tree."""
+
+
+class FieldError(RoboCorbaError):
+    """Part of what was asked for can't be: `field` says which, `reason` says why."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"{field}: {reason}")
 
 
 class MapError(RoboCorbaError):
@@ -159,12 +176,8 @@ class InvalidPoint(PathError):
         super().__init__(f"{which}.{field}: {reason}")
 
 
-class InvalidRequest(PathError):
+class InvalidRequest(FieldError, PathError):
     """`field` is the member of the request that is wrong."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class UnknownFloor(PathError):
@@ -210,12 +223,8 @@ class SensingError(RoboCorbaError):
     """A virtual sensor refuses something."""
 
 
-class InvalidScan(SensingError):
+class InvalidScan(FieldError, SensingError):
     """A field of a scan's request is out of range: `field` says which, `reason` says why."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field} {reason}")
 
 
 class SensorBehind(SensingError):
@@ -230,12 +239,8 @@ class SimulationError(RoboCorbaError):
     """The simulated building refuses something."""
 
 
-class InvalidDescription(SimulationError):
+class InvalidDescription(FieldError, SimulationError):
     """A field of a robot's description is out of range: `field` says which, `reason` says why."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class PlaceTaken(SimulationError):
@@ -277,12 +282,8 @@ class UnknownRobot(SimulationError):
         super().__init__(f"no robot called {name} is logged on")
 
 
-class InvalidRide(SimulationError):
+class InvalidRide(FieldError, SimulationError):
     """A field of a call for an elevator can't be: `field` says which, `reason` says why."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class ElevatorFull(SimulationError):
@@ -293,12 +294,8 @@ class ElevatorFull(SimulationError):
         super().__init__(f"{limit} robots wait for {elevator}")
 
 
-class InvalidCommand(SimulationError):
+class InvalidCommand(FieldError, SimulationError):
     """A command that can't be carried out: `field` says which part of it, `reason` says why."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class CannotGrip(SimulationError):
@@ -309,28 +306,16 @@ class CannotGrip(SimulationError):
         super().__init__(f"can't grip {what[:80]!r}: {reason}")
 
 
-class InvalidPicture(SimulationError):
+class InvalidPicture(FieldError, SimulationError):
     """`field` of a picture that was asked for is out of range."""
 
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
-
-class InvalidChoice(SimulationError):
+class InvalidChoice(FieldError, SimulationError):
     """What an administrator set is out of range: `field` says which, `reason` says why."""
 
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
-
-class InvalidMission(SimulationError):
+class InvalidMission(FieldError, SimulationError):
     """`field` of a mission can't be kept."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class StaleMission(SimulationError):
@@ -369,6 +354,14 @@ class SimulationBusy(SimulationError):
     """The simulation did not get round to it; it was not done."""
 
 
+class VideoError(SimulationError):
+    """A video can't be written to `path`; `reason` says why."""
+
+    def __init__(self, path: object, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
+
+
 class NoRide(SimulationError):
     """`robot` has no ride in `elevator`, or can't do this in the phase in which it is."""
 
@@ -381,12 +374,8 @@ class EventError(RoboCorbaError):
     """The event channel refuses something, or could not reach a client of it."""
 
 
-class InvalidEvent(EventError):
+class InvalidEvent(FieldError, EventError):
     """`field` of the event's header, or its payload, is out of range."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class InvalidSubscription(EventError):
@@ -397,12 +386,8 @@ class InvalidSubscription(EventError):
         super().__init__(f"{where}: {reason}" if where else reason)
 
 
-class InvalidQueue(EventError):
+class InvalidQueue(FieldError, EventError):
     """`field` of the queue's policy is out of range."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class TooManyProxies(EventError):
@@ -441,12 +426,8 @@ class UnknownPeer(EventError):
         super().__init__(f"{peer[:80]!r} is not a peer; peers are {', '.join(self.known) or 'none'}")
 
 
-class InvalidPeer(EventError):
+class InvalidPeer(FieldError, EventError):
     """`field` of a peer's address can't be used."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        self.field, self.reason = field, reason
-        super().__init__(f"{field}: {reason}")
 
 
 class SessionOver(EventError):

@@ -1,4 +1,7 @@
-"""Naming contexts below RoboCorba in which objects of one kind are bound by their names."""
+"""Names that servers and their clients agree on."""
 
+#: Naming contexts below RoboCorba in which objects of one kind are bound by their names.
 CHANNELS = "EventChannels"
 SENSORS = "VirtualSensors"
+#: The file in the state folder with the reference of the simulation's administrator.
+ADMINISTRATOR = "administrator.ior"

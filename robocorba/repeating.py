@@ -31,6 +31,6 @@ class Repeating:
         while not self._closing.is_set():
             try:
                 self._task()
-            except Exception:
+            except Exception:  # whatever the task is: one fault must not end what it does for good
                 _log.exception("%s failed", self._name)
             self._closing.wait(self._every_s)

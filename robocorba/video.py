@@ -10,21 +10,13 @@ import av
 from av.video.stream import VideoStream
 from PIL import Image, UnidentifiedImageError
 
-from robocorba.errors import RoboCorbaError
+from robocorba.errors import VideoError
 
 SUFFIXES = (".mp4", ".m4v", ".mov")
 #: Of the sides of a picture, px, and of the rate, pictures a second.
 LEAST_PX, MOST_PX, MOST_FPS = 2, 8192, 240
 GROUND = "white"
 _OPTIONS = {"preset": "veryfast", "crf": "23"}
-
-
-class VideoError(RoboCorbaError):
-    """A video can't be written to `path`; `reason` says why."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason}")
 
 
 class VideoFile:

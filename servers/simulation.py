@@ -12,6 +12,7 @@ from typing import Any
 
 from robocorba import logs
 from robocorba.errors import NotReachable
+from robocorba.names import ADMINISTRATOR
 from robocorba.orb import Orb
 from robocorba.remote.announcer import Announcer
 from robocorba.remote.maps import RemoteMap
@@ -90,7 +91,8 @@ class SimulationServer:
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
-            if self._map.follow():
+            self._map.follow()
+            if self._map.version != self.agent.state.map_version:  # also where there was no time for it before
                 self.agent.follow_map(self._map.building, self._map.version)
                 self._monitor = Monitor(self.agent, self._map.building)
 
@@ -114,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Orb(settings.server.naming, settings.server.endpoint, options=THREADS) as orb,
         contextlib.closing(SimulationServer(orb, store, RemoteMap(orb), settings.channel)) as server,
     ):
-        server.start(state / "administrator.ior")
+        server.start(state / ADMINISTRATOR)
         orb.run()
 
 

@@ -37,6 +37,8 @@ class SensorServer:
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
         self._lock = threading.Lock()
+        #: Floors and the map are told one after the other.
+        self._telling = threading.Lock()
         self._given: dict[str, tuple[str, Any]] = {}
         self._number = 0
         self._known: set[str] = set()
@@ -89,7 +91,9 @@ class SensorServer:
         for floor in self._sensor.floors:
             with contextlib.suppress(NotReachable, UnknownFloor):
                 asked_at = time.monotonic()
-                self._sensor.follow(self._simulation.changes(floor, self._sensor.version(floor)), asked_at)
+                update = self._simulation.changes(floor, self._sensor.version(floor))
+                with self._telling:
+                    self._sensor.follow(update, asked_at)
         robots = self._sensor.robots
         for name in self._known - robots:
             self.dismiss(name)
@@ -98,7 +102,8 @@ class SensorServer:
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
             if self._map.follow():
-                self._sensor.know(self._map.building)
+                with self._telling:
+                    self._sensor.know(self._map.building)
 
     def _report(self) -> None:
         latest = self._reports.mark()

@@ -9,7 +9,8 @@ import av
 import pytest
 from PIL import Image
 
-from robocorba.video import VideoError, VideoFile
+from robocorba.errors import VideoError
+from robocorba.video import VideoFile
 
 COLOURS = ["red", "lime", "blue", "white", "black"]
 

@@ -9,7 +9,7 @@ import json as json_format
 import queue
 import signal
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,11 +17,11 @@ import typer
 from omniORB import CORBA
 
 from robocorba.commands import event_stats
-from robocorba.conversion import errors as idl_errors
-from robocorba.errors import InvalidEvent, NotReachable, RoboCorbaError
+from robocorba.commands.reporting import reporting
+from robocorba.errors import InvalidEvent, NotReachable
 from robocorba.events.queue import QueuePolicy
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
@@ -56,7 +56,7 @@ def stats(
     naming: _Naming = None,
 ) -> None:
     """Show proxies, links and accounts. Exit code 0 if every channel answers, else 1."""
-    with _reporting("stats"), _orb(naming) as orb:
+    with reporting("events stats"), _orb(naming) as orb:
         names = channels or orb.names(CHANNELS, FIND_S)
         if not names:
             raise NotReachable(f"the naming service at {orb.naming} knows no event channel")
@@ -82,7 +82,7 @@ def tail(
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with (
-            _reporting("tail"),
+            reporting("events tail"),
             _orb(naming) as orb,
             _connected(orb, channel) as client,
             contextlib.closing(_arriving(client, channel, (type, source))) as events,
@@ -106,7 +106,7 @@ def push(
     naming: _Naming = None,
 ) -> None:
     """Push one event, with a JSON value as its payload."""
-    with _reporting("push"):
+    with reporting("events push"):
         try:
             value = json_format.loads(payload)
         except ValueError as wrong:
@@ -127,14 +127,14 @@ def add(
     naming: _Naming = None,
 ) -> None:
     """Link two channels, both ways and for good."""
-    with _reporting("peer add"), _orb(naming) as orb:
+    with reporting("events peer add"), _orb(naming) as orb:
         _find(orb, channel).addPeer(RoboCorba.PeerAddress(peer, address, foreign))
 
 
 @peer_app.command()
 def remove(channel: _Channel, peer: _Peer, naming: _Naming = None) -> None:
     """End a link at both ends."""
-    with _reporting("peer remove"), _orb(naming) as orb:
+    with reporting("events peer remove"), _orb(naming) as orb:
         _find(orb, channel).removePeer(peer)
 
 
@@ -230,20 +230,3 @@ def _find(orb: Orb, channel: str) -> Any:
 
 def _orb(naming: str | None) -> Orb:
     return Orb(Settings.read(naming=naming).naming)
-
-
-@contextlib.contextmanager
-def _reporting(command: str) -> Iterator[None]:
-    """Errors as one line, with exit code 1."""
-    try:
-        yield
-    except RoboCorbaError as wrong:
-        reason = str(wrong)
-    except CORBA.UserException as wrong:
-        reason = idl_errors.error_of(wrong)
-    except CORBA.SystemException as wrong:
-        reason = f"the call failed ({describe(wrong)})"
-    else:
-        return
-    typer.echo(f"robocorba events {command}: {reason}", err=True)
-    raise typer.Exit(1)

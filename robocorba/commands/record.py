@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress, reporting
+from robocorba.commands.reporting import reporting
+from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
 from robocorba.errors import NotReachable
 from robocorba.maps import native
 from robocorba.orb import Orb

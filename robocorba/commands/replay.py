@@ -13,8 +13,9 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
+from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import Scene, as_tables, elevators, robots, show
-from robocorba.commands.waiting import Stop, progress, reporting
+from robocorba.commands.waiting import Stop, progress
 from robocorba.commands.watch import SHOW_S
 from robocorba.errors import StateDamaged
 from robocorba.settings import InvalidSetting

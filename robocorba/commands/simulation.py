@@ -9,16 +9,15 @@ from typing import Annotated, Any
 
 import typer
 
-from robocorba.commands.waiting import reporting
+from robocorba.commands.reporting import reporting
 from robocorba.errors import NotReachable
+from robocorba.names import ADMINISTRATOR
 from robocorba.orb import Orb
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
 #: Steps are waited for.
 CALL_LIMIT_S = 60.0
-#: In the state folder.
-FILE = "administrator.ior"
 
 app = typer.Typer(help="Set limits and pace of the simulation, and log robots off.", no_args_is_help=True)
 State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
@@ -80,7 +79,7 @@ def step(
 def _administrator(state: Path | None) -> Iterator[Any]:
     with reporting("simulation"):
         settings = Settings.read(state=state)
-        file = settings.state / FILE
+        file = settings.state / ADMINISTRATOR
         try:
             reference = file.read_text()
         except OSError as wrong:

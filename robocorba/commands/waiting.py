@@ -8,14 +8,10 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 
-import typer
-from omniORB import CORBA
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from robocorba.conversion import errors as idl_errors
-from robocorba.errors import NotReachable, RoboCorbaError
-from robocorba.orb import describe
+from robocorba.errors import NotReachable
 
 #: For a server to be found at first, and once more in each attempt after it was lost.
 FIND_S, FIND_AGAIN_S = 3.0, 0.5
@@ -89,20 +85,3 @@ def progress(total: float) -> Iterator[Callable[[float, str], None]]:
     with Progress(*columns, disable=not Console().is_terminal, transient=True) as bar:
         task = bar.add_task("", total=total or None)
         yield lambda done, note: bar.update(task, completed=done, description=note)
-
-
-@contextlib.contextmanager
-def reporting(command: str) -> Iterator[None]:
-    """Errors as one line, with exit code 1."""
-    try:
-        yield
-    except RoboCorbaError as wrong:
-        reason = str(wrong)
-    except CORBA.UserException as wrong:
-        reason = idl_errors.error_of(wrong)
-    except CORBA.SystemException as wrong:
-        reason = f"the call failed ({describe(wrong)})"
-    else:
-        return
-    typer.echo(f"robocorba {command}: {reason}", err=True)
-    raise typer.Exit(1)

@@ -13,8 +13,9 @@ from omniORB import CORBA
 from rich.console import Console
 from rich.live import Live
 
+from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import Scene, System, as_json, as_tables, show
-from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress, reporting
+from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
 from robocorba.conversion import errors as idl_errors
 from robocorba.errors import NotReachable
 from robocorba.orb import Orb, describe

@@ -80,9 +80,9 @@ def places_of(structs: Sequence[Any]) -> Floats:
     return np.array([(pose.x, pose.y, pose.heading) for pose in structs], float).reshape(-1, 3)
 
 
-def scans(seen: Sighting, found: ScanSpec) -> list[Any]:
-    first, step = found.fan.first_rad, found.fan.step_rad
-    return [_ScanData(seen.time, first, step, row) for row in seen.distances.tolist()]
+def scan(seen: Sighting, found: ScanSpec) -> Any:
+    """Of a sighting of one sensor."""
+    return _ScanData(seen.time, found.fan.first_rad, found.fan.step_rad, seen.distances[0].tolist())
 
 
 def last_scan(found: LastScan) -> Any:

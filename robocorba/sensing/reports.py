@@ -31,9 +31,9 @@ class Reports:
         self.robots = 0
 
     def saw(self, robot: str | None, floor: str, spec: ScanSpec, seen: Sighting) -> None:
-        """A scan was made, for a robot where it is not None."""
+        """A scan of one sensor was made, for a robot where it is not None."""
         with self._lock:
-            self._scans += len(seen.distances)
+            self._scans += 1
             if robot is not None:
                 self._last[robot] = (floor, spec, seen)
 
@@ -55,6 +55,6 @@ class Reports:
 
 
 def _last_scan(robot: str, floor: str, spec: ScanSpec, seen: Sighting) -> LastScan:
-    x, y, heading = seen.sensors[-1].tolist()
+    x, y, heading = seen.sensors[0].tolist()
     place, fan = Pose(floor, x, y, heading), spec.fan
-    return LastScan(robot, seen.time, place, fan.first_rad, fan.step_rad, seen.distances[-1] + spec.rim_m)
+    return LastScan(robot, seen.time, place, fan.first_rad, fan.step_rad, seen.distances[0] + spec.rim_m)

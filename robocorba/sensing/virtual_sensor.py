@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -127,8 +127,7 @@ class VirtualSensor:
         lag_s = self._clock() - here.true_at
         if lag_s > LAG_LIMIT_S:
             raise SensorBehind(lag_s, LAG_LIMIT_S)
-        if len(robots) * spec.fan.count > MOST_RAYS_AT_ONCE:
-            raise InvalidScan("rays", f"{len(robots)} x {spec.fan.count} are more than {MOST_RAYS_AT_ONCE}")
+        _check_rays(len(robots), spec)
         seen_at, fan = here.view.time, spec.fan
         scene, numbers = here.seen
         number = WHO_STANDS_THERE if carrier is None else numbers.get(carrier, NOBODY)
@@ -139,10 +138,28 @@ class VirtualSensor:
             distances = spec.noise.disturb(distances, fan.range_m, spec.seed, carriers, 0)
         return Sighting(seen_at, sensors, distances)
 
+    def scan_many(
+        self, floors: Sequence[str], robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None
+    ) -> list[Sighting]:
+        """The same of sensors on robots (m, 3) on these floors, one sighting for each. Raises as `scan` does."""
+        _check_rays(len(robots), spec)
+        found: dict[int, Sighting] = {}
+        for floor in dict.fromkeys(floors):
+            places = [place for place, other in enumerate(floors) if other == floor]
+            seen = self.scan(floor, robots[places], mount, spec, carrier)
+            for row, place in enumerate(places):
+                found[place] = Sighting(seen.time, seen.sensors[row : row + 1], seen.distances[row : row + 1])
+        return [found[place] for place in range(len(robots))]
+
     def _floor(self, name: str) -> _FloorSight:
         if name not in self._floors:
             raise UnknownFloor("robot", name, list(self._floors))
         return self._floors[name]
+
+
+def _check_rays(robots: int, spec: ScanSpec) -> None:
+    if robots * spec.fan.count > MOST_RAYS_AT_ONCE:
+        raise InvalidScan("rays", f"{robots} x {spec.fan.count} are more than {MOST_RAYS_AT_ONCE}")
 
 
 class _FloorSight:

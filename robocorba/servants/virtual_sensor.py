@@ -10,10 +10,9 @@ from omniORB import CORBA
 
 from robocorba.conversion import scans, simulation
 from robocorba.conversion.errors import translating
-from robocorba.errors import InvalidScan
 from robocorba.sensing.fan import LASER, PROXIMITY
 from robocorba.sensing.reports import Reports
-from robocorba.sensing.virtual_sensor import MOST_RAYS_AT_ONCE, ScanSpec, VirtualSensor
+from robocorba.sensing.virtual_sensor import ScanSpec, VirtualSensor
 from robocorba.stubs import RoboCorba__POA
 
 
@@ -35,27 +34,19 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
 
     @translating
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
-        return self._scan(robot.floor, [robot], where, wanted)[0]
+        spec = scans.spec_of(wanted)
+        place, mount = scans.places_of([robot]), scans.mount_of(where)
+        seen = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
+        self._reports.saw(self._robot, robot.floor, spec, seen)
+        return scans.scan(seen, spec)
 
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
-        if len(robots) * wanted.rays > MOST_RAYS_AT_ONCE:
-            raise InvalidScan("rays", f"{len(robots)} x {wanted.rays} are more than {MOST_RAYS_AT_ONCE}")
-        by_floor: dict[str, list[int]] = {}
-        for place, pose in enumerate(robots):
-            by_floor.setdefault(pose.floor, []).append(place)
-        found: list[Any] = [None] * len(robots)
-        for floor, places in by_floor.items():
-            answers = self._scan(floor, [robots[place] for place in places], where, wanted)
-            for place, answer in zip(places, answers, strict=True):
-                found[place] = answer
-        return found
-
-    def _scan(self, floor: str, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
-        spec = scans.spec_of(wanted)
-        seen = self._sensor.scan(floor, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
-        self._reports.saw(self._robot, floor, spec, seen)
-        return scans.scans(seen, spec)
+        spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
+        found = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
+        for floor, seen in zip(floors, found, strict=True):
+            self._reports.saw(self._robot, floor, spec, seen)
+        return [scans.scan(seen, spec) for seen in found]
 
     def laser(self) -> Any:
         return scans.spec(ScanSpec(LASER))

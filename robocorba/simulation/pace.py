@@ -78,7 +78,7 @@ class Pace:
         except TooLate:
             if done.cancel():
                 raise SimulationBusy(f"the simulation had no time within {TURN_LIMIT_S:g} s") from None
-            return done.result(TURN_LIMIT_S)
+        return done.result(TURN_LIMIT_S)  # it has its turn now
 
     def choose(self, pace: float, is_paused: bool) -> None:
         """Raises InvalidChoice."""
@@ -160,7 +160,7 @@ class Pace:
             if done.set_running_or_notify_cancel():
                 try:
                     done.set_result(call())
-                except BaseException as wrong:  # whoever asked is told
+                except Exception as wrong:  # whoever asked is told
                     done.set_exception(wrong)
             self._guard(self._between)
 
