@@ -191,8 +191,7 @@ class Proxies:
     def destroy(self) -> None:
         """Disconnect everybody, for good. Raises ProxyGone the second time."""
         with self._lock:
-            if self._is_destroyed:
-                raise ProxyGone(f"channel {self._channel.name} was destroyed")
+            self.check()
             self._is_destroyed = True
             everything = list(self._all.values())
             with self._channel.lock:
@@ -200,6 +199,11 @@ class Proxies:
         with ThreadPoolExecutor(CALLED_AT_ONCE) as callers:
             list(callers.map(self._remove_if_there, everything))
         self._interest_changed()
+
+    def check(self) -> None:
+        """Raise ProxyGone once the channel was destroyed: a call may come in while its object is being taken away."""
+        if self._is_destroyed:
+            raise ProxyGone(f"channel {self._channel.name} was destroyed")
 
     # ---- from the server ----
 
@@ -268,8 +272,7 @@ class Proxies:
                 self._channel.outlets[proxy.id] = proxy
 
     def _new_id(self) -> str:
-        if self._is_destroyed:
-            raise ProxyGone(f"channel {self._channel.name} was destroyed")
+        self.check()
         if len(self._all) >= MAX_PROXIES:
             unused = [
                 proxy

@@ -49,10 +49,14 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 
     # ---- CosEventChannelAdmin::EventChannel ----
 
+    @translating
     def for_consumers(self) -> Any:
+        self._proxies.check()
         return self._objects.consumer_admin
 
+    @translating
     def for_suppliers(self) -> Any:
+        self._proxies.check()
         return self._objects.supplier_admin
 
     @translating
