@@ -1,0 +1,243 @@
+"""Both arms on the lumbar as one tree of joints, in compiled functions: where the hands are, and which joints bring
+them nearer to where they shall be.
+
+A joint is a line at zero angles: a point on it, and its direction. Turning about these lines one after the other, from
+the lumbar on, carries a hand from its place at zero angles to where it is (the product of exponentials).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from robocorba.grids import Floats, Longs
+from robocorba.kernels import kernel
+from robocorba.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
+
+#: What a turn of the hand counts as: a radian as much as this way.
+TURN_M = 0.3
+#: As near as `pull` gets: far below what a robot can do, so that what it is asked for twice is the same.
+NEAR = 1e-6
+_MOST_ITERATIONS = 60
+_MOST_STEP_RAD = 0.6
+_DAMPING, _LEAST_DAMPING = 0.5, 1e-8
+#: The share of the way to comfort that goes with a step, for each metre that is left; more would keep hands from poses
+#: that are reached only in odd postures.
+_COMFORT_PER_M = 0.2
+#: A seed that doesn't get nearer by a tenth in so many steps is given up.
+_PATIENCE = 8
+
+
+class Chains(NamedTuple):
+    """Of both hands, left first. order (2, 9): the joints that move it, from the lumbar on; anchors, axes (18, 3): the
+    joints' lines; places (2, 3), attitudes (2, 3, 3): the hands at zero angles."""
+
+    order: Longs
+    anchors: Floats
+    axes: Floats
+    places: Floats
+    attitudes: Floats
+
+
+def chains_of(model: mujoco.MjModel) -> Chains:
+    """The chains of a model of `model.specification`."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    hands = [data.site(f"{side.value}_hand") for side in Side]
+    rows = np.arange(len(JOINTS))
+    return Chains(
+        np.array([[*rows[LUMBAR], *rows[ARM[side]]] for side in Side]),
+        np.array([data.joint(name).xanchor for name in JOINTS]),
+        np.array([data.joint(name).xaxis for name in JOINTS]),
+        np.array([hand.xpos for hand in hands]),
+        np.array([hand.xmat.reshape(3, 3) for hand in hands]),
+    )
+
+
+@kernel
+def locate(chains: Chains, hand: int, joints: Floats, lines: Floats) -> tuple[Floats, Floats]:
+    """Position (3,) and rotation (3, 3) of a hand. `lines` (9, 6) becomes the direction and a point of each of its
+    joints, as they are now."""
+    turn, shift = _rotation(np.zeros(3), 0.0), np.zeros(3)  # not at all yet
+    for i in range(chains.order.shape[1]):
+        joint = chains.order[hand, i]
+        direction = _turned(turn, chains.axes[joint])
+        anchor = _turned(turn, chains.anchors[joint]) + shift
+        for k in range(3):
+            lines[i, k], lines[i, 3 + k] = direction[k], anchor[k]
+        turn = _product(turn, _rotation(chains.axes[joint], joints[joint]))
+        shift = anchor - _turned(turn, chains.anchors[joint])
+    return _turned(turn, chains.places[hand]) + shift, _product(turn, chains.attitudes[hand])
+
+
+@kernel
+def pull(
+    chains: Chains,
+    joints: Floats,
+    places: Floats,
+    attitudes: Floats,
+    weights: Floats,
+    free: Longs,
+    lower: Floats,
+    upper: Floats,
+    comfort: Floats,
+) -> float:
+    """Move `free` ones of the joints (18,), within their limits, until the hands are at `places` (2, 3) with
+    `attitudes` (2, 3, 3); each hand's place and attitude count by `weights` (2, 2), 0 for what doesn't matter, TURN_M
+    for a turn. What is left then, in m: below NEAR it got there.
+
+    Damped least squares, the damping in proportion to the square of what is left (Sugihara 2011). What the hands leave
+    open is pulled towards `comfort`, the less the nearer they are: a hand that stands doesn't let its elbow wander."""
+    count = len(free)
+    error, jacobian = np.zeros(12), np.zeros((12, count))
+    lines = np.zeros((chains.order.shape[1], 6))
+    least, most, wish = np.empty(count), np.empty(count), np.empty(count)
+    best, waited, left = np.inf, 0, np.inf
+    for _ in range(_MOST_ITERATIONS):
+        for hand in range(2):
+            if weights[hand, 0] or weights[hand, 1]:
+                place, attitude = locate(chains, hand, joints, lines)
+                _miss(place, attitude, places[hand], attitudes[hand], weights[hand], error[6 * hand :])
+                _lean(chains.order[hand], lines, place, weights[hand], free, jacobian[6 * hand :])
+        left = math.sqrt((error * error).sum())
+        if left < NEAR:
+            break
+        waited += 1
+        if left < 0.9 * best:
+            best, waited = left, 0
+        if waited > _PATIENCE:
+            break
+        damping = _DAMPING * left * left + _LEAST_DAMPING
+        comforting = _COMFORT_PER_M * min(left, 1.0)
+        for i in range(count):
+            joint = free[i]
+            least[i], most[i] = lower[joint] - joints[joint], upper[joint] - joints[joint]
+            wish[i] = comforting * (comfort[joint] - joints[joint])
+        step = _step(jacobian, error, damping, wish, least, most)
+        longest = _MOST_STEP_RAD
+        for i in range(count):
+            longest = max(longest, abs(step[i]))
+        for i in range(count):
+            joints[free[i]] += step[i] * _MOST_STEP_RAD / longest
+    return left
+
+
+@kernel
+def _miss(place: Floats, attitude: Floats, goal: Floats, goal_attitude: Floats, weight: Floats, error: Floats) -> None:
+    """error (6,): the way to the goal, and the turn to it about an axis, weighted."""
+    turn = _product(goal_attitude, attitude.T)
+    x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
+    sine, cosine = math.sqrt(x * x + y * y + z * z), turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0
+    scale = 0.5 if sine < 1e-9 else math.atan2(sine, cosine) / sine
+    if sine < 1e-6 and cosine < 0.0:  # half round: the axis is a column of turn + 1, whose length is not 0
+        k = 0 if turn[0, 0] >= max(turn[1, 1], turn[2, 2]) else 1 if turn[1, 1] >= turn[2, 2] else 2
+        x, y, z = turn[0, k], turn[1, k], turn[2, k]
+        x, y, z = (x + 1.0, y, z) if k == 0 else (x, y + 1.0, z) if k == 1 else (x, y, z + 1.0)
+        scale = math.pi / math.sqrt(x * x + y * y + z * z)
+    for i in range(3):
+        error[i] = weight[0] * (goal[i] - place[i])
+    error[3], error[4], error[5] = weight[1] * scale * x, weight[1] * scale * y, weight[1] * scale * z
+
+
+@kernel
+def _lean(order: Longs, lines: Floats, place: Floats, weight: Floats, free: Longs, jacobian: Floats) -> None:
+    """jacobian (6, free): how a hand at `place` moves and turns with each joint, weighted."""
+    for i in range(len(free)):
+        for j in range(len(order)):
+            if order[j] == free[i]:
+                a, b, c = lines[j, 0], lines[j, 1], lines[j, 2]
+                x, y, z = place[0] - lines[j, 3], place[1] - lines[j, 4], place[2] - lines[j, 5]
+                jacobian[0, i], jacobian[3, i] = weight[0] * (b * z - c * y), weight[1] * a
+                jacobian[1, i], jacobian[4, i] = weight[0] * (c * x - a * z), weight[1] * b
+                jacobian[2, i], jacobian[5, i] = weight[0] * (a * y - b * x), weight[1] * c
+
+
+@kernel
+def _step(jacobian: Floats, error: Floats, damping: float, wish: Floats, least: Floats, most: Floats) -> Floats:
+    """The step between `least` and `most` that takes the error away as far as it can, and comes near to the wish where
+    that leaves it open. A joint that would leave its range stops there, and the others do its part."""
+    count, rows = len(wish), len(error)
+    normal, wanted = np.empty((count, count)), damping * wish
+    for i in range(count):
+        for k in range(rows):
+            wanted[i] += jacobian[k, i] * error[k]
+        for j in range(i + 1):
+            total = damping if i == j else 0.0
+            for k in range(rows):
+                total += jacobian[k, i] * jacobian[k, j]
+            normal[i, j] = normal[j, i] = total
+    step = _solved(normal, wanted)
+    stopped = np.zeros(count, np.bool_)
+    for _ in range(count):
+        beyond = False
+        for i in range(count):
+            if not stopped[i] and (step[i] < least[i] or step[i] > most[i]):
+                step[i] = min(max(step[i], least[i]), most[i])
+                stopped[i] = beyond = True
+                for j in range(count):
+                    if j != i:
+                        wanted[j] -= normal[j, i] * step[i]
+                        normal[i, j] = normal[j, i] = 0.0
+                normal[i, i], wanted[i] = 1.0, step[i]
+        if not beyond:
+            break
+        step = _solved(normal, wanted)
+    return step
+
+
+@kernel
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    """x of matrix x = right, for a symmetric, positive matrix (Cholesky); LAPACK takes longer for so small ones."""
+    count = len(right)
+    root, x = np.zeros((count, count)), np.empty(count)
+    for i in range(count):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            root[i, j] = math.sqrt(max(total, 1e-18)) if i == j else total / root[j, j]
+    for i in range(count):
+        total = right[i]
+        for k in range(i):
+            total -= root[i, k] * x[k]
+        x[i] = total / root[i, i]
+    for i in range(count - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, count):
+            total -= root[k, i] * x[k]
+        x[i] = total / root[i, i]
+    return x
+
+
+@kernel
+def _rotation(axis: Floats, angle: float) -> Floats:
+    """By an angle about an axis (Rodrigues)."""
+    a, b, c = axis
+    s, v = math.sin(angle), 1.0 - math.cos(angle)
+    turn = np.empty((3, 3))
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1 - v * (b * b + c * c), v * a * b - s * c, v * a * c + s * b
+    turn[1, 0], turn[1, 1], turn[1, 2] = v * a * b + s * c, 1 - v * (a * a + c * c), v * b * c - s * a
+    turn[2, 0], turn[2, 1], turn[2, 2] = v * a * c - s * b, v * b * c + s * a, 1 - v * (a * a + b * b)
+    return turn
+
+
+@kernel
+def _turned(turn: Floats, vector: Floats) -> Floats:
+    x, y, z = vector
+    found = np.empty(3)
+    for i in range(3):
+        found[i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+    return found
+
+
+@kernel
+def _product(one: Floats, other: Floats) -> Floats:
+    """Of two matrices (3, 3); BLAS would take ten times as long."""
+    found = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            found[i, j] = one[i, 0] * other[0, j] + one[i, 1] * other[1, j] + one[i, 2] * other[2, j]
+    return found

@@ -1,0 +1,145 @@
+"""SmartPal V as a MuJoCo model, built from its figures: what kinematics computes with and what dynamics lets move.
+
+Its frame is the robot's: origin on the floor under the middle of the base, x ahead, y to the left, z up. At zero angles
+it stands upright with both arms hanging, palms inwards. The arms mirror each other, so that equal angles give mirror
+images:
+
+    joint            axis, arm hanging     plus
+    1 roll           across the body       lifts the arm ahead
+    2 bend           along the body        brings the arm towards the body (minus lifts it sideways)
+    3 roll           along the upper arm   turns the bent forearm inwards
+    4 bend           across                bends the elbow
+    5 roll           along the forearm     turns the hand inwards
+    6 bend           across                lifts the hand
+    7 bend           along                 turns the hand outwards
+    lumbar           across, both          leans ahead
+    grip             across                shuts
+
+Shoulders, lengths of the arms, footprint, height, total mass and ranges are the robot's. Ours, because nobody tells
+them: how the total mass is shared out, the shapes of the links, friction, where the lumbar joints are and that the
+upper one bends across as the lower one does, signs, that the elbow's axis lies behind the lines of both upper arm and
+forearm, that one finger moves and the other stands, and where laser and proximity sensors are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+
+from robocorba.kinematics.smartpal import HEIGHT_M, JOINTS, LOWER, UPPER, Side
+
+#: Where the arms begin, and how long their parts are: shoulder, elbow, wrist, end of the arm, control point.
+SHOULDER_M = (-0.025, 0.200, 1.1265)
+UPPER_ARM_M, FOREARM_M, WRIST_M, HAND_M = 0.250, 0.280, 0.056, 0.110
+ELBOW_OFFSET_M = -0.02
+#: The base's footprint: from x to x, and to either side.
+BACK_M, FRONT_M, BESIDE_M = -0.376, 0.237, 0.2775
+#: Ours: the heights of the lumbar joints, of the base, and of the proximity sensors.
+LUMBAR_LOWER_M, LUMBAR_UPPER_M, BASE_M, PROXIMITY_M = 0.38, 0.75, 0.30, 0.15
+#: Ours: the laser at the waist.
+LASER_M = (0.13, 0.0, 0.60)
+PROXIMITY_SENSORS = 8
+
+ACROSS, ALONG, UP = (0, 1, 0), (1, 0, 0), (0, 0, 1)
+#: Half the gap between the fingers where they are parallel: they meet at their tips when shut.
+_FINGER_LENGTH_M, _FINGER_M = 0.090, 0.006
+_GAP_M = _FINGER_LENGTH_M * math.tan(UPPER[-1]) / 2
+
+#: Radians, and ours: what motors and gears add to the inertia of a joint, kg m^2, and to its friction, N m s/rad.
+_SETTINGS = """
+<mujoco model="smartpal">
+  <compiler angle="radian"/>
+  <default><joint armature="0.05" damping="0.5"/></default>
+</mujoco>
+"""
+Vector = Sequence[float]
+_WHITE, _DARK, _BLUE = (0.92, 0.92, 0.90, 1), (0.25, 0.27, 0.30, 1), (0.20, 0.45, 0.75, 1)
+
+
+def specification() -> mujoco.MjSpec:
+    """SmartPal without actuators and without floor, to compile as it is or to build on. Its base has no joints: whoever
+    lets it move adds them to the body `base`.
+
+    Bodies are the links: base, waist, trunk, head, and of each side upper_arm, forearm, hand, finger, such as
+    left_forearm. Joints are called as in `smartpal.JOINTS`, though they come in another order. Sites: left_hand and
+    right_hand (control points, x out of the hand, z up where the forearm is level), laser, proximity_1 to _8 (x out,
+    counter-clockwise from ahead)."""
+    spec = mujoco.MjSpec.from_string(_SETTINGS)
+    base = spec.worldbody.add_body(name="base")
+    middle, half = (BACK_M + FRONT_M) / 2, (FRONT_M - BACK_M) / 2
+    _box(base, (middle, 0, (BASE_M + 0.03) / 2), (half, BESIDE_M, (BASE_M - 0.03) / 2), 73.0, _DARK)
+    for number in range(PROXIMITY_SENSORS):
+        bearing = number * math.tau / PROXIMITY_SENSORS
+        at = (middle + round(math.cos(bearing)) * half, round(math.sin(bearing)) * BESIDE_M, PROXIMITY_M)
+        turned = (math.cos(bearing / 2), 0, 0, math.sin(bearing / 2))
+        base.add_site(name=f"proximity_{number + 1}", pos=at, quat=turned, size=[0.01] * 3)
+
+    waist = _link(base, "waist", (0, 0, LUMBAR_LOWER_M), ("lumbar_lower", ACROSS))
+    lumbar = LUMBAR_UPPER_M - LUMBAR_LOWER_M
+    _capsule(waist, (0, 0, 0), (0, 0, lumbar), 0.09, 10.0, _WHITE)
+    waist.add_site(name="laser", pos=(*LASER_M[:2], LASER_M[2] - LUMBAR_LOWER_M), size=[0.02] * 3)
+
+    trunk = _link(waist, "trunk", (0, 0, lumbar), ("lumbar_upper", ACROSS))
+    shoulder = SHOULDER_M[2] - LUMBAR_UPPER_M
+    _box(trunk, (-0.025, 0, shoulder / 2 + 0.04), (0.095, 0.130, shoulder / 2), 21.0, _WHITE)
+    _box(trunk, (0.077, 0, shoulder - 0.09), (0.012, 0.110, 0.080), 2.0, _BLUE)  # the panel on its chest
+    head = _link(trunk, "head", (-0.025, 0, HEIGHT_M - LUMBAR_UPPER_M - 0.09))
+    head.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.09, 0, 0], mass=3.0, rgba=_WHITE)
+
+    for side in Side:
+        _arm(trunk, side, shoulder)
+    # Neighbours touch by construction. MuJoCo leaves out parent and child, but not where the parent can't move.
+    for one, other in (("base", "waist"), ("waist", "head")):
+        spec.add_exclude(bodyname1=one, bodyname2=other)
+    return spec
+
+
+def _arm(trunk: mujoco.MjsBody, side: Side, shoulder_m: float) -> None:
+    """From the shoulder down to the finger. What mirrors is y, and axes other than across."""
+    name = side.value
+    left = 1 if side is Side.LEFT else -1
+    back, inwards, down = (0, -1, 0), (-left, 0, 0), (0, 0, -left)
+
+    joints = ((f"{name}_1", back), (f"{name}_2", inwards), (f"{name}_3", down))
+    upper_arm = _link(trunk, f"{name}_upper_arm", (SHOULDER_M[0], left * SHOULDER_M[1], shoulder_m), *joints)
+    _capsule(upper_arm, (0, 0, 0), (0, 0, -UPPER_ARM_M), 0.048, 4.0, _WHITE)
+
+    forearm = _link(upper_arm, f"{name}_forearm", (ELBOW_OFFSET_M, 0, -UPPER_ARM_M), (f"{name}_4", back))
+    line = -ELBOW_OFFSET_M
+    _add_joint(forearm, f"{name}_5", down, (line, 0, 0))
+    _capsule(forearm, (line, 0, -0.02), (line, 0, -FOREARM_M + 0.02), 0.040, 3.5, _WHITE)
+
+    outwards = (left, 0, 0)
+    hand = _link(forearm, f"{name}_hand", (line, 0, -FOREARM_M), (f"{name}_6", back), (f"{name}_7", outwards))
+    _box(hand, (0, 0, -0.045), (0.028, 0.035, 0.035), 1.2, _DARK)
+    tip, aside = -WRIST_M - HAND_M - 0.006, _GAP_M + _FINGER_M
+    size = (_FINGER_M, 0.015, _FINGER_LENGTH_M / 2)
+    _box(hand, (-aside, 0, tip + _FINGER_LENGTH_M / 2), size, 0.15, _BLUE)
+    ahead = (math.sqrt(0.5), 0, math.sqrt(0.5), 0)
+    hand.add_site(name=f"{name}_hand", pos=(0, 0, -WRIST_M - HAND_M), quat=ahead, size=[0.008] * 3)
+
+    finger = _link(hand, f"{name}_finger", (aside, 0, tip + _FINGER_LENGTH_M), (f"{name}_grip", ACROSS))
+    _box(finger, (0, 0, -_FINGER_LENGTH_M / 2), size, 0.15, _BLUE)
+
+
+def _link(parent: mujoco.MjsBody, name: str, at: Vector, *joints: tuple[str, Vector]) -> mujoco.MjsBody:
+    body = parent.add_body(name=name, pos=at)
+    for joint, axis in joints:
+        _add_joint(body, joint, axis)
+    return body
+
+
+def _add_joint(body: mujoco.MjsBody, name: str, axis: Vector, at: Vector = (0, 0, 0)) -> None:
+    row = JOINTS.index(name)
+    body.add_joint(name=name, axis=axis, pos=at, range=(LOWER[row], UPPER[row]), limited=True)
+
+
+def _capsule(body: mujoco.MjsBody, start: Vector, end: Vector, radius_m: float, mass_kg: float, colour: Vector) -> None:
+    shape = mujoco.mjtGeom.mjGEOM_CAPSULE
+    body.add_geom(type=shape, fromto=[*start, *end], size=[radius_m, 0, 0], mass=mass_kg, rgba=colour)
+
+
+def _box(body: mujoco.MjsBody, middle: Vector, half_sides: Vector, mass_kg: float, colour: Vector) -> None:
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=middle, size=half_sides, mass=mass_kg, rgba=colour)

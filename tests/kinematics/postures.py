@@ -1,0 +1,23 @@
+"""Joints for tests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robocorba.grids import Floats
+from robocorba.kinematics.smartpal import JOINTS, LOWER, UPPER
+
+HOME = np.zeros(len(JOINTS))
+
+
+def at(**degrees: float) -> Floats:
+    """Zero angles but for those named."""
+    joints = HOME.copy()
+    for name, angle in degrees.items():
+        joints[JOINTS.index(name)] = np.radians(angle)
+    return joints
+
+
+def anywhere(count: int, seed: int) -> Floats:
+    """Random joints (count, 18) within limits."""
+    return np.random.default_rng(seed).uniform(LOWER, UPPER, (count, len(JOINTS)))
