@@ -1,0 +1,156 @@
+"""robocorba program: check and show programs, print their schema.
+
+What knows the robot and the map is imported where it is used: it takes a second to load."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path as File
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.text import Text
+from rich.tree import Tree
+
+from robocorba.commands.path import parse_place
+from robocorba.commands.reporting import reporting
+from robocorba.errors import InvalidProgram
+from robocorba.orb import Orb
+from robocorba.settings import Settings
+
+if TYPE_CHECKING:
+    from robocorba.programs.base_checks import Planner
+    from robocorba.programs.icons import Icon
+    from robocorba.programs.program import Program
+
+app = typer.Typer(help="Programs of robots: lists of icons.", no_args_is_help=True)
+
+_FILE = typer.Argument(metavar="FILE", help="A program, or - for the standard input.")
+
+
+@app.command()
+def check(
+    file: Annotated[File, _FILE],
+    at: Annotated[
+        str | None, typer.Option(metavar="FLOOR:X,Y", help="Where the robot is when it begins, in metres.")
+    ] = None,
+    heading: Annotated[float | None, typer.Option(metavar="RAD", help="And where it looks.")] = None,
+    building: Annotated[
+        str | None, typer.Option(metavar="MAP", help="Prove drives on this map: a file, or a sample building's name.")
+    ] = None,
+    naming: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Prove drives with the planner that is found there.")
+    ] = None,
+) -> None:
+    """Prove what can be proved of a program before it runs: exit code 0 if nothing is wrong with it, 1 with every icon
+    and parameter that is. Needs no server; without a map it leaves out the drives."""
+    with reporting("program check"):
+        place = parse_place(at, "at") if at else None
+        if building and naming:
+            raise typer.BadParameter("give --building or --naming, not both")
+        program = read("check", file)
+
+        from robocorba.kinematics.inverse import InverseKinematics
+        from robocorba.programs.checker import Start
+        from robocorba.programs.checker import check as check_program
+        from robocorba.programs.program import walk
+
+        with _planner(building, naming) as planner:
+            report = check_program(program, InverseKinematics(), planner, Start(place, heading))
+        for note in report.notes:
+            typer.echo(f"note: {note}")
+        for finding in report.findings:
+            typer.echo(f"{file}: {finding}", err=True)
+        if not report.is_sound:
+            raise typer.Exit(1)
+        typer.echo(f"{file} is sound: {sum(1 for _ in walk(program))} icons")
+
+
+@app.command()
+def show(file: Annotated[File, _FILE]) -> None:
+    """Print the icons of a program as a tree."""
+    program = read("show", file)
+    Console(highlight=False).print(as_tree(program))
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of programs, for editors that check while one writes."""
+    from robocorba.programs.program import schema as found
+
+    typer.echo(json.dumps(found(), indent=2))
+
+
+def read(command: str, file: File) -> Program:
+    """The program in a file. Tells what is wrong with it and exits."""
+    from robocorba.programs.program import MOST_BYTES, load, loads
+
+    try:
+        if str(file) == "-":
+            return loads(typer.get_binary_stream("stdin").read(MOST_BYTES + 1))
+        return load(file)
+    except OSError as wrong:
+        typer.echo(f"robocorba program {command}: {file}: {wrong.strerror or wrong}", err=True)
+    except InvalidProgram as wrong:
+        typer.echo(f"{file}: {wrong}", err=True)
+    raise typer.Exit(1)
+
+
+def as_tree(program: Program) -> Tree:
+    """A program for the terminal: metres, radians, seconds, as in its file."""
+    tree = Tree(Text(f"{program.name} ({program.robot})", "bold"))
+    _add_to(tree, program.icons, "icons")
+    return tree
+
+
+def _add_to(tree: Tree, icons: Sequence[Icon], at: str) -> None:
+    from robocorba.programs.icons import bodies
+
+    for number, icon in enumerate(icons):
+        inside = bodies(icon)
+        branch = tree.add(_words(icon, f"{at}[{number}]", {name for name, _ in inside}))
+        for name, body in inside:
+            if name == "icons":
+                _add_to(branch, body, name)
+            elif body:
+                _add_to(branch.add(Text(name, "italic")), body, name)
+
+
+def _words(icon: Icon, at: str, leave_out: set[str]) -> Text:
+    """Such as: icons[0] mbase_path floor=L3 x=10 y=4."""
+    from robocorba.programs.icons import kind
+
+    text = Text.assemble((f"{at} ", "dim"), (kind(icon), "cyan"))
+    for name in icon.__struct_fields__:
+        value = getattr(icon, name)
+        if value is not None and name not in leave_out:
+            text.append(f" {name}={_value(value)}")
+    return text
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else msgspec.json.encode(value).decode()
+
+
+@contextlib.contextmanager
+def _planner(building: str | None, naming: str | None) -> Iterator[Planner | None]:
+    """Who plans on the map, None where there is none."""
+    if building:
+        from robocorba.maps.formats import read_map
+        from robocorba.maps.samples import SAMPLES, sample_path
+        from robocorba.planning.planner import PathPlanner
+
+        yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
+    elif naming:
+        from robocorba.remote.paths import RemotePlanner
+
+        with Orb(Settings.read(naming=naming).naming) as orb:
+            yield RemotePlanner(orb)
+    else:
+        yield None

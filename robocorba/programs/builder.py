@@ -1,0 +1,140 @@
+"""Programs written in Python: the vocabulary of the file, a method an icon.
+
+    fetch = ProgramBuilder("fetch")
+    fetch.mhand_posture("both", "home")
+    with fetch.stop_if_closer("laser", 0.4):
+        fetch.mbase_path("L3", 10, 4)
+    program = fetch.program()
+
+Icons that hold others are used by `with`; all others answer the builder, to go on with. Parameters are those of the
+classes in `icons`, which say what they mean; they are checked by `program`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, cast
+
+import msgspec
+
+from robocorba.programs import icons
+from robocorba.programs.icons import Branch, Condition, Destination, Hand, Icon, Joints, Sensor
+from robocorba.programs.program import Program, checked
+
+
+class ProgramBuilder:
+    """A program that grows icon by icon."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._icons: list[Icon] = []
+
+    def program(self) -> Program:
+        """What was put together. Raises InvalidProgram, which names icon and parameter."""
+        return checked(Program(name=self._name, icons=tuple(self._icons)))
+
+    # ---- the mobile base ----
+
+    def mbase_path(
+        self, floor: str, x: float, y: float, heading: float | None = None, speed: float | None = None
+    ) -> ProgramBuilder:
+        return self._add(icons.MbasePath(floor, x, y, heading, speed))
+
+    def mbase_to(self, x: float, y: float, heading: float | None = None, speed: float | None = None) -> ProgramBuilder:
+        return self._add(icons.MbaseTo(x, y, heading, speed))
+
+    def mbase_by(
+        self, ahead: float = 0.0, left: float = 0.0, turn: float = 0.0, speed: float | None = None
+    ) -> ProgramBuilder:
+        return self._add(icons.MbaseBy(ahead, left, turn, speed))
+
+    def mbase_velocity(self, ahead: float, left: float, turn: float, seconds: float) -> ProgramBuilder:
+        return self._add(icons.MbaseVelocity(ahead, left, turn, seconds))
+
+    # ---- hands and body ----
+
+    def mhand_joints(self, hand: Hand, joints: Sequence[float], seconds: float | None = None) -> ProgramBuilder:
+        return self._add(icons.MhandJoints(hand, cast(Joints, tuple(joints)), seconds))
+
+    def mhand_pose(
+        self,
+        hand: Hand,
+        x: float,
+        y: float,
+        z: float,
+        roll: float | None = None,
+        pitch: float | None = None,
+        yaw: float | None = None,
+        seconds: float | None = None,
+    ) -> ProgramBuilder:
+        return self._add(icons.MhandPose(hand, x, y, z, roll, pitch, yaw, seconds))
+
+    def mhand_offset(
+        self, hand: Hand, dx: float = 0.0, dy: float = 0.0, dz: float = 0.0, seconds: float | None = None
+    ) -> ProgramBuilder:
+        return self._add(icons.MhandOffset(hand, dx, dy, dz, seconds))
+
+    def mhand_posture(self, hand: Hand, posture: str, seconds: float | None = None) -> ProgramBuilder:
+        return self._add(icons.MhandPosture(hand, posture, seconds))
+
+    def lumbar(self, lower: float, upper: float, seconds: float | None = None) -> ProgramBuilder:
+        return self._add(icons.Lumbar(lower, upper, seconds))
+
+    def gripper(
+        self,
+        hand: Hand,
+        action: icons.GripperAction,
+        opening: float | None = None,
+        force: float | None = None,
+        object: str | None = None,
+    ) -> ProgramBuilder:
+        return self._add(icons.Gripper(hand, action, opening, force, object))
+
+    # ---- what happens when ----
+
+    def wait_until(self, condition: Condition, seconds: float) -> ProgramBuilder:
+        return self._add(icons.WaitUntil(condition, seconds))
+
+    def stop_if_closer(self, sensor: Sensor, distance: float) -> contextlib.AbstractContextManager[None]:
+        return self._holding(lambda body: icons.StopIfCloser(sensor, distance, body))
+
+    def wait(self, seconds: float) -> ProgramBuilder:
+        return self._add(icons.Wait(seconds))
+
+    def repeat(self, times: int) -> contextlib.AbstractContextManager[None]:
+        return self._holding(lambda body: icons.Repeat(times, body))
+
+    def branch(self, condition: Condition) -> contextlib.AbstractContextManager[None]:
+        return self._holding(lambda body: icons.Branch(condition, body))
+
+    def otherwise(self) -> contextlib.AbstractContextManager[None]:
+        """The other way of the branch just before. Raises ValueError where there is none."""
+        if not self._icons or not isinstance(self._icons[-1], Branch) or self._icons[-1].otherwise:
+            raise ValueError("otherwise() comes after the end of a branch()")
+        branch = self._icons.pop()
+        return self._holding(lambda body: msgspec.structs.replace(branch, otherwise=body))
+
+    # ---- others ----
+
+    def say(self, type: str, payload: Any = None) -> ProgramBuilder:
+        return self._add(icons.Say(type, payload))
+
+    def move_table(self, table: str, to: Destination) -> ProgramBuilder:
+        return self._add(icons.MoveTable(table, to))
+
+    def hand_over(self, object: str, taker: str, giver: str | None = None) -> ProgramBuilder:
+        return self._add(icons.HandOver(object, taker, giver))
+
+    def _add(self, icon: Icon) -> ProgramBuilder:
+        self._icons.append(icon)
+        return self
+
+    @contextlib.contextmanager
+    def _holding(self, icon: Callable[[tuple[Icon, ...]], Icon]) -> Iterator[None]:
+        outside, self._icons = self._icons, []
+        try:
+            yield
+        finally:
+            inside, self._icons = self._icons, outside
+        self._icons.append(icon(tuple(inside)))

@@ -1,0 +1,108 @@
+"""Where the icons of hands, lumbar and grippers bring the joints: for who checks a program, and who runs it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from robocorba.errors import InvalidProgram
+from robocorba.grids import Floats
+from robocorba.kinematics.pose import HandPose
+from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, Side
+from robocorba.kinematics.tasks import POSTURES
+from robocorba.programs.icons import Gripper, Lumbar, MhandJoints, MhandOffset, MhandPose, MhandPosture, sides
+
+#: Icons that move joints.
+HandIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar | Gripper
+#: Inverse kinematics along a straight line is asked this often, m.
+LINE_STEP_M = 0.01
+
+
+class Body(Protocol):
+    """Of `robocorba.kinematics.body.Body`: what is asked here."""
+
+    def hand(self, side: Side, joints: Floats) -> HandPose: ...
+
+    def collisions(self, joints: Floats) -> list[tuple[str, str]]: ...
+
+
+class Kinematics(Protocol):
+    """Of `robocorba.kinematics.inverse.InverseKinematics`: what is asked here. All of it may raise Unreachable."""
+
+    @property
+    def body(self) -> Body: ...
+
+    def solve(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
+
+    def solve_position(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
+
+
+def joints_of(icon: HandIcon) -> list[int]:
+    """Which of the 18 joints an icon moves."""
+    if isinstance(icon, Lumbar):
+        return [*range(LUMBAR.start, LUMBAR.stop)]
+    if isinstance(icon, Gripper):
+        return [GRIP[side] for side in sides(icon.hand)]
+    return [joint for side in sides(icon.hand) for joint in range(ARM[side].start, ARM[side].stop)]
+
+
+def home(postures: Mapping[str, Floats] = POSTURES) -> Floats:
+    """Joints (18,) of a robot that stands upright with both arms in the posture `home`."""
+    joints = np.zeros(len(JOINTS))
+    for side in Side:
+        joints[ARM[side]] = postures["home"]
+    return joints
+
+
+def way(
+    icon: HandIcon, joints: Floats, kinematics: Kinematics, postures: Mapping[str, Floats] = POSTURES
+) -> list[Floats]:
+    """The joints (18,) which an icon brings `joints` to, one after the other; between them all go in proportion.
+
+    It is a single step but for lines in space, which have one every LINE_STEP_M. Raises Unreachable; InvalidProgram,
+    without the icon's path, for a posture that nobody knows."""
+    if isinstance(icon, MhandOffset):
+        return _line(icon, joints, kinematics)
+    if isinstance(icon, MhandPose):
+        return [_posed(icon, joints, kinematics)]
+    goal = joints.copy()
+    if isinstance(icon, Lumbar):
+        goal[LUMBAR] = icon.lower, icon.upper
+        return [goal]
+    for side in sides(icon.hand):
+        if isinstance(icon, Gripper):
+            goal[GRIP[side]] = icon.angle_rad
+        elif isinstance(icon, MhandJoints):
+            goal[ARM[side]] = icon.joints
+        elif icon.posture in postures:
+            goal[ARM[side]] = postures[icon.posture]
+        else:
+            known = ", ".join(postures)
+            raise InvalidProgram("", "posture", f"there is no posture {icon.posture!r}; there are {known}")
+    return [goal]
+
+
+def _posed(icon: MhandPose, joints: Floats, kinematics: Kinematics) -> Floats:
+    pose = HandPose(icon.x, icon.y, icon.z, icon.roll or 0.0, icon.pitch or 0.0, icon.yaw or 0.0)
+    targets = dict.fromkeys(sides(icon.hand), pose)
+    if icon.hand == "both":
+        targets[Side.RIGHT] = pose.mirrored()
+    solve = kinematics.solve_position if icon.roll is None else kinematics.solve
+    for side, target in targets.items():
+        joints = solve(side, target, joints)
+    return joints
+
+
+def _line(icon: MhandOffset, joints: Floats, kinematics: Kinematics) -> list[Floats]:
+    start = {side: kinematics.body.hand(side, joints) for side in sides(icon.hand)}
+    steps = max(2, math.ceil(math.hypot(icon.dx, icon.dy, icon.dz) / LINE_STEP_M))
+    found = []
+    for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
+        for side, at in start.items():
+            target = at._replace(x=at.x + share * icon.dx, y=at.y + share * icon.dy, z=at.z + share * icon.dz)
+            joints = kinematics.solve(side, target, joints, leaps=False)
+        found.append(joints)
+    return found

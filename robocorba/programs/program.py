@@ -1,0 +1,224 @@
+"""A program and its JSON file: read, with what is wrong in it named by icon and parameter, written, walked through."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from robocorba.errors import InvalidProgram
+from robocorba.programs.icons import CONDITIONS, ICONS, Body, Icon, Text, bodies
+
+MOST_BYTES = 1024 * 1024
+MOST_ICONS = 1000
+#: Of icons inside icons: those of the program itself are at 1.
+MOST_NESTING = 8
+#: Of objects and arrays inside each other, of an event's payload too.
+MOST_DEPTH = 64
+#: More digits than a parameter has any use for; Python takes long for millions of them.
+_MOST_DIGITS = 20
+
+
+class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a robot shall do: icons, one after the other. `format` is the version of this format."""
+
+    format: Literal[1] = 1
+    name: Text
+    robot: Literal["SmartPal"] = "SmartPal"
+    icons: Body
+
+
+def load(file: str | Path) -> Program:
+    """Read a program file. Raises InvalidProgram; OSError where it can't be read."""
+    with Path(file).open("rb") as source:
+        return loads(source.read(MOST_BYTES + 1))
+
+
+def loads(text: str | bytes) -> Program:
+    """A program from JSON. Raises InvalidProgram, which names the first icon and parameter that is wrong."""
+    try:
+        data = text.encode() if isinstance(text, str) else text
+        if len(data) > MOST_BYTES:
+            raise InvalidProgram("", "", f"a program has at most {MOST_BYTES} bytes")
+        plain = json.loads(data.decode(), object_pairs_hook=_object, parse_int=_integer)
+    except RecursionError:
+        raise _too_deep("") from None
+    except UnicodeError:
+        raise InvalidProgram("", "", "not UTF-8") from None
+    except ValueError as wrong:
+        raise InvalidProgram("", "", f"not JSON: {wrong}") from None
+    return _converted(plain)
+
+
+def checked(program: Program) -> Program:
+    """The same program, known to be what `loads` would accept; for those made in Python. Raises InvalidProgram."""
+    try:
+        return _converted(msgspec.to_builtins(program))
+    except RecursionError:
+        raise _too_deep("") from None
+    except (TypeError, ValueError) as wrong:
+        raise InvalidProgram(*_unwritable(program), str(wrong)) from None
+
+
+def dumps(program: Program) -> str:
+    """A program as JSON for people to read; loading it gives an equal program."""
+    return msgspec.json.format(msgspec.json.encode(program), indent=2).decode() + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema of program files."""
+    found = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(Program)))
+    for kind in found["$defs"].values():
+        kind["description"] = " ".join(kind["description"].split())
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A RoboCorba program",
+        "$ref": found["$ref"],
+        "$defs": found["$defs"],
+    }
+
+
+def walk(program: Program) -> Iterator[tuple[str, Icon]]:
+    """Every icon with its path, such as icons[2].then[0], in the order of the file."""
+    for path, icon, _ in _walk("icons", program.icons, 1):
+        yield path, icon
+
+
+def _walk(at: str, icons: tuple[Icon, ...], depth: int) -> Iterator[tuple[str, Icon, int]]:
+    for number, icon in enumerate(icons):
+        path = f"{at}[{number}]"
+        yield path, icon, depth
+        for name, body in bodies(icon):
+            yield from _walk(f"{path}.{name}", body, depth + 1)
+
+
+# ---- from plain data ----
+
+
+class _Twice(dict[str, Any]):
+    """An object of the file that has a key more than once."""
+
+    key = ""
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) == len(pairs):
+        return found
+    keys = [key for key, _ in pairs]
+    wrong = _Twice(found)
+    wrong.key = next(key for key in keys if keys.count(key) > 1)
+    return wrong
+
+
+def _integer(text: str) -> int | float:
+    return int(text) if len(text) <= _MOST_DIGITS else math.inf
+
+
+def _converted(plain: Any) -> Program:
+    _check_plain(plain, "$", 1)
+    try:
+        program = msgspec.convert(plain, Program)
+    except msgspec.ValidationError as wrong:
+        raise _translated(str(wrong)) from None
+    count = 0
+    for path, icon, depth in _walk("icons", program.icons, 1):
+        count += 1
+        if depth == MOST_NESTING and any(body for _, body in bodies(icon)):
+            name = next(name for name, body in bodies(icon) if body)
+            raise InvalidProgram(path, name, f"icons are nested more than {MOST_NESTING} deep")
+    if count > MOST_ICONS:
+        raise InvalidProgram("", "icons", f"{count} icons in all; at most {MOST_ICONS} are allowed")
+    return program
+
+
+def _check_plain(value: Any, at: str, depth: int) -> None:
+    """Raise InvalidProgram for what JSON's readers let through: two values of a key, numbers that are none, text that
+    can't be written."""
+    if isinstance(value, dict):
+        if isinstance(value, _Twice):
+            raise _located(f"{at}.{value.key}", "is there twice")
+        for key, part in value.items():
+            if not isinstance(key, str):
+                raise _located(at, f"{key!r:.80} is a key that JSON can't have")
+            _check_text(key, at)
+            _check_part(part, f"{at}.{key}", depth)
+    elif isinstance(value, list | tuple):
+        for number, part in enumerate(value):
+            _check_part(part, f"{at}[{number}]", depth)
+
+
+def _check_part(part: Any, at: str, depth: int) -> None:
+    if isinstance(part, dict | list | tuple):
+        if depth == MOST_DEPTH:
+            raise _too_deep(at)
+        _check_plain(part, at, depth + 1)
+    elif isinstance(part, float) and not math.isfinite(part):
+        raise _located(at, "is not a finite number, or too large")
+    elif isinstance(part, int) and not -(2**63) <= part < 2**63:
+        raise _located(at, "is too large")
+    elif isinstance(part, str):
+        _check_text(part, at)
+
+
+def _check_text(text: str, at: str) -> None:
+    try:
+        text.encode()
+    except UnicodeError:
+        raise _located(at, "holds half of a surrogate pair, which is no character") from None
+
+
+# ---- errors ----
+
+
+def _unwritable(program: Program) -> tuple[str, str]:
+    """Icon and parameter that hold what JSON has no words for."""
+    for path, icon in walk(program):
+        inside = {name for name, _ in bodies(icon)}
+        for name in set(icon.__struct_fields__) - inside:
+            try:
+                msgspec.to_builtins(getattr(icon, name))
+            except (TypeError, ValueError):
+                return path, name
+    return "", ""
+
+
+_ICON = re.compile(r"\$((?:\.(?:icons|then|otherwise)\[\d+\])*)\.?(.*)", re.DOTALL)
+_TAGS = {"icon": ("icon", ", ".join(ICONS)), "when": ("condition", ", ".join(CONDITIONS))}
+
+
+def _located(at: str, reason: str) -> InvalidProgram:
+    """What is wrong at a path such as $.icons[2].joints[0]."""
+    found = _ICON.fullmatch(at)
+    icon, parameter = found.groups() if found else ("", at)
+    return InvalidProgram(icon.removeprefix("."), _short(parameter), _short(reason))
+
+
+def _translated(message: str) -> InvalidProgram:
+    """msgspec's message in words of the program."""
+    found = re.fullmatch(r"(.*?)(?: - at `(\$.*)`)?", message, re.DOTALL)
+    reason, at = (found[1], found[2] or "$") if found else (message, "$")
+    if missing := re.fullmatch(r"Object missing required field `(.*)`", reason):
+        return _located(f"{at}.{missing[1]}", "is missing")
+    if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", reason, re.DOTALL):
+        return _located(f"{at}.{unknown[1]}", "there is no such parameter")
+    tag = at.rpartition(".")[2]
+    if tag in _TAGS and reason.startswith("Invalid value"):
+        what, known = _TAGS[tag]
+        given = _short(reason.removeprefix("Invalid value "))
+        return _located(at, f"there is no {what} {given}; there are {known}")
+    return _located(at, reason[:1].lower() + reason[1:].replace("`", ""))
+
+
+def _too_deep(at: str) -> InvalidProgram:
+    reason = f"objects and arrays are inside each other more than {MOST_DEPTH} deep"
+    return _located(at, reason) if at else InvalidProgram("", "", reason)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 400 else f"{text[:380]}…"
