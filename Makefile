@@ -27,6 +27,7 @@ $(VENV)/.made:
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/.made setup.cfg setup.py pyproject.toml
+	@rm -rf robocorba.egg-info  # an older one would hide new entry points
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@ $(VENV)/.stubs
 

@@ -3,5 +3,7 @@
 #: Naming contexts below RoboCorba in which objects of one kind are bound by their names.
 CHANNELS = "EventChannels"
 SENSORS = "VirtualSensors"
+ROBOTS = "Robots"
+ADAPTORS = "Adaptors"
 #: The file in the state folder with the reference of the simulation's administrator.
 ADMINISTRATOR = "administrator.ior"

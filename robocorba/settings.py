@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import argparse
 import ipaddress
+import math
 import os
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,7 @@ from pathlib import Path
 import platformdirs
 
 from robocorba.errors import ServiceError
+from robocorba.simulation.registry import Pose
 
 DEFAULT_HOST = "127.0.0.1"
 #: The port that CORBA reserves for naming services.
@@ -213,6 +216,97 @@ class SensorSettings:
         if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
             raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
         return cls(ServerSettings.given(given), given.name)
+
+
+@dataclass(frozen=True)
+class RobotSettings:
+    """What a robot process needs. endpoint: where it listens, None: on any port. at: where it begins, None: at a free
+    node of the map on `floor`, or on the first floor where that is empty. channel: of its sub-network, empty for none.
+    """
+
+    common: Settings
+    name: str
+    endpoint: Address | None
+    adaptor: str
+    adaptor_arguments: tuple[str, ...]
+    program: Path | None
+    floor: str
+    at: Pose | None
+    channel: str
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
+        """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C]
+        [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
+
+        Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
+        given_arguments = list(sys.argv[1:] if arguments is None else arguments)
+        adaptor_arguments: list[str] = []
+        if "--" in given_arguments:
+            cut = given_arguments.index("--")
+            given_arguments, adaptor_arguments = given_arguments[:cut], given_arguments[cut + 1 :]
+        parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
+        parser.add_argument("name", metavar="NAME", help="of the robot")
+        parser.add_argument("--adaptor", default="simulated", metavar="A", help="such as simulated or smartpal")
+        parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run at once")
+        parser.add_argument("--floor", default="", metavar="F", help="where to begin")
+        parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="where on the floor, m and rad")
+        parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
+        parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; any port if left out")
+        parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
+        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        given = parser.parse_args(given_arguments)
+        return cls(
+            Settings.read(given.naming, given.state),
+            given.name,
+            Address.parse(given.endpoint, "--endpoint") if given.endpoint else None,
+            given.adaptor,
+            tuple(adaptor_arguments),
+            given.program,
+            given.floor,
+            _pose(given.floor, given.at),
+            given.channel,
+        )
+
+
+def _pose(floor: str, text: str) -> Pose | None:
+    if not text:
+        return None
+    if not floor:
+        raise InvalidSetting("--at", text, "needs --floor")
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3):
+        raise InvalidSetting("--at", text, "not of the form X,Y or X,Y,HEADING")
+    return Pose(floor, *values)
+
+
+@dataclass(frozen=True)
+class SmartPalSettings:
+    """What the actual SmartPal's stand-in needs: the settings of every server, whose naming service is the robot's own;
+    the seed of its noise; and where its odometry says that it stands, x, y in m and heading in rad."""
+
+    server: ServerSettings
+    seed: int
+    start: tuple[float, float, float]
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SmartPalSettings:
+        """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD]`. Raises as
+        ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise of its encoders")
+        for place in ("x", "y", "heading"):
+            parser.add_argument(f"--{place}", type=float, default=0.0, metavar="N", help="where it says that it stands")
+        given = parser.parse_args(arguments)
+        if given.seed < 0:
+            raise InvalidSetting("--seed", str(given.seed), "less than 0")
+        for place in ("x", "y", "heading"):
+            if not math.isfinite(getattr(given, place)):
+                raise InvalidSetting(f"--{place}", str(getattr(given, place)), "not a finite number")
+        return cls(ServerSettings.given(given), given.seed, (given.x, given.y, given.heading))
 
 
 def _folder(path: Path, setting: str) -> Path:

@@ -11,8 +11,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = (
+    "robocorba/control/",
+    "robocorba/data_pool/",
+    "robocorba/kinematics/",
     "robocorba/maps/",
     "robocorba/planning/",
+    "robocorba/programs/",
+    "robocorba/smartpal/",
     "robocorba/events/",
     "robocorba/sensing/",
     "robocorba/simulation/",

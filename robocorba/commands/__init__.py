@@ -12,8 +12,10 @@ from robocorba import __version__
 from robocorba.commands.events import app as events_app
 from robocorba.commands.map import app as map_app
 from robocorba.commands.path import path
+from robocorba.commands.program_run import app as program_app
 from robocorba.commands.record import record
 from robocorba.commands.replay import replay
+from robocorba.commands.robot import robot, stop, switch
 from robocorba.commands.simulation import app as simulation_app
 from robocorba.commands.status import status
 from robocorba.commands.up import up
@@ -31,8 +33,12 @@ app.command()(path)
 app.command()(watch)
 app.command()(record)
 app.command()(replay)
+app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(robot)
+app.command()(stop)
+app.command()(switch)
 app.add_typer(simulation_app, name="simulation")
 app.add_typer(map_app, name="map")
+app.add_typer(program_app, name="program")
 app.add_typer(events_app, name="events")
 
 

@@ -85,6 +85,13 @@ _EXCEPTIONS: dict[type, Callable[[Any], Exception]] = {
     errors.AlreadyConnected: lambda e: CosEventChannelAdmin.AlreadyConnected(),
     errors.Disconnected: lambda e: CosEventComm.Disconnected(),
     errors.ProxyGone: lambda e: CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO),
+    errors.InvalidProgram: lambda e: RoboCorba.InvalidProgram(e.icon, e.parameter, e.reason),
+    errors.IllegalOrder: lambda e: RoboCorba.IllegalOrder(e.order, e.condition),
+    errors.UnknownAdaptor: lambda e: RoboCorba.UnknownAdaptor(e.name, list(e.known)),
+    errors.AdaptorFailed: lambda e: RoboCorba.AdaptorFailed(e.cause),
+    errors.UnitFailed: lambda e: RoboCorba.AdaptorFailed(e.cause),
+    errors.RobotLost: lambda e: RoboCorba.AdaptorFailed(e.cause),
+    errors.UnknownPlan: lambda e: RoboCorba.UnknownPlan(e.name),
     errors.NoPath: lambda e: RoboCorba.NoPath(
         e.reason, [RoboCorba.Blocker(maps.element_id(b.kind, b.floor, b.name), b.reason) for b in e.blockers]
     ),
@@ -152,6 +159,11 @@ _DOMAIN_ERRORS: dict[type, Callable[[Any], Exception]] = {
     RoboCorba.UnknownSubscription: lambda e: errors.UnknownSubscription(e.name),
     RoboCorba.UnknownPeer: lambda e: errors.UnknownPeer(e.peer, e.known),
     RoboCorba.InvalidPeer: lambda e: errors.InvalidPeer(e.field, e.reason),
+    RoboCorba.InvalidProgram: lambda e: errors.InvalidProgram(e.icon, e.parameter, e.reason),
+    RoboCorba.IllegalOrder: lambda e: errors.IllegalOrder(e.order, e.condition),
+    RoboCorba.UnknownAdaptor: lambda e: errors.UnknownAdaptor(e.name, e.known),
+    RoboCorba.AdaptorFailed: lambda e: errors.AdaptorFailed(e.cause),
+    RoboCorba.UnknownPlan: lambda e: errors.UnknownPlan(e.name),
     RoboCorba.NoPath: lambda e: errors.NoPath(e.reason, [errors.Blocker(*_words(b.id), b.reason) for b in e.blockers]),
 }
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
+from robocorba.control.session import SessionState
 from robocorba.simulation.building import State
 from robocorba.simulation.elevator import Phase, Ride
 from robocorba.simulation.load_balance import Load, Sensor
@@ -22,6 +23,7 @@ _PHASES = {
     Phase.RIDING: RoboCorba.RIDING,
     Phase.ALIGHTING: RoboCorba.ALIGHTING,
 }
+_PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
 _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
 
 
@@ -65,6 +67,24 @@ def pose_of(struct: Any) -> Pose:
 
 def robot_state(state: State, holding: str, riding: Ride | None, collisions: int, touched: str) -> Any:
     return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
+
+
+def session_state_of(struct: Any) -> SessionState:
+    moving = struct.moving
+    return SessionState(
+        struct.time,
+        pose_of(struct.at),
+        (moving.ahead, moving.left, moving.turn),
+        struct.holding,
+        ride_of(struct.riding),
+        struct.collisions,
+        struct.touched,
+    )
+
+
+def ride_of(struct: Any) -> Ride | None:
+    phase = _PHASE_OF.get(struct.phase)
+    return Ride(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
 
 
 def ride(found: Ride | None) -> Any:

@@ -95,6 +95,10 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.command(wanted.ahead, wanted.left, wanted.turn, valid_for)
 
     @_answering
+    def brake(self) -> None:
+        self.session.brake()
+
+    @_answering
     def state(self) -> Any:
         session = self.session
         robot = session.robot

@@ -64,6 +64,10 @@ class Robot:
             raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MOST_VALID_S:g} s")
         self.physics.command(self.body, (ahead, left, turn), valid_s)
 
+    def brake(self) -> None:
+        """Stand as soon as the ground allows, until another command."""
+        self.physics.brake(self.body)
+
     @property
     def holding(self) -> str:
         """The object that it holds, empty for none."""

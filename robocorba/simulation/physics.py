@@ -44,8 +44,10 @@ class Limits(NamedTuple):
 #: What is not a robot slows down by friction, or stands.
 SLIDING = Limits(0.0, 0.0, GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2)
 STANDING = Limits(0.0, 0.0, 0.0, 0.0)
-#: Velocities, and until when they hold, s.
+#: Velocities, and until when they hold, s. To brake is to stand as fast as the ground allows, whatever the limits.
 NO_COMMAND = (0.0, 0.0, 0.0, math.inf)
+BRAKE = (0.0, 0.0, 0.0, -math.inf)
+BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
 #: What robots have lifted goes where they go; a little is lost in their hands.
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
 #: A hand that is farther from what it held has lost it, m.
@@ -290,6 +292,10 @@ class FloorPhysics:
         ahead, left, turn = velocity
         self._orders[name] = (ahead, left, turn, self.time + valid_s)
 
+    def brake(self, name: str) -> None:
+        """Stand as soon as the ground allows, until another command. Nothing happens where there is no such robot."""
+        self._orders[name] = BRAKE
+
     def step(self) -> Step:
         """Let STEP_S pass."""
         self._sort_if_changed()
@@ -367,11 +373,12 @@ def control(state: Floats, commands: Floats, limits: Floats, now: float, velocit
         turn = min(max(turn, -limits[i, 1]), limits[i, 1])
         dx = ch * ahead - sh * left - state[i, 3]
         dy = sh * ahead + ch * left - state[i, 4]
-        most = limits[i, 2] * STEP_S
+        brakes = until == -math.inf
+        most = (BRAKING_M_S2 if brakes else limits[i, 2]) * STEP_S
         share = min(1.0, most / max(math.hypot(dx, dy), 1e-12))
         velocities[i, 0] = state[i, 3] + dx * share
         velocities[i, 1] = state[i, 4] + dy * share
-        most_turn = limits[i, 3] * STEP_S
+        most_turn = (BRAKING_RAD_S2 if brakes else limits[i, 3]) * STEP_S
         velocities[i, 2] = state[i, 5] + min(max(turn - state[i, 5], -most_turn), most_turn)
 
 

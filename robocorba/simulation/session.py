@@ -35,6 +35,11 @@ class Session:
         self.client.heard(time.monotonic())
         self.robot.command(ahead, left, turn, valid_s)
 
+    def brake(self) -> None:
+        """Stand as soon as the ground allows, until another command."""
+        self.client.heard(time.monotonic())
+        self.robot.brake()
+
     def state(self) -> State:
         """How the robot is after the last step."""
         self.client.heard(time.monotonic())

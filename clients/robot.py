@@ -1,0 +1,102 @@
+"""A robot: its data pool, its control agent on a virtual or an actual robot, and the programs that it is given."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Sequence
+
+from omniORB import CORBA
+
+from robocorba import logs
+from robocorba.control.adaptors import Surroundings
+from robocorba.control.agent import AgentState, ControlAgent
+from robocorba.conversion.errors import error_of
+from robocorba.data_pool.plans import Plans
+from robocorba.errors import PlaceTaken, RoboCorbaError
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
+from robocorba.names import ROBOTS
+from robocorba.orb import Orb, describe
+from robocorba.planning.request import Place
+from robocorba.programs import checker, program
+from robocorba.programs.program import Program
+from robocorba.remote.data_pool import PoolFollower
+from robocorba.remote.others import RobotChannel
+from robocorba.remote.paths import RemotePlanner
+from robocorba.remote.places import free_places
+from robocorba.remote.session import RemoteSession
+from robocorba.repeating import Repeating
+from robocorba.servants.data_pool import DataPoolServant
+from robocorba.servants.robot import RobotAgentServant
+from robocorba.settings import RobotSettings
+from robocorba.simulation.registry import Description, Pose
+
+#: The data pool goes where the robot goes: it is looked after so often, s.
+FLOOR_CHECK_S = 0.05
+
+
+class Checker:
+    """Proves a program from where the robot is, before it is taken."""
+
+    def __init__(self, planner: RemotePlanner) -> None:
+        self._planner, self._kinematics = planner, InverseKinematics()
+
+    def __call__(self, wanted: Program, state: AgentState) -> None:
+        at = state.at
+        start = checker.Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
+        checker.require(wanted, self._kinematics, self._planner, start)
+
+
+def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
+    """Where the settings say, else at the first free node of the topological map. Raises as `RemoteSession.log_on`."""
+    if settings.at:
+        session.log_on(settings.at)
+        return
+    for place in free_places(orb, settings.floor):
+        with contextlib.suppress(PlaceTaken):
+            session.log_on(Pose(*place))
+            return
+    raise PlaceTaken(settings.floor, 0.0, 0.0, "all nodes of the map are taken; say where by --at X,Y")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = RobotSettings.read(arguments, __doc__ or "")
+    logs.setup(f"robot_{settings.name}", settings.common.state / "logs")
+    wanted = program.load(settings.program) if settings.program else None
+    start = settings.at or Pose(settings.floor, 0.0, 0.0)
+    with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:
+        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
+        log_on(session, orb, settings)
+        planner = RemotePlanner(orb)
+        others = stack.enter_context(contextlib.closing(RobotChannel(orb, settings.channel, settings.name)))
+        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, Checker(planner))
+        stack.callback(agent.close)
+        agent.start(settings.adaptor, settings.adaptor_arguments)
+        follower = PoolFollower(orb, session.latest.at.floor, settings.name).start()
+        stack.callback(follower.close)
+
+        def follow_floor() -> None:
+            if (floor := session.latest.at.floor) != follower.pool.floor:
+                follower.pool.go_to(floor)
+
+        stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
+        path = f"{ROBOTS}/{settings.name}"
+        pool = orb.activate(DataPoolServant(follower.pool, Plans()), f"{path}/pool")
+        orb.serve({path: RobotAgentServant(agent, pool)})
+        if wanted:
+            agent.load(wanted)
+            agent.run()
+        print("ready", flush=True)
+        orb.run()
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except RoboCorbaError as wrong:
+        sys.exit(f"robot: {wrong}")
+    except CORBA.UserException as refused:
+        sys.exit(f"robot: {error_of(refused)}")
+    except CORBA.SystemException as failed:
+        sys.exit(f"robot: a call failed ({describe(failed)})")

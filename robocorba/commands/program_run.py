@@ -1,0 +1,159 @@
+"""robocorba program run: a program on a robot, icon by icon, with keys to pause, step and end it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from pathlib import Path as File
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from robocorba.commands.program import app, read
+from robocorba.commands.reporting import reporting
+from robocorba.commands.waiting import Stop
+from robocorba.errors import IllegalOrder, NotReachable
+from robocorba.orb import Orb
+from robocorba.settings import Settings
+
+if TYPE_CHECKING:
+    from robocorba.control.agent import AgentState
+    from robocorba.remote.agents import RemoteAgent
+
+#: The robot is asked how it gets on so often, s; one that does not answer for so long is given up.
+LOOK_S, AWAY_LIMIT_S = 0.1, 10.0
+KEYS = "p: pause  r: resume  s: step  q: end"
+
+
+@app.command()
+def run(
+    file: Annotated[File, typer.Argument(metavar="FILE", help="A program, or - for the standard input.")],
+    robot: Annotated[str, typer.Option(metavar="NAME", help="The robot to run it on.")],
+    step: Annotated[bool, typer.Option("--step", help="Pause before each icon.")] = False,
+    naming: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+    ] = None,
+) -> None:
+    """Run a program on a robot, and tell each icon that begins. Ctrl-C ends the program; the robot stands.
+
+    Exit code 0 if it ended done. In a terminal p pauses, s steps, r resumes, q ends."""
+    from robocorba.programs.program import dumps
+    from robocorba.remote.agents import RemoteAgent
+
+    stop = Stop()
+    with reporting("program run"), Orb(Settings.read(naming=naming).naming) as orb:
+        agent = RemoteAgent(orb, robot)
+        agent.load(dumps(read("run", file)))
+        agent.run(step)
+        with _keys() as keys:
+            if keys is not None:
+                Console(stderr=True).print(KEYS, style="dim")
+            ended = _follow(agent, stop, keys)
+    report = ended.program
+    typer.echo(
+        f"{report.result.name.lower()}\t{report.icons_done} icons\t{report.seconds:.1f} s\t{report.reason}".rstrip()
+    )
+    if report.result.name != "DONE":
+        raise typer.Exit(1)
+
+
+def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
+    """Until the program has ended; tells what it does meanwhile."""
+    told = ("", "")
+    is_ending = False
+    away_s = 0.0
+    while True:
+        try:
+            state = agent.state()
+            away_s = 0.0
+        except NotReachable:
+            away_s += LOOK_S
+            if away_s > AWAY_LIMIT_S:
+                raise
+            stop.wait(LOOK_S)
+            continue
+        report = state.program
+        now = (report.icon, state.condition.name.lower())
+        if report.icon and now != told:
+            at = state.at
+            typer.echo(
+                f"{report.icon}\t{report.kind}\t{now[1]}\t{at.floor}:{at.x:.2f},{at.y:.2f}\t{report.seconds:.1f} s"
+            )
+            told = now
+        if report.result.name != "NO_RESULT":
+            return state
+        if stop.wait(LOOK_S) and not is_ending:
+            is_ending = True
+            agent.abort()
+        if keys is not None:
+            _obey(agent, keys)
+
+
+def _tell(*words: str) -> None:
+    typer.echo("\t".join(words).rstrip())
+
+
+def _obey(agent: RemoteAgent, keys: int) -> None:
+    orders = {"p": agent.pause, "r": agent.resume, "s": agent.step, "q": agent.abort}
+    while select.select([keys], [], [], 0.0)[0]:
+        key = os.read(keys, 1).decode(errors="replace")
+        with contextlib.suppress(IllegalOrder):  # it has just ended
+            if key in orders:
+                orders[key]()
+        if not key:
+            return
+
+
+@contextlib.contextmanager
+def _keys() -> Iterator[int | None]:
+    """The terminal's keys, one by one and unseen; None where there is no terminal."""
+    if not sys.stdin.isatty():
+        yield None
+        return
+    number = sys.stdin.fileno()
+    before = termios.tcgetattr(number)
+    tty.setcbreak(number)
+    try:
+        yield number
+    finally:
+        termios.tcsetattr(number, termios.TCSADRAIN, before)
+
+
+def _order(name: str, what: str, naming: str | None) -> None:
+    from robocorba.remote.agents import RemoteAgent
+
+    with reporting(f"program {what}"), Orb(Settings.read(naming=naming).naming) as orb:
+        getattr(RemoteAgent(orb, name), what)()
+
+
+_ROBOT = typer.Argument(metavar="ROBOT", help="Of the robot.")
+
+
+@app.command()
+def pause(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+    """Let a robot stand until `resume` or `step`."""
+    _order(robot, "pause", naming)
+
+
+@app.command()
+def resume(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+    """Let a robot go on with its program."""
+    _order(robot, "resume", naming)
+
+
+@app.command()
+def step(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+    """Let a robot go on to the next icon."""
+    _order(robot, "step", naming)
+
+
+@app.command()
+def abort(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+    """End the program of a robot."""
+    _order(robot, "abort", naming)

@@ -1,0 +1,78 @@
+"""robocorba robot: start a robot, stop robots, put another robot behind an agent."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from typing import Annotated
+
+import typer
+
+from robocorba.commands.reporting import reporting
+from robocorba.errors import RoboCorbaError
+from robocorba.orb import Orb
+from robocorba.settings import Settings
+
+#: Whoever does not confirm an emergency stop within this is told of, s.
+STOP_LIMIT_S = 5.0
+Naming = Annotated[
+    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+]
+
+
+def robot(context: typer.Context) -> None:
+    """Start a robot: NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [-- ...].
+
+    It logs on, is bound as RoboCorba/Robots/NAME, and goes on until Ctrl-C or SIGTERM. `--help` tells more."""
+    arguments = [sys.executable, "-m", "clients.robot", *context.args]
+    os.execv(sys.executable, arguments)
+
+
+def stop(
+    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Of the robot.")] = "",
+    all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
+    reset: Annotated[bool, typer.Option("--reset", help="Let it be moved again, after it was stopped.")] = False,
+    naming: Naming = None,
+) -> None:
+    """Emergency: a robot stands as soon as it can, and stays so until `--reset`."""
+    if bool(name) == all_robots:
+        raise typer.BadParameter("name a robot, or give --all")
+    from robocorba.remote.agents import RemoteAgent, robots
+
+    with reporting("stop"), Orb(Settings.read(naming=naming).naming) as orb:
+        failed: dict[str, str] = {}
+
+        def order(robot_name: str) -> None:
+            try:
+                agent = RemoteAgent(orb, robot_name, 1.0)
+                agent.reset_stop() if reset else agent.stop()
+            except RoboCorbaError as wrong:
+                failed[robot_name] = str(wrong)
+
+        names = robots(orb) if all_robots else [name]
+        threads = [threading.Thread(target=order, args=(each,), daemon=True) for each in names]
+        for thread in threads:
+            thread.start()
+        for each, thread in zip(names, threads, strict=True):
+            thread.join(STOP_LIMIT_S)
+            if thread.is_alive():
+                failed[each] = "did not answer in time"
+            typer.echo(f"{each}\t{failed.get(each, 'may move again' if reset else 'stands')}", err=each in failed)
+    if failed:
+        raise typer.Exit(1)
+
+
+def switch(
+    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Of the robot.")],
+    adaptor: Annotated[str, typer.Argument(metavar="ADAPTOR", help="Such as simulated or smartpal.")],
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="Of the adaptor, after --.")] = None,
+    naming: Naming = None,
+) -> None:
+    """Put the actual robot behind a robot's agent, or the virtual one. Not while a program runs."""
+    from robocorba.remote.agents import RemoteAgent
+
+    with reporting("switch"), Orb(Settings.read(naming=naming).naming) as orb:
+        agent = RemoteAgent(orb, name)
+        agent.switch(adaptor, arguments or [])
+        typer.echo(f"{name}\t{adaptor}")

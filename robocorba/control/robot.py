@@ -1,0 +1,180 @@
+"""What a robot can do, one method a movement: what icons are made of.
+
+Each method returns when it is done. It raises MotionFailed where the robot did not get there, RobotLost and
+IllegalOrder where it can't move, and whatever interrupts its course."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from robocorba.control.course import Course
+from robocorba.control.driving import Drive, DriveAt, DriveBy, Stand
+from robocorba.control.high_controller import HighController
+from robocorba.control.joint_motion import GripMotion, JointMotion
+from robocorba.control.motion import Motion
+from robocorba.control.robot_state import Velocity
+from robocorba.control.sensors import Sensors
+from robocorba.control.session import BuildingSession
+from robocorba.errors import MotionFailed
+from robocorba.grids import Floats
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
+from robocorba.planning.request import PathPoint, PathRequest, Place, PointKind
+from robocorba.programs.base_checks import Planner
+from robocorba.simulation.elevator import Phase
+
+#: A robot calls an elevator from so far before the middle of its cabin, m: outside its doors.
+CALL_AT_M = 2.0
+#: How long it waits for an elevator at most, s of its own time.
+ELEVATOR_LIMIT_S = 300.0
+
+
+class Robot:
+    """A SmartPal. One thread at a time lets it move; its course may be steered by any."""
+
+    def __init__(
+        self,
+        controller: HighController,
+        session: BuildingSession,
+        sensors: Sensors,
+        kinematics: InverseKinematics,
+        planner: Planner,
+    ) -> None:
+        self.controller, self.session, self.sensors = controller, session, sensors
+        self.kinematics, self._planner = kinematics, planner
+        self.course = Course(controller.cancel, self._hold)
+        self._held: dict[Side, str] = {}
+
+    # ---- the base ----
+
+    def drive_path(self, floor: str, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
+        """To a point in the building, across floors. Raises PathError, InvalidRide, ElevatorFull as well."""
+        here, state = self.session.latest.at, self.controller.state
+        request = PathRequest(Place(here.floor, state.x, state.y), Place(floor, x, y), radius=RADIUS_M)
+        points = self._planner.paths(request)[0].points
+        leg: list[tuple[float, float]] = []
+        for point, after in zip(points, [*points[1:], None], strict=True):
+            if point.kind is PointKind.ELEVATOR_ENTRY and after:
+                before = leg[-1] if leg else (state.x, state.y)
+                leg.append(_before(before, (point.x, point.y), CALL_AT_M))
+                self._drive(leg, None, speed)
+                self._ride(point, after, speed)
+                leg = []
+            elif point.kind is not PointKind.ELEVATOR_EXIT:
+                leg.append((point.x, point.y))
+        self._drive(leg, heading, speed)
+
+    def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
+        """Straight to a point on this floor."""
+        self._drive([(x, y)], heading, speed)
+
+    def drive_by(self, ahead: float, left: float, turn: float, speed: float = 0.0) -> None:
+        """So far from where it is, m, turned by so much, rad."""
+        self.move(DriveBy(ahead, left, turn, self._speed(speed), BASE))
+
+    def drive_at(self, velocity: Velocity, seconds: float) -> None:
+        """At a velocity for a time; then stand."""
+        self.move(DriveAt(velocity, seconds))
+
+    def stand(self) -> None:
+        """Until the base does not move any more."""
+        self.move(Stand())
+
+    def _drive(self, points: Sequence[tuple[float, float]], heading: float | None, speed: float) -> None:
+        self.move(Drive(points, heading, self._speed(speed), BASE))
+
+    def _speed(self, wanted: float) -> float:
+        cap = self.controller.speed_cap
+        return min(wanted, cap) if wanted else cap
+
+    def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
+        self.session.call_elevator(entry.elevator, exit.floor)
+        self.session.state()  # from here on the ride is known
+        try:
+            self._wait_for_phase(Phase.BOARDING, f"{entry.elevator} did not come to {entry.floor}")
+            self._drive([(entry.x, entry.y)], None, speed)
+            self._wait_for_phase(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
+        except BaseException:
+            self.session.give_up_elevator()
+            raise
+
+    def _wait_for_phase(self, phase: Phase, otherwise: str) -> None:
+        def is_there() -> bool:
+            ride = self.session.latest.ride
+            if ride is None:
+                raise MotionFailed(f"{otherwise}: the ride was lost")
+            return ride.phase is phase
+
+        if not self.course.wait_for(is_there, ELEVATOR_LIMIT_S, self.clock):
+            raise MotionFailed(otherwise)
+
+    # ---- arms, lumbar, grippers ----
+
+    def joints_along(self, postures: Sequence[Floats], seconds: float = 0.0) -> None:
+        """All joints from posture to posture, (18,) each, rad, in at least so much time."""
+        waypoints = np.array([self.joints, *postures])
+        self.move(JointMotion(waypoints, JOINTS, SPEED, ACCELERATION, seconds))
+
+    def grip(self, sides: Sequence[Side], angle: float, force_n: float | None = None, thing: str = "") -> None:
+        """Grippers to an angle, rad; no harder than `force_n`. With the name of an object, hold it where the hand is.
+        Raises CannotGrip as well."""
+        wanted = self.joints.copy()
+        wanted[[GRIP[side] for side in sides]] = angle
+        fingers = [GRIP[side] for side in sides]
+        self.move(GripMotion(self.joints, wanted, fingers, JOINTS, SPEED, ACCELERATION, force_n))
+        if thing:
+            state = self.controller.state
+            hand = self.kinematics.body.hand(sides[0], state.joints)
+            c, s = math.cos(state.heading), math.sin(state.heading)
+            self.session.grip(thing, state.x + c * hand.x - s * hand.y, state.y + s * hand.x + c * hand.y)
+            self.session.state()  # from here on it is known
+            self._held.update(dict.fromkeys(sides, thing))
+
+    def release(self, sides: Sequence[Side], angle: float) -> None:
+        """Open grippers, and let go of what these hands held last."""
+        held = [self._held.pop(side, "") for side in sides]
+        if any(held) and not self._held:
+            self.session.release()
+        self.grip(sides, angle)
+
+    def holds(self, side: Side) -> bool:
+        """Whether a hand holds something in the building."""
+        return bool(self._held.get(side)) and bool(self.session.latest.holding)
+
+    @property
+    def joints(self) -> Floats:
+        """Where the joints (18,) were told to be, rad. Raises MotionFailed for a robot that has none."""
+        joints = self.controller.targets
+        if len(joints) != len(JOINTS):
+            raise MotionFailed(f"this robot has {len(joints)} joints, not SmartPal's {len(JOINTS)}")
+        return joints
+
+    # ---- all of it ----
+
+    def move(self, motion: Motion) -> None:
+        """Let a motion run to its end."""
+        self.course.check()
+        self.controller.move(motion)
+
+    def wait(self, seconds: float, is_so: Callable[[], bool] = lambda: False) -> bool:
+        """Stand for a time, or until something is so; whether it is."""
+        return self.course.wait_for(is_so, seconds, self.clock)
+
+    def clock(self) -> float:
+        """The robot's time, s."""
+        return self.controller.state.time
+
+    def _hold(self, is_held: bool) -> None:
+        self.controller.is_paused = is_held
+
+
+def _before(start: tuple[float, float], goal: tuple[float, float], distance_m: float) -> tuple[float, float]:
+    """On the line to a goal, so far before it; where the line starts if that is nearer."""
+    length = math.dist(start, goal)
+    if length <= distance_m:
+        return start
+    share = 1.0 - distance_m / length
+    return start[0] + share * (goal[0] - start[0]), start[1] + share * (goal[1] - start[1])

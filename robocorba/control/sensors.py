@@ -1,0 +1,44 @@
+"""What a robot's sensors see: the laser at its waist, and the ring of proximity sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from robocorba.control.robot_state import RobotState
+from robocorba.control.session import BuildingSession
+from robocorba.grids import Floats
+from robocorba.programs.icons import PROXIMITY_SENSORS
+from robocorba.sensing.fan import LASER, PROXIMITY
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.simulation.registry import Pose
+
+WAIST = Mount()
+
+
+class Sensors:
+    """Of a robot of `radius_m` that is where `state` says, on the floor where its session is."""
+
+    def __init__(self, session: BuildingSession, state: Callable[[], RobotState], radius_m: float) -> None:
+        self._session, self._state = session, state
+        self._laser, self._ring = ScanSpec(LASER), ScanSpec(PROXIMITY, radius_m)
+
+    def laser(self) -> Floats:
+        """Distances (181,) from the waist, m, from the right to the left. Raises SensingError, RobotLost."""
+        return self._session.scan(self._at(), WAIST, self._laser)
+
+    def proximity(self) -> Floats:
+        """Distances (8,) from the rim, m, counter-clockwise from ahead. Raises SensingError, RobotLost."""
+        return self._session.scan(self._at(), WAIST, self._ring)
+
+    def nearest_m(self, sensor: str) -> float:
+        """The nearest thing that a sensor of a program sees; its range where it sees nothing."""
+        if sensor == "laser":
+            return float(np.min(self.laser()))
+        ring = self.proximity()
+        return float(np.min(ring) if sensor == "proximity" else ring[PROXIMITY_SENSORS.index(sensor)])
+
+    def _at(self) -> Pose:
+        state = self._state()
+        return Pose(self._session.latest.at.floor, state.x, state.y, state.heading)

@@ -1,0 +1,68 @@
+"""A robot's session in the building, as the control agent uses it: its body there, what it senses, grips and rides.
+
+A virtual robot is that body. An actual one has it too: it goes where the robot goes, so that others see it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from robocorba.control.robot_state import Velocity
+from robocorba.grids import Floats
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.simulation.elevator import Ride
+from robocorba.simulation.registry import Pose
+
+
+class SessionState(NamedTuple):
+    """time: of the simulation, s. velocity: m/s ahead and to the left, rad/s. holding: an object, empty for none.
+    touched: what was collided with last, empty for a wall."""
+
+    time: float
+    at: Pose
+    velocity: Velocity
+    holding: str
+    ride: Ride | None
+    collisions: int
+    touched: str
+
+
+class BuildingSession(Protocol):
+    """Safe from any thread. Everything raises RobotLost where nobody answers."""
+
+    @property
+    def latest(self) -> SessionState:
+        """What `state` answered last; nobody is asked. Raises RobotLost where it never did."""
+
+    def log_on(self, at: Pose | None = None) -> None:
+        """Make sure that the robot is logged on: where it was last, or `at` a place if it was not. Raises
+        SimulationError, UnknownFloor."""
+
+    def log_off(self) -> None:
+        """Does nothing where nobody answers."""
+
+    def heartbeat(self) -> None:
+        """The robot is there: its lease is renewed."""
+
+    def state(self) -> SessionState:
+        """Now."""
+
+    def command(self, velocity: Velocity, valid_s: float) -> None:
+        """Move like this for so much simulated time. Raises InvalidCommand."""
+
+    def brake(self) -> None:
+        """Stand as soon as the wheels hold."""
+
+    def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
+        """Distances (rays,), m. Raises SensingError, UnknownFloor."""
+
+    def grip(self, what: str, x: float, y: float) -> None:
+        """Hold an object at a place. Raises CannotGrip."""
+
+    def release(self) -> None:
+        """Let go of it."""
+
+    def call_elevator(self, elevator: str, destination: str) -> None:
+        """Reserve a ride. Raises InvalidRide, ElevatorFull."""
+
+    def give_up_elevator(self) -> None:
+        """Not ride any more."""

@@ -1,0 +1,88 @@
+"""The SmartPal simulate adaptor: the simulation server's robot, and the virtual controller of its joints."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.adaptors import Surroundings
+from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.control.session import BuildingSession
+from robocorba.control.virtual_controller import VirtualController
+from robocorba.errors import AdaptorFailed, SimulationError, UnknownFloor
+from robocorba.kinematics.smartpal import ACCELERATION, JOINTS, LOWER, SPEED, UPPER
+
+#: The joints follow in steps of so much at most, s.
+JOINT_STEP_S = 0.01
+#: Time that passes unseen, such as while the server is away, moves no joint any further, s.
+MOST_UNSEEN_S = 0.2
+
+
+def adaptor(surroundings: Surroundings) -> RobotAdaptor:
+    """The entry point `simulated`."""
+    return SimulatedAdaptor(surroundings.session)
+
+
+class SimulatedAdaptor(RobotAdaptor):
+    """Time is the simulation's: where it passes faster, slower or not at all, so do the joints."""
+
+    is_in_building = True
+
+    def __init__(self, session: BuildingSession) -> None:
+        self._session = session
+        self._is_started = False
+        self._lock = threading.Lock()
+        self._time = 0.0
+        self._joints = VirtualController(np.zeros(len(JOINTS)), LOWER, UPPER, SPEED, ACCELERATION)
+
+    def start(self, argv: Sequence[str]) -> bool:
+        if self._is_started:
+            return False
+        try:
+            self._session.log_on()
+        except (SimulationError, UnknownFloor) as wrong:
+            raise AdaptorFailed(f"the simulation server refuses the robot: {wrong}") from None
+        self._time = self._session.state().time
+        self._is_started = True
+        return True
+
+    def stop(self) -> bool:
+        if not self._is_started:
+            return False
+        self._is_started = False
+        with self._lock:
+            self._joints.stop()
+        self._session.brake()
+        return True
+
+    def read(self, state: RobotState) -> bool:
+        if not self._is_started:
+            return False
+        seen = self._session.state()
+        state.time, state.velocity = seen.time, seen.velocity
+        state.x, state.y, state.heading = seen.at.x, seen.at.y, seen.at.heading
+        with self._lock:
+            self._follow(seen.time)
+            state.joints, state.joint_velocities = self._joints.joints.copy(), self._joints.velocities.copy()
+        return True
+
+    def write(self, command: ActorCommand) -> bool:
+        if not self._is_started:
+            return False
+        if len(command.joints):
+            with self._lock:
+                self._joints.command(command.joints, command.joint_velocities, self._time + command.valid_s)
+        self._session.command(command.velocity, command.valid_s)
+        return True
+
+    def _follow(self, now: float) -> None:
+        passed = min(now - self._time, MOST_UNSEEN_S)
+        if passed < 0.0:  # the server was restarted with an older state
+            passed = 0.0
+        steps = int(np.ceil(passed / JOINT_STEP_S))
+        for step in range(steps):
+            self._joints.advance(now - passed + passed * (step + 1) / steps, passed / steps)
+        self._time = now

@@ -1,0 +1,16 @@
+"""RoboCorba::PlanRecord from and to the domain's plan."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robocorba.data_pool.plans import Plan
+from robocorba.stubs import RoboCorba
+
+
+def record(plan: Plan) -> Any:
+    return RoboCorba.PlanRecord(plan.name, plan.version, plan.content)
+
+
+def plan_of(struct: Any) -> Plan:
+    return Plan(struct.name, struct.current, struct.content)

@@ -1,0 +1,186 @@
+"""A robot in one process: a real simulated building, a real sensor, and the adaptor that docs/adaptors.md shows."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.adaptors import Surroundings
+from robocorba.control.high_controller import HighController
+from robocorba.control.robot import Robot
+from robocorba.control.robot_state import Velocity
+from robocorba.control.runner import Heard
+from robocorba.control.sensors import Sensors
+from robocorba.control.session import SessionState
+from robocorba.control.simulated_adaptor import SimulatedAdaptor
+from robocorba.errors import MotionFailed, RobotLost, SessionExpired
+from robocorba.grids import Floats
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.maps.topology import topological_map
+from robocorba.planning.planner import PathPlanner
+from robocorba.programs.icons import Icon
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.store import SimulationStore
+from tests.simulation.places import tower
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PATIENCE_S = 20.0
+
+
+def documented_adaptor() -> Callable[[Surroundings], RobotAdaptor]:
+    """The factory in docs/adaptors.md."""
+    (source,) = re.findall(r"```python\n(.*?)```", (DOCS / "adaptors.md").read_text(), re.DOTALL)
+    assert len(source.splitlines()) < 60
+    found: dict[str, Any] = {}
+    exec(compile(source, "docs/adaptors.md", "exec"), found)
+    factory: Callable[[Surroundings], RobotAdaptor] = found["adaptor"]
+    return factory
+
+
+class Place:
+    """The tower of the simulation's tests in real time, with a session for one robot and a sensor that follows it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.building = tower()
+        for name, floor in self.building.floors.items():
+            roads = topological_map(self.building, name)
+            self.building.floors[name] = msgspec.structs.replace(floor, topological=roads)
+        self._closing = contextlib.ExitStack()
+        store = self._closing.enter_context(SimulationStore(folder / "simulation.sqlite"))
+        self.agent = ManagementAgent(self.building, 1, store)
+        self.agent.start()
+        self._sensor = VirtualSensor()
+        self._sensor.know(self.building)
+        self.planner = PathPlanner(self.building)
+
+    def session(self, name: str = "A", at: Pose = Pose("L1", 7.0, 2.0, 0.0)) -> InProcessSession:  # noqa: B008
+        return InProcessSession(self, Description(name, at))
+
+    def scan(self, at: Pose, mount: Mount, spec: ScanSpec, carrier: str) -> Floats:
+        for floor in self._sensor.floors:
+            asked_at = time.monotonic()
+            self._sensor.follow(self.agent.database.changes(floor, self._sensor.version(floor)), asked_at)
+        seen = self._sensor.scan(at.floor, np.array([at[1:]]), mount, spec, carrier)
+        distances: Floats = seen.distances[0]
+        return distances
+
+    def close(self) -> None:
+        self.agent.close()
+        self._closing.close()
+
+
+class InProcessSession:
+    """A BuildingSession without CORBA. `is_away`: nobody answers, as when the server was killed."""
+
+    def __init__(self, place: Place, about: Description) -> None:
+        self._place, self._about = place, about
+        self._session: Any = None
+        self._latest: SessionState | None = None
+        self.is_away = False
+
+    @property
+    def latest(self) -> SessionState:
+        if self._latest is None:
+            raise RobotLost("not logged on")
+        return self._latest
+
+    def log_on(self, at: Pose | None = None) -> None:
+        self._answer()
+        if self._session is None:
+            self._session = self._place.agent.register(self._about)
+            self.state()
+
+    def log_off(self) -> None:
+        if self._session is not None:
+            self._session.deregister()
+
+    def heartbeat(self) -> None:
+        self._answer().heartbeat()
+
+    def state(self) -> SessionState:
+        session = self._answer()
+        try:
+            found = session.state()
+        except SessionExpired as wrong:
+            raise RobotLost(str(wrong)) from None
+        robot = session.robot
+        self._latest = SessionState(
+            found.time, found.pose, found.velocity, robot.holding, session.ride, robot.collisions, robot.touched
+        )
+        return self._latest
+
+    def command(self, velocity: Velocity, valid_s: float) -> None:
+        self._answer().command(*velocity, valid_s)
+
+    def brake(self) -> None:
+        self._answer().brake()
+
+    def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
+        self._answer()
+        return self._place.scan(at, mount, spec, self._about.name)
+
+    def grip(self, what: str, x: float, y: float) -> None:
+        self._answer().grip(what, (x, y))
+
+    def release(self) -> None:
+        self._answer().release()
+
+    def call_elevator(self, elevator: str, destination: str) -> None:
+        self._answer().call_elevator(elevator, destination)
+
+    def give_up_elevator(self) -> None:
+        self._answer().give_up_elevator()
+
+    def _answer(self) -> Any:
+        if self.is_away:
+            raise RobotLost("nobody answers")
+        return self._session
+
+
+class Channel:
+    """What a program says, and what a test lets it hear."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[str, Any]] = []
+        self.patterns: Sequence[tuple[str, str]] = ()
+        self.hear: Callable[[Heard], None] = lambda event: None
+
+    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
+        self.patterns, self.hear = patterns, hear
+
+    def say(self, type: str, payload: Any) -> None:
+        self.said.append((type, payload))
+
+    def cooperate(self, icon: Icon) -> None:
+        raise MotionFailed("nobody else is here")
+
+
+def controller(adaptor: RobotAdaptor) -> HighController:
+    return HighController(adaptor, BASE, LOWER, UPPER, SPEED)
+
+
+def robot(place: Place, session: InProcessSession) -> Robot:
+    """A virtual SmartPal that is started."""
+    session.log_on()
+    high = controller(SimulatedAdaptor(session))
+    high.start(())
+    sensors = Sensors(session, lambda: high.state, RADIUS_M)
+    return Robot(high, session, sensors, InverseKinematics(), place.planner)
+
+
+def eventually(is_so: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not is_so():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.01)

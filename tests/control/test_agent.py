@@ -1,0 +1,172 @@
+"""The control agent: what it refuses and when, and how it comes back, on a virtual robot in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from robocorba.control import adaptors
+from robocorba.control.adaptors import Surroundings
+from robocorba.control.agent import AgentState, Condition, ControlAgent
+from robocorba.control.runner import Result
+from robocorba.errors import (
+    IllegalOrder,
+    InvalidChoice,
+    InvalidProgram,
+    MotionFailed,
+    RobotLost,
+    UnknownAdaptor,
+)
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.program import Program
+from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
+
+SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
+LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    yield place
+    place.close()
+
+
+@pytest.fixture
+def session(place: Place) -> InProcessSession:
+    return place.session()
+
+
+def check(program: Program, state: AgentState) -> None:
+    if program.name == "wrong":
+        raise InvalidProgram("icons[0]", "ahead", "is wrong")
+
+
+@pytest.fixture
+def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
+    agent = ControlAgent(Surroundings("A", session, None), place.planner, Channel(), check)
+    agent.start("simulated")
+    yield agent
+    session.is_away = False
+    agent.close()
+
+
+def ended(agent: ControlAgent) -> bool:
+    return agent.state.program.result is not Result.NO_RESULT
+
+
+def test_a_program_runs_to_its_end_and_again(agent: ControlAgent) -> None:
+    assert agent.state.condition is Condition.IDLE
+    agent.load(SHORT)
+    for _ in range(2):
+        agent.run()
+        eventually(lambda: ended(agent), "done")
+        assert agent.state.program.result is Result.DONE
+
+
+def test_what_makes_no_sense_is_refused(agent: ControlAgent) -> None:
+    for order in (agent.pause, agent.resume, agent.step):
+        with pytest.raises(IllegalOrder, match="runs no program"):
+            order()
+    with pytest.raises(IllegalOrder, match="has none loaded"):
+        agent.run()
+    with pytest.raises(IllegalOrder, match="was not stopped"):
+        agent.reset_stop()
+    with pytest.raises(InvalidProgram, match=r"icons\[0\]\.ahead: is wrong"):
+        agent.load(ProgramBuilder("wrong").wait(1).program())
+    with pytest.raises(InvalidChoice, match="speed"):
+        agent.cap_speed(float("nan"))
+    with pytest.raises(UnknownAdaptor, match="known are corba, simulated, smartpal"):
+        agent.switch("hovering", ())
+    agent.abort()
+    agent.load(LONG)
+    agent.run()
+    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
+        with pytest.raises(IllegalOrder, match="runs a program"):
+            order()
+    agent.abort()
+    eventually(lambda: ended(agent), "aborted")
+    assert agent.state.program.result is Result.ABORTED
+
+
+def test_pauses_are_seen(agent: ControlAgent) -> None:
+    agent.load(LONG)
+    agent.run(is_stepping=True)
+    eventually(lambda: agent.state.condition is Condition.PAUSED, "paused")
+    agent.resume()
+    eventually(lambda: agent.state.condition is Condition.RUNNING, "running")
+    agent.abort()
+    eventually(lambda: ended(agent), "aborted")
+
+
+def test_an_emergency_stop_ends_the_program_until_it_is_reset(agent: ControlAgent) -> None:
+    agent.load(LONG)
+    agent.run()
+    eventually(lambda: agent.state.actor.velocity[0] > 0.05, "moving")
+    agent.stop()
+    eventually(lambda: ended(agent), "ended")
+    state = agent.state
+    assert (state.condition, state.reason) == (Condition.STOPPED, "emergency stop")
+    assert (state.program.result, state.program.reason) == (Result.ABORTED, "emergency stop")
+    with pytest.raises(IllegalOrder, match="is stopped: emergency stop"):
+        agent.run()
+    agent.reset_stop()
+    agent.load(SHORT)
+    agent.run()
+    eventually(lambda: ended(agent), "done")
+    assert agent.state.program.result is Result.DONE
+
+
+def test_a_server_that_was_away_is_found_again(agent: ControlAgent, session: InProcessSession) -> None:
+    agent.load(LONG)
+    agent.run()
+    eventually(lambda: agent.state.actor.velocity[0] > 0.05, "moving")
+    session.is_away = True
+    eventually(lambda: ended(agent), "ended")
+    assert agent.state.program.result is Result.FAILED
+    assert "nobody answers" in agent.state.program.reason
+    session.is_away = False
+    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    agent.load(SHORT)
+    agent.run()
+    eventually(lambda: ended(agent), "done")
+    assert agent.state.program.result is Result.DONE
+
+
+def test_another_robot_behind_the_same_agent(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The documented adaptor is no body in the building: that follows it."""
+    make = adaptors.make
+
+    def with_disc(name: str, surroundings: Surroundings) -> object:
+        return documented_adaptor()(surroundings) if name == "disc" else make(name, surroundings)
+
+    monkeypatch.setattr(adaptors, "make", with_disc)
+    agent.switch("disc", ())
+    began = session.latest.at
+    agent.load(ProgramBuilder("drive").mbase_by(ahead=0.5, left=0.3, turn=1.0).program())
+    agent.run()
+    eventually(lambda: ended(agent), "done")
+    assert agent.state.program.result is Result.DONE
+    eventually(lambda: abs(session.state().at.x - began.x - 0.5) < 0.01, "the body has followed")
+    at = session.state().at
+    assert (at.y - began.y, at.heading - began.heading) == pytest.approx((0.3, 1.0), abs=0.01)
+    with pytest.raises(MotionFailed, match="0 joints"):
+        _ = agent.robot.joints
+    agent.switch("simulated", ())
+    assert agent.state.adaptor == "simulated"
+
+
+def test_nothing_before_the_start(place: Place, session: InProcessSession) -> None:
+    agent = ControlAgent(Surroundings("A", session, None), place.planner, Channel())
+    agent.stop()
+    agent.abort()
+    with pytest.raises(IllegalOrder, match="was never started"):
+        agent.run()
+    with pytest.raises(IllegalOrder, match="was never started"):
+        agent.switch("simulated", ())
+    with pytest.raises(RobotLost, match="was not started"):
+        _ = agent.state
+    agent.close()

@@ -1,0 +1,208 @@
+"""The high controller on a robot that is one of the documentation's, in real time."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.driving import Drive, DriveAt
+from robocorba.control.high_controller import TICK_S, HighController
+from robocorba.control.motion import Wish
+from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
+from robocorba.kinematics.smartpal import BASE
+from robocorba.simulation.registry import Pose
+from tests.control.places import controller, documented_adaptor, eventually
+
+HERE = SimpleNamespace(session=SimpleNamespace(latest=SimpleNamespace(at=Pose("L1", 0.0, 0.0))))
+
+
+class Watched(RobotAdaptor):
+    """In front of the documented adaptor; remembers commands, and fails as it is told."""
+
+    def __init__(self) -> None:
+        self.disc = documented_adaptor()(HERE)  # type: ignore[arg-type]
+        self.commands: list[ActorCommand] = []
+        self.failure: Exception | None = None
+        self.stops = 0
+        self.hangs = threading.Event()
+        self.goes_on = threading.Event()
+
+    def start(self, argv: Sequence[str]) -> bool:
+        if self.failure:
+            raise self.failure
+        return self.disc.start(argv)
+
+    def stop(self) -> bool:
+        self.stops += 1
+        return self.disc.stop()
+
+    def read(self, state: RobotState) -> bool:
+        if self.failure:
+            raise self.failure
+        return self.disc.read(state)
+
+    def write(self, command: ActorCommand) -> bool:
+        self.commands.append(command)
+        if self.hangs.is_set():
+            self.goes_on.wait(5.0)
+        return self.disc.write(command)
+
+
+@pytest.fixture
+def adaptor() -> Watched:
+    return Watched()
+
+
+@pytest.fixture
+def high(adaptor: Watched) -> Iterator[HighController]:
+    high = controller(adaptor)
+    high.start(())
+    yield high
+    adaptor.failure = None
+    high.close()
+    assert adaptor.stops
+
+
+def in_background(call: Any, *arguments: Any) -> tuple[threading.Thread, list[Exception]]:
+    raised: list[Exception] = []
+
+    def run() -> None:
+        try:
+            call(*arguments)
+        except Exception as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread, raised
+
+
+def test_a_motion_ends_where_it_shall(high: HighController) -> None:
+    high.move(Drive([(0.3, 0.1)], None, 1.0, BASE))
+    assert (high.state.x, high.state.y) == pytest.approx((0.3, 0.1), abs=0.003)
+
+
+def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adaptor: Watched) -> None:
+    high.speed_cap = 0.2
+    high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
+    velocities = np.array([command.velocity for command in adaptor.commands])
+    assert np.hypot(velocities[:, 0], velocities[:, 1]).max() == pytest.approx(0.2)
+    assert np.abs(velocities[:, 2]).max() <= BASE.turn
+    turns = np.abs(np.diff(velocities[:, 2]))
+    assert turns.max() <= BASE.turn_acceleration * TICK_S + 1e-9
+
+
+def test_a_motion_that_fails_is_told_and_the_robot_stands(high: HighController) -> None:
+    class Wrong:
+        def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+            raise ZeroDivisionError("of its own")
+
+    with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
+        high.move(Wrong())
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_limit_of_time_ends_a_motion(high: HighController) -> None:
+    with pytest.raises(MotionFailed, match=r"not done within 0\.2 s"):
+        high.move(DriveAt((0.1, 0.0, 0.0), 60.0), 0.2)
+
+
+def test_one_motion_at_a_time(high: HighController) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.1, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.05, "moving")
+    with pytest.raises(IllegalOrder, match="is moving"):
+        high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
+    high.cancel(MotionFailed("enough"))
+    thread.join(5.0)
+    assert [str(error) for error in raised] == ["enough"]
+    eventually(lambda: high.state.velocity[0] == 0.0, "standing")
+
+
+def test_a_pause_takes_no_time_of_the_motion(high: HighController) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 1.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    high.is_paused = True
+    eventually(lambda: high.state.velocity[0] == 0.0, "standing")
+    time.sleep(1.2)
+    assert thread.is_alive()
+    high.is_paused = False
+    thread.join(5.0)
+    assert not thread.is_alive() and raised == []
+
+
+def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, adaptor: Watched) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    adaptor.hangs.set()
+    stops = adaptor.stops
+    high.halt("button")
+    assert adaptor.stops == stops + 1
+    assert high.stopped == "button"
+    thread.join(5.0)
+    assert [str(error) for error in raised] == ["can't go on: the robot is stopped: button"]
+    adaptor.hangs.clear()
+    adaptor.goes_on.set()
+    with pytest.raises(IllegalOrder, match="is stopped: button"):
+        high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
+    high.resume_from_halt()
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    with pytest.raises(IllegalOrder, match="was not stopped"):
+        high.resume_from_halt()
+
+
+def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighController, adaptor: Watched) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    adaptor.failure = AdaptorFailed("the arm smokes")
+    thread.join(5.0)
+    assert "the arm smokes" in str(raised[0])
+    adaptor.failure = None
+    time.sleep(0.7)
+    assert high.stopped == "the arm smokes"
+    high.resume_from_halt()
+    assert high.stopped == ""
+
+
+def test_a_robot_that_was_lost_is_found_again(high: HighController, adaptor: Watched) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    adaptor.failure = RobotLost("nobody answers")
+    thread.join(5.0)
+    assert isinstance(raised[0], RobotLost)
+    assert high.stopped == "nobody answers"
+    adaptor.failure = None
+    eventually(lambda: high.stopped == "", "found again")
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, adaptor: Watched) -> None:
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    high.halt("button")
+    adaptor.failure = None
+    time.sleep(1.2)
+    assert high.stopped == "button"
+
+
+def test_a_fault_of_an_adaptor_stops_the_robot(high: HighController, adaptor: Watched) -> None:
+    adaptor.failure = KeyError("joint")
+    eventually(lambda: high.stopped == "KeyError: 'joint'", "stopped")
+
+
+def test_the_end_ends_a_motion(adaptor: Watched) -> None:
+    high = controller(adaptor)
+    high.start(())
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), math.inf))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    high.close()
+    thread.join(5.0)
+    assert [str(error) for error in raised] == ["can't go on: the robot is switched off"]

@@ -1,0 +1,178 @@
+"""Programs on a virtual robot in one process: a real simulated building, in real time."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from robocorba.control.robot import Robot
+from robocorba.control.runner import Heard, Report, Result, Runner
+from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
+from robocorba.kinematics.tasks import POSTURES
+from robocorba.programs import icons
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.simulation.registry import Pose
+from tests.control.places import Channel, InProcessSession, Place, eventually, robot
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    yield place
+    place.close()
+
+
+@pytest.fixture
+def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessSession]:
+    session = place.session("A", getattr(request, "param", Pose("L1", 7.0, 2.0)))
+    yield session
+    session.log_off()
+
+
+def at(x: float, y: float, heading: float) -> pytest.MarkDecorator:
+    """Where the robot begins."""
+    return pytest.mark.parametrize("session", [Pose("L1", x, y, heading)], indirect=True)
+
+
+@pytest.fixture
+def smartpal(place: Place, session: InProcessSession) -> Iterator[Robot]:
+    found = robot(place, session)
+    yield found
+    found.controller.close()
+
+
+def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None) -> tuple[Report, list[Report]]:
+    told: list[Report] = []
+    report = Runner(builder.program(), smartpal, channel or Channel(), told.append).run()
+    return report, told
+
+
+def begin(smartpal: Robot, builder: ProgramBuilder) -> tuple[Runner, threading.Thread]:
+    runner = Runner(builder.program(), smartpal, Channel())
+    thread = threading.Thread(target=runner.run)
+    thread.start()
+    return runner, thread
+
+
+def test_hands_and_body_go_where_icons_say(smartpal: Robot) -> None:
+    builder = ProgramBuilder("hands").mhand_posture("both", "ready").gripper("left", "open")
+    builder.mhand_pose("right", 0.45, -0.2, 0.95).mhand_offset("right", dz=0.05).lumbar(0.0, 0.2)
+    report, told = run(smartpal, builder)
+    assert (report.result, report.icons_done, report.reason) == (Result.DONE, 5, "")
+    joints = smartpal.controller.state.joints
+    assert joints[ARM[Side.LEFT]] == pytest.approx(POSTURES["ready"], abs=0.01)
+    assert joints[LUMBAR] == pytest.approx((0.0, 0.2), abs=0.01)
+    assert joints[GRIP[Side.LEFT]] == pytest.approx(OPEN_RAD, abs=0.01)
+    joints[LUMBAR] = 0.0
+    hand = smartpal.kinematics.body.hand(Side.RIGHT, joints)
+    assert hand[:3] == pytest.approx((0.45, -0.2, 1.0), abs=0.005)
+    assert [each.icon for each in told if each.kind and not each.reason][::2][:2] == ["icons[0]", "icons[1]"]
+
+
+@at(5.0, 3.2, math.pi / 2)
+def test_a_drive_over_two_floors(smartpal: Robot, session: InProcessSession) -> None:
+    report, _ = run(smartpal, ProgramBuilder("ride").mbase_path("L2", 5.0, 3.2, heading=1.0))
+    assert (report.result, report.reason) == (Result.DONE, "")
+    there = session.latest.at
+    assert there.floor == "L2"
+    assert (there.x, there.y, there.heading) == pytest.approx((5.0, 3.2, 1.0), abs=0.004)
+
+
+@at(6.5, 8.0, 0.0)
+def test_a_sensor_stops_what_is_inside_and_the_program_goes_on(smartpal: Robot) -> None:
+    builder = ProgramBuilder("stop")
+    with builder.stop_if_closer("front", 0.3):
+        builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
+        builder.say("never", 1)
+    with builder.branch(icons.Result("stopped")):
+        builder.mbase_by(turn=0.5)
+    channel = Channel()
+    report, _ = run(smartpal, builder, channel)
+    assert (report.result, channel.said) == (Result.DONE, [])
+    state = smartpal.controller.state
+    assert state.heading == pytest.approx(0.5, abs=0.01)
+    assert state.x == pytest.approx(7.5 - 0.4 - 0.3, abs=0.03)  # the shelf, the robot's rim, the distance
+
+
+def test_conditions_of_sensors_and_results(smartpal: Robot) -> None:
+    builder = ProgramBuilder("conditions")
+    builder.wait_until(icons.FartherThan("front", 0.5), 2.0)
+    with builder.branch(icons.Result("done")):
+        builder.say("free", None)
+    builder.wait_until(icons.CloserThan("front", 0.01), 0.1)
+    with builder.branch(icons.Result("timed_out")):
+        builder.say("still", {"free": True})
+    with builder.branch(icons.Holding("left")):
+        builder.say("never", None)
+    with builder.otherwise():
+        builder.say("empty", None)
+    with builder.repeat(3):
+        builder.say("again", 1)
+    channel = Channel()
+    report, _ = run(smartpal, builder, channel)
+    assert report.result is Result.DONE
+    assert channel.said == [("free", None), ("still", {"free": True}), ("empty", None), *[("again", 1)] * 3]
+
+
+def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
+    builder = ProgramBuilder("events")
+    builder.wait_until(icons.Event("table.*", "B"), 10.0).wait_until(icons.Event("table.*", "B"), 0.2)
+    with builder.branch(icons.Result("timed_out")):
+        builder.say("once", None)
+    channel = Channel()
+    runner = Runner(builder.program(), smartpal, channel)
+    thread = threading.Thread(target=runner.run)
+    thread.start()
+    eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
+    channel.hear(Heard("table.up", "C", None))
+    channel.hear(Heard("table.up", "B", None))
+    thread.join(20.0)
+    assert channel.said == [("once", None)]
+
+
+def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
+    builder = ProgramBuilder("far").wait(0.01)
+    with builder.repeat(2):
+        builder.mhand_pose("left", 2.0, 0.0, 0.0)
+    report, _ = run(smartpal, builder)
+    assert (report.result, report.icon, report.kind) == (Result.FAILED, "icons[1].icons[0]", "mhand_pose")
+    assert report.reason.startswith("the left hand: ")
+
+
+def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
+    builder = ProgramBuilder("slow").mbase_velocity(0.2, 0.0, 0.0, 1.0).wait(0.1).mbase_velocity(0.0, 0.2, 0.0, 60.0)
+    course = smartpal.course
+    course.reset(True)
+    runner, thread = begin(smartpal, builder)
+    eventually(lambda: course.is_paused, "before the first icon")
+    assert (runner.report.icon, runner.report.icons_done) == ("icons[0]", 0)
+    course.step()
+    eventually(lambda: runner.report.icon == "icons[1]" and course.is_paused, "before the second")
+    course.resume()
+    eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving")
+    course.pause()
+    eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
+    course.resume()
+    eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving again")
+    course.abort()
+    thread.join(10.0)
+    assert (runner.report.result, runner.report.reason) == (Result.ABORTED, "somebody ended it")
+    eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
+    course.reset(False)
+
+
+@at(2.0, 2.95, -math.pi / 2)
+def test_gripping_carries_an_object(smartpal: Robot, session: InProcessSession) -> None:
+    builder = ProgramBuilder("grip").mhand_posture("both", "reach").gripper("left", "close", force=5.0, object="T1")
+    with builder.branch(icons.Holding("left")):
+        builder.say("held", None)
+    builder.gripper("left", "open")
+    channel = Channel()
+    report, _ = run(smartpal, builder, channel)
+    assert (report.result, report.reason) == (Result.DONE, "")
+    assert channel.said == [("held", None)]
+    assert session.state().holding == ""
