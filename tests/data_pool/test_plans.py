@@ -1,0 +1,130 @@
+"""Cooperative plans: versions, bounds, what is refused."""
+
+from __future__ import annotations
+
+import threading
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robocorba.data_pool import plans as limits
+from robocorba.data_pool.plans import MAX_CONTENT, MAX_PLANS, Plan, Plans
+from robocorba.errors import InvalidPlan, StalePlan, UnknownPlan
+
+CONTENT = msgpack.packb({"table": "T1", "steps": [1, 2, 3]})
+
+
+def blob(size: int) -> bytes:
+    """Octets in msgpack, `size` bytes in all."""
+    return bytes([0xC6, *(size - 5).to_bytes(4, "big")]) + bytes(size - 5)
+
+
+def test_a_plan_is_kept_in_versions() -> None:
+    plans = Plans()
+    assert plans.all() == []
+    assert plans.put("move table", CONTENT) == 1
+    assert plans.put("move table", msgpack.packb([]), expected_version=1) == 2
+    assert plans.put("fetch", CONTENT) == 1
+    assert plans.get("move table") == Plan("move table", 2, msgpack.packb([]))
+    assert [(plan.name, plan.version) for plan in plans.all()] == [("fetch", 1), ("move table", 2)]
+    plans.remove("fetch")
+    assert [plan.name for plan in plans.all()] == ["move table"]
+
+
+def test_what_somebody_else_changed_is_not_overwritten() -> None:
+    plans = Plans()
+    plans.put("p", CONTENT)
+    for expected in (0, 2, -1):
+        with pytest.raises(StalePlan) as stale:
+            plans.put("p", b"\x00", expected)
+        assert (stale.value.name, stale.value.expected, stale.value.current) == ("p", expected, 1)
+    with pytest.raises(StalePlan):
+        plans.put("new", CONTENT, 1)
+    assert plans.get("p").content == CONTENT
+    assert len(plans.all()) == 1
+
+
+def test_unknown_plans_are_named() -> None:
+    plans = Plans()
+    for call in (plans.get, plans.remove):
+        with pytest.raises(UnknownPlan, match="'x'"):
+            call("x")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "field"),
+    [
+        ("", CONTENT, "name"),
+        ("n" * 201, CONTENT, "name"),
+        ("a\0b", CONTENT, "name"),
+        ("\ud800", CONTENT, "name"),
+        ("p", blob(MAX_CONTENT + 1), "content"),
+        ("p", b"", "content"),
+        ("p", b"\xc1", "content"),
+        ("p", CONTENT[:-1], "content"),
+        ("p", CONTENT + b"\x00", "content"),
+        ("p", b"\x91" * 100_000, "content"),
+        ("p", b"\xdd\xff\xff\xff\xff", "content"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused(name: str, content: bytes, field: str) -> None:
+    plans = Plans()
+    with pytest.raises(InvalidPlan) as invalid:
+        plans.put(name, content)
+    assert invalid.value.field == field
+    assert plans.all() == []
+
+
+def test_there_are_so_many_at_most_and_so_large() -> None:
+    plans = Plans()
+    for number in range(MAX_PLANS):
+        plans.put(f"p{number}", CONTENT)
+    with pytest.raises(InvalidPlan, match=f"{MAX_PLANS} plans"):
+        plans.put("one more", CONTENT)
+    assert plans.put("p0", blob(MAX_CONTENT), 1) == 2
+    plans.remove("p1")
+    assert plans.put("one more", CONTENT) == 1
+
+
+def test_all_together_fit_into_a_message() -> None:
+    plans = Plans()
+    count = limits.MAX_CONTENTS // MAX_CONTENT
+    for number in range(count):
+        plans.put(f"p{number}", blob(MAX_CONTENT))
+    with pytest.raises(InvalidPlan, match="together"):
+        plans.put("more", b"\x00")
+    assert plans.put("p0", blob(MAX_CONTENT), 1) == 2
+
+
+@given(st.binary(max_size=50))
+def test_any_bytes_are_kept_or_refused(content: bytes) -> None:
+    plans = Plans()
+    try:
+        plans.put("p", content)
+    except InvalidPlan as invalid:
+        assert invalid.field == "content"
+        assert plans.all() == []
+    else:
+        assert plans.get("p").content == content
+
+
+def test_of_writers_at_the_same_time_one_wins() -> None:
+    plans = Plans()
+    won: list[int] = []
+
+    def write(number: int) -> None:
+        for version in range(50):
+            try:
+                plans.put("p", msgpack.packb(number), version)
+                won.append(version)
+            except StalePlan:
+                continue
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10.0)
+    assert sorted(won) == list(range(plans.get("p").version))
