@@ -30,13 +30,20 @@ PROGRESS_M, PROGRESS_RAD, STUCK_S = 0.01, 0.01, 6.0
 class Drive:
     """Through `points` (x, y in m), and facing `heading` (rad) at the end, or where it went where that is None.
 
-    speed: m/s at most, also within `limits`. An omni-directional base: it drives where it does not face."""
+    speed: m/s at most, also within `limits`; speeds: on the way to each of the points, where these differ. An
+    omni-directional base: it drives where it does not face."""
 
     def __init__(
-        self, points: Sequence[tuple[float, float]], heading: float | None, speed: float, limits: Limits
+        self,
+        points: Sequence[tuple[float, float]],
+        heading: float | None,
+        speed: float,
+        limits: Limits,
+        speeds: Sequence[float] | None = None,
     ) -> None:
         self._points, self._heading = list(points), heading
-        self._speed, self._limits = min(speed, limits.speed), limits
+        self._speeds = [min(speed, limits.speed, each) for each in speeds or [math.inf] * len(self._points)]
+        self._limits = limits
         self._next = 0
         self._line_from: tuple[float, float] | None = None
         self._nearest = self._best_turn = math.inf
@@ -87,7 +94,9 @@ class Drive:
         if far == 0.0:
             return 0.0, 0.0
         slow = 0.0 if is_last else self._corner_speed(line)
-        speed = min(self._speed, math.sqrt(slow * slow + 2.0 * BRAKING * self._limits.acceleration * missing))
+        speed = min(
+            self._speeds[self._next], math.sqrt(slow * slow + 2.0 * BRAKING * self._limits.acceleration * missing)
+        )
         if is_last:
             speed = min(speed, GAIN * missing)
         # What the wheels can is for the new direction first, then for the speed.
@@ -98,15 +107,16 @@ class Drive:
         return way[0] / far * speed, way[1] / far * speed
 
     def _corner_speed(self, line: tuple[float, float]) -> float:
-        """As fast as a corner can be passed without leaving the way by more than PASS_M."""
+        """As fast as a corner can be passed without leaving the way by more than PASS_M, and as may be after it."""
+        most = self._speeds[self._next + 1]
         after = _minus(self._points[self._next + 1], self._points[self._next])
         lengths = math.hypot(*line) * math.hypot(*after)
         if lengths == 0.0:
-            return self._speed
+            return most
         turned = math.acos(max(-1.0, min(1.0, _dot(line, after) / lengths)))
         if turned < 1e-3:
-            return self._speed
-        return min(self._speed, math.sqrt(self._limits.acceleration * PASS_M) / math.sin(turned / 2.0))
+            return most
+        return min(most, math.sqrt(self._limits.acceleration * PASS_M) / math.sin(turned / 2.0))
 
     def _wanted_heading(self, state: RobotState, remaining: float, vx: float, vy: float) -> float:
         if remaining > TURN_AT_M and math.hypot(vx, vy) > 0.0:

@@ -53,23 +53,26 @@ class Robot:
     def drive_path(self, floor: str, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
         """To a point in the building, across floors. Raises PathError, InvalidRide, ElevatorFull as well."""
         here, state = self.session.latest.at, self.controller.state
-        request = PathRequest(Place(here.floor, state.x, state.y), Place(floor, x, y), radius=RADIUS_M)
-        points = self._planner.paths(request)[0].points
+        wanted = self._speed(speed)
+        start, goal = Place(here.floor, state.x, state.y), Place(floor, x, y)
+        points = self._planner.paths(PathRequest(start, goal, radius=RADIUS_M, speed=wanted))[0].points
         leg: list[tuple[float, float]] = []
-        for point, after in zip(points, [*points[1:], None], strict=True):
+        speeds: list[float] = []
+        for before, point, after in zip([points[0], *points], points, [*points[1:], None], strict=False):
             if point.kind is PointKind.ELEVATOR_ENTRY and after:
-                before = leg[-1] if leg else (state.x, state.y)
-                leg.append(_before(before, (point.x, point.y), CALL_AT_M))
-                self._drive(leg, None, speed)
-                self._ride(point, after, speed)
-                leg = []
+                came_from = leg[-1] if leg else (state.x, state.y)
+                leg.append(_before(came_from, (point.x, point.y), CALL_AT_M))
+                self._drive(leg, None, wanted, [*speeds, _speed_between(before, point)])
+                self._ride(point, after, _speed_between(before, point))
+                leg, speeds = [], []
             elif point.kind is not PointKind.ELEVATOR_EXIT:
                 leg.append((point.x, point.y))
-        self._drive(leg, heading, speed)
+                speeds.append(_speed_between(before, point))
+        self._drive(leg, heading, wanted, speeds)
 
     def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
         """Straight to a point on this floor."""
-        self._drive([(x, y)], heading, speed)
+        self._drive([(x, y)], heading, self._speed(speed))
 
     def drive_by(self, ahead: float, left: float, turn: float, speed: float = 0.0) -> None:
         """So far from where it is, m, turned by so much, rad."""
@@ -83,8 +86,14 @@ class Robot:
         """Until the base does not move any more."""
         self.move(Stand())
 
-    def _drive(self, points: Sequence[tuple[float, float]], heading: float | None, speed: float) -> None:
-        self.move(Drive(points, heading, self._speed(speed), BASE))
+    def _drive(
+        self,
+        points: Sequence[tuple[float, float]],
+        heading: float | None,
+        speed: float,
+        speeds: Sequence[float] | None = None,
+    ) -> None:
+        self.move(Drive(points, heading, speed, BASE, speeds))
 
     def _speed(self, wanted: float) -> float:
         cap = self.controller.speed_cap
@@ -169,6 +178,12 @@ class Robot:
 
     def _hold(self, is_held: bool) -> None:
         self.controller.is_paused = is_held
+
+
+def _speed_between(one: PathPoint, other: PathPoint) -> float:
+    """That the path planning agent drives with from point to point, m/s: slower where the map says so."""
+    seconds = other.time - one.time
+    return (other.distance - one.distance) / seconds if seconds > 0.0 else math.inf
 
 
 def _before(start: tuple[float, float], goal: tuple[float, float], distance_m: float) -> tuple[float, float]:

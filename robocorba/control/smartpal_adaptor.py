@@ -254,13 +254,17 @@ class _Rounds:
 
     def __init__(self) -> None:
         self._pool: ThreadPoolExecutor | None = None
-        self._is_slow = False
+        self._is_slow = self._is_closed = False
 
     def make(self, calls: Sequence[Callable[[], Any]]) -> list[Any]:
         """All answers; raises what the first of them raised."""
         begun = time.monotonic()
         if not self._is_slow:
-            answers = [call() for call in calls]
+            answers = []
+            for call in calls:
+                if self._is_closed:
+                    raise AdaptorFailed("it was stopped")
+                answers.append(call())
             self._is_slow = time.monotonic() - begun > _SLOW_S
             return answers
         if self._pool is None:
@@ -277,6 +281,7 @@ class _Rounds:
 
     def close(self) -> None:
         """Does not wait for calls on their way; they end by their own limits."""
+        self._is_closed = True
         if self._pool:
             self._pool.shutdown(wait=False, cancel_futures=True)
 

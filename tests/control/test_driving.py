@@ -75,6 +75,15 @@ def test_corners_are_cut_no_more_than_allowed() -> None:
     assert max(off) < 2 * PASS_M
 
 
+def test_slow_stretches_are_driven_slowly() -> None:
+    base = Base()
+    base.run(Drive([(2.0, 0.0), (4.0, 0.0), (6.0, 0.0)], None, 1.0, LIMITS, [1.0, 0.3, 1.0]))
+    steps = [(x, (after - x) / TICK_S) for (x, _), (after, _) in zip(base.track, base.track[1:], strict=False)]
+    assert max(speed for x, speed in steps if 2.0 < x < 3.9) <= 0.3 + 1e-6
+    assert max(speed for x, speed in steps if x < 2.0) > 0.8
+    assert max(speed for x, speed in steps if x > 4.0) > 0.8
+
+
 def test_it_faces_where_it_goes_and_keeps_that() -> None:
     base = Base()
     base.run(Drive([(4.0, 4.0)], None, 0.5, LIMITS))
