@@ -90,6 +90,7 @@ class Orb:
     endpoint: where a server listens, fixed so that references survive restarts. Without one, an ORB that
         activates objects listens on a free port: on loopback where the naming service does, else on all interfaces.
     context: the naming context that names are relative to, parts separated by slashes; empty for the root.
+    with_kinds: names may have kinds, as Mobility.Unit; without, a dot is part of a name, such as a robot's.
     call_timeout_s: limit of every call made through this ORB, except where `resolve` sets another one.
 
     Raises PortInUse for an endpoint that is taken, ServiceError where the process has an ORB already.
@@ -101,10 +102,12 @@ class Orb:
         endpoint: Address | None = None,
         *,
         context: str = CONTEXT,
+        with_kinds: bool = False,
         call_timeout_s: float = DEFAULT_CALL_TIMEOUT_S,
         options: Mapping[str, str] | None = None,
     ) -> None:
         self.naming, self.endpoint, self.context = naming, endpoint, context
+        self._with_kinds = with_kinds
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
@@ -281,6 +284,27 @@ class Orb:
         limit_calls(reference, call_timeout_s)
         return reference
 
+    def resolve_elsewhere(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
+        """The object bound to `name`, which may have a kind, in the root of another naming service: asked once.
+
+        No call takes longer than `call_timeout_s`, then and later. Raises NotReachable."""
+        root = self.reference(f"corbaloc:iiop:1.2@{naming}/NameService", CosNaming.NamingContext)
+        limit_calls(root, call_timeout_s)
+        try:
+            found = root.resolve([_component(name, True)])
+            if found is None:
+                raise NotReachable(f"nil is bound to {name} at {naming}")
+            limit_calls(found, call_timeout_s)
+            reference = found._narrow(interface)
+        except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
+            raise NotReachable(f"the naming service at {naming} does not know {name}") from None
+        except CORBA.SystemException as wrong:
+            raise NotReachable(f"{name} at {naming} does not answer ({describe(wrong)})") from None
+        if reference is None:
+            raise NotReachable(f"what is bound to {name} at {naming} is not a {interface._NP_RepositoryId}")
+        limit_calls(reference, call_timeout_s)
+        return reference
+
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
         """What is bound in the naming context `path`, sorted; nothing where there is no such context.
 
@@ -321,7 +345,7 @@ class Orb:
         return f"{self.context}/{name}" if self.context else name
 
     def _components(self, name: str) -> list[Any]:
-        return [CosNaming.NameComponent(part, "") for part in self._path(name).split("/")]
+        return [_component(part, self._with_kinds) for part in self._path(name).split("/")]
 
     def _naming(self, timeout_s: float = PROBE_TIMEOUT_S) -> Any:
         root = self._orb.string_to_object(f"corbaloc:iiop:1.2@{self.naming}/NameService")
@@ -406,6 +430,11 @@ class Orb:
 
 class _NotYet(Exception):
     """Why an attempt failed that is worth another one."""
+
+
+def _component(part: str, with_kinds: bool) -> Any:
+    name, _, kind = part.partition(".") if with_kinds else (part, "", "")
+    return CosNaming.NameComponent(name, kind)
 
 
 def corbaname(naming: Address, name: str = "") -> str:

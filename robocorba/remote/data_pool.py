@@ -15,7 +15,6 @@ from robocorba.data_pool.pool import DataPool
 from robocorba.errors import NotReachable, UnknownFloor
 from robocorba.maps.model import KIND_OF, Building, ElementKind, FloorMap, GeometricalMap
 from robocorba.names import ROBOTS
-from robocorba.names import ROBOTS
 from robocorba.orb import Orb, describe, limit_calls
 from robocorba.remote.floors import CALL_LIMIT_S, RemoteDatabase
 from robocorba.repeating import Repeating

@@ -1,0 +1,416 @@
+"""Servants of the robot's units, as its public interface has them, and of the stand-in's faults."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from omniORB import CORBA
+
+from robocorba.smartpal.arm import Arm
+from robocorba.smartpal.axes import AxesUnit
+from robocorba.smartpal.codes import Alarm, AlarmType, Answer
+from robocorba.smartpal.faults import Faults, InvalidFault
+from robocorba.smartpal.gripper import Gripper
+from robocorba.smartpal.lumbar import Lumbar
+from robocorba.smartpal.mobility import WHEELS, Mobility
+from robocorba.smartpal.unit import VERSION, Unit
+from robocorba.stubs import (
+    RoboCorba,
+    RoboCorba__POA,
+    YeRTUnitMobility__POA,
+    _GlobalIDL,
+    _GlobalIDL__POA,
+)
+
+Servant = TypeVar("Servant", bound=type)
+
+
+def over_the_network(servant: Servant) -> Servant:
+    """Each call of a servant of a unit goes by way of the faults' network, and may not arrive."""
+
+    def guarded(operation: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(operation)
+        def call(self: Any, *arguments: Any) -> Any:
+            if not self._faults.reaches(self._unit.name):
+                raise CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
+            return operation(self, *arguments)
+
+        return call
+
+    for name, operation in vars(servant).copy().items():
+        if not name.startswith("_"):
+            setattr(servant, name, guarded(operation))
+    return servant
+
+
+def _is_ok(answer: Answer) -> bool:
+    return answer is Answer.OK
+
+
+def _alarms(unit: Unit, most: int) -> tuple[int, list[Any]]:
+    types = {
+        AlarmType.FAULT: _GlobalIDL.FAULT,
+        AlarmType.WARNING: _GlobalIDL.WARNING,
+        AlarmType.UNKNOWN: _GlobalIDL.UNKNOWN,
+    }
+    alarms = unit.active_alarms(most)
+    return len(alarms), [_GlobalIDL.Alarm(alarm.code, types[alarm.type], alarm.description) for alarm in alarms]
+
+
+def _words(state: Any) -> str:
+    return str(state.name.replace("_", " ").capitalize())
+
+
+@over_the_network
+class MobilityServant(YeRTUnitMobility__POA.mobility):
+    """YeRTUnitMobility::mobility."""
+
+    def __init__(self, unit: Mobility, faults: Faults) -> None:
+        self._unit, self._faults = unit, faults
+
+    def stop(self) -> bool:
+        return _is_ok(self._unit.stop())
+
+    def clearAlarm(self) -> bool:
+        return _is_ok(self._unit.clear_alarms())
+
+    def setPower(self, on: bool) -> bool:
+        return _is_ok(self._unit.power_on() if on else self._unit.power_off())
+
+    def setServo(self, on: bool) -> bool:
+        return _is_ok(self._unit.servo_on() if on else self._unit.servo_off())
+
+    def getVersion(self) -> tuple[bool, str]:
+        return True, VERSION
+
+    def pause(self) -> bool:
+        return _is_ok(self._unit.pause())
+
+    def resume(self) -> bool:
+        return _is_ok(self._unit.resume())
+
+    def unlock(self) -> bool:
+        return _is_ok(self._unit.unlock())
+
+    def getServoStatus(self, axis: int) -> tuple[bool, bool]:
+        return axis < WHEELS, axis < WHEELS and self._unit.is_servo_on
+
+    def getActiveAlarm(self, most: int) -> tuple[bool, int, list[Any]]:
+        return (True, *_alarms(self._unit, most))
+
+    def setPosition(self, x: float, y: float, theta: float) -> bool:
+        return _is_ok(self._unit.set_position(x, y, theta))
+
+    def getPosition(self) -> tuple[bool, float, float, float]:
+        return (True, *self._unit.position)
+
+    def getState(self) -> tuple[bool, int, str]:
+        state = self._unit.mobility_state
+        return True, int(state), _words(state)
+
+    def setVelocity(self, translation: float, rotation: float) -> bool:
+        return _is_ok(self._unit.set_velocity(translation, rotation))
+
+    def setAcceleration(self, translation: float, rotation: float) -> bool:
+        return _is_ok(self._unit.set_acceleration(translation, rotation))
+
+    def setJogTimeout(self, timeout: int) -> bool:
+        return _is_ok(self._unit.set_jog_timeout(timeout))
+
+    def moveJog(self, x: float, y: float, theta: float) -> bool:
+        return _is_ok(self._unit.jog(x, y, theta))
+
+    def moveForward(self, distance: float) -> bool:
+        return _is_ok(self._unit.move_by(distance, 0.0, 0.0))
+
+    def moveTurn(self, angle: float) -> bool:
+        return _is_ok(self._unit.move_by(0.0, 0.0, angle))
+
+    def moveTurnContinuous(self, angle: float) -> bool:
+        return _is_ok(self._unit.move_by(0.0, 0.0, angle, is_continuous=True))
+
+    def moveLinear(self, x: float, y: float, theta: float) -> bool:
+        return _is_ok(self._unit.move_by(x, y, theta))
+
+    def moveLinearAbs(self, x: float, y: float, theta: float) -> bool:
+        return _is_ok(self._unit.move_to(x, y, theta))
+
+    def moveCircular(self, x: float, y: float, angle: float) -> bool:
+        return _is_ok(self._unit.move_around(x, y, angle))
+
+    def moveContinuous(self, x: float, y: float, theta: float) -> bool:
+        return _is_ok(self._unit.move_by(x, y, theta, is_continuous=True))
+
+    def moveWagon(self, x: float, y: float) -> bool:
+        return _is_ok(self._unit.move_wagon(x, y))
+
+    def moveWagonAbs(self, x: float, y: float) -> bool:
+        return _is_ok(self._unit.move_wagon(x, y, is_absolute=True))
+
+    def getBatteryVoltage(self) -> tuple[bool, int]:
+        return True, self._unit.battery_v
+
+
+@over_the_network
+class ArmServant(_GlobalIDL__POA.ArmUnit):
+    """ArmUnit."""
+
+    def __init__(self, unit: Arm, faults: Faults) -> None:
+        self._unit, self._faults = unit, faults
+
+    def abort(self) -> int:
+        return self._unit.stop()
+
+    def stop(self) -> int:
+        return self._unit.stop()
+
+    def pause(self) -> int:
+        return self._unit.pause()
+
+    def resume(self) -> int:
+        return self._unit.resume()
+
+    def powerOn(self) -> int:
+        return self._unit.power_on()
+
+    def powerOff(self) -> int:
+        return self._unit.power_off()
+
+    def servoOn(self) -> int:
+        return self._unit.servo_on()
+
+    def servoOff(self) -> int:
+        return self._unit.servo_off()
+
+    def clearAlarms(self) -> int:
+        return self._unit.clear_alarms()
+
+    def getActiveAlarm(self, most: int) -> tuple[int, int, list[Any]]:
+        return (Answer.OK, *_alarms(self._unit, most))
+
+    def getCommandPos(self, frame: Any) -> tuple[int, list[float]]:
+        return Answer.OK, self._in_frame(frame, self._unit.command)
+
+    def getFeedbackPos(self, frame: Any) -> tuple[int, list[float]]:
+        return Answer.OK, self._in_frame(frame, self._unit.feedback)
+
+    def _in_frame(self, frame: Any, joints: list[float]) -> list[float]:
+        return joints if frame == _GlobalIDL.JOINT else self._unit.place(joints)
+
+    def getJointAcceleration(self) -> tuple[int, int]:
+        return Answer.OK, self._unit.joint_acceleration_ms
+
+    def getLinearAcceleration(self) -> tuple[int, Any]:
+        return Answer.OK, _GlobalIDL.Acceleration(*self._unit.line_acceleration_ms)
+
+    def getJointSoftLimit(self) -> tuple[int, list[Any]]:
+        return Answer.OK, [_GlobalIDL.LimitValue(upper, lower) for upper, lower in self._unit.soft_limits]
+
+    def getMaxJointVelocity(self) -> tuple[int, list[float]]:
+        return Answer.OK, self._unit.most_speed_deg
+
+    def getMaxJointAcceleration(self) -> tuple[int, list[float]]:
+        return Answer.OK, self._unit.most_acceleration_deg
+
+    def getMotionRate(self) -> tuple[int, int]:
+        return Answer.OK, self._unit.motion_rate
+
+    def getState(self) -> tuple[int, int, str]:
+        state = self._unit.state
+        return Answer.OK, int(state), _words(state)
+
+    def getVersion(self) -> tuple[int, str]:
+        return Answer.OK, VERSION
+
+    def isMoving(self) -> bool:
+        return self._unit.is_moving
+
+    def isPowerOn(self) -> bool:
+        return self._unit.is_power_on
+
+    def isServoOn(self) -> bool:
+        return self._unit.is_servo_on
+
+    def moveJogJoint(self, speeds: Sequence[float]) -> int:
+        return self._unit.jog_joints(speeds)
+
+    def moveJogLinear(self, frame: Any, speeds: Any, redundancy_speed: float) -> int:
+        wanted = (speeds.x, speeds.y, speeds.z, speeds.rx, speeds.ry, speeds.rz)
+        return self._unit.jog_line(frame == _GlobalIDL.TOOL, wanted, redundancy_speed)
+
+    def moveJointAbs(self, positions: Sequence[float], speed: float) -> int:
+        return self._unit.move_joints(positions, speed)
+
+    def moveJointRel(self, positions: Sequence[float], speed: float) -> int:
+        return self._unit.move_joints(positions, speed, is_relative=True)
+
+    def moveLinearAbs(self, frame: Any, position: Any, redundancy: float, speed: Any) -> int:
+        way = speed.translation, speed.rotation
+        return self._unit.move_line(frame == _GlobalIDL.TOOL, _position(position), redundancy, way)
+
+    def moveLinearRel(self, frame: Any, position: Any, redundancy: float, speed: Any) -> int:
+        way = speed.translation, speed.rotation
+        return self._unit.move_line(frame == _GlobalIDL.TOOL, _position(position), redundancy, way, is_relative=True)
+
+    def setControlPointOffset(self, offset: Any) -> int:
+        return self._unit.set_control_point_offset(_position(offset))
+
+    def setJogTimeout(self, timeout: int) -> int:
+        return self._unit.set_jog_timeout(timeout)
+
+    def setJointAcceleration(self, time: int) -> int:
+        return self._unit.set_joint_acceleration(time)
+
+    def setLinearAcceleration(self, times: Any) -> int:
+        return self._unit.set_line_acceleration(times.translation, times.rotation)
+
+
+def _position(position: Any) -> tuple[float, ...]:
+    return position.px, position.py, position.pz, position.rx, position.ry, position.rz
+
+
+def _soft_limits(unit: AxesUnit) -> tuple[bool, int, list[Any]]:
+    limits = [_GlobalIDL.AxisLimit(axis, *limit) for axis, limit in enumerate(unit.soft_limits)]
+    return True, len(limits), limits
+
+
+class _AxesServant:
+    """What gripper and lumbar servants share."""
+
+    _unit: Gripper | Lumbar
+    _faults: Faults
+
+    def servoOn(self) -> bool:
+        return _is_ok(self._unit.servo_on())
+
+    def servoOff(self) -> bool:
+        return _is_ok(self._unit.servo_off())
+
+    def isPowerOn(self) -> bool:
+        return self._unit.is_power_on
+
+    def isServoOn(self) -> bool:
+        return self._unit.is_servo_on
+
+    def pause(self) -> bool:
+        return _is_ok(self._unit.pause())
+
+    def resume(self) -> bool:
+        return _is_ok(self._unit.resume())
+
+    def stop(self) -> bool:
+        return _is_ok(self._unit.stop())
+
+    def abort(self) -> bool:
+        return _is_ok(self._unit.stop())
+
+    def isMoving(self) -> bool:
+        return self._unit.is_moving
+
+    def clearAlarms(self) -> bool:
+        return _is_ok(self._unit.clear_alarms())
+
+    def getActiveAlarm(self, most: int) -> tuple[bool, int, list[Any]]:
+        return (True, *_alarms(self._unit, most))
+
+    def getSoftLimit(self) -> tuple[bool, int, list[Any]]:
+        return _soft_limits(self._unit)
+
+    def getVersion(self) -> tuple[bool, str]:
+        return True, VERSION
+
+
+over_the_network(_AxesServant)
+
+
+@over_the_network
+class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
+    """GripperUnit."""
+
+    def __init__(self, unit: Gripper, faults: Faults) -> None:
+        self._unit, self._faults = unit, faults
+
+    def move(self, position: float, speed: float, acceleration: float) -> bool:
+        return _is_ok(self._unit.move([position], speed, acceleration))
+
+    def getFeedback(self) -> tuple[bool, float]:
+        return True, self._unit.feedback[0]
+
+    def getCommand(self) -> tuple[bool, float]:
+        return True, self._unit.command[0]
+
+
+@over_the_network
+class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
+    """LumbarUnit."""
+
+    def __init__(self, unit: Lumbar, faults: Faults) -> None:
+        self._unit: Lumbar = unit
+        self._faults = faults
+
+    def powerOn(self) -> bool:
+        return _is_ok(self._unit.power_on())
+
+    def powerOff(self) -> bool:
+        return _is_ok(self._unit.power_off())
+
+    def getState(self) -> tuple[bool, int, str]:
+        state = self._unit.state
+        return True, int(state), _words(state)
+
+    def getNumberOfAxes(self) -> int:
+        return len(self._unit.soft_limits)
+
+    def move(self, lower: float, upper: float, speed: float, acceleration: float) -> bool:
+        return _is_ok(self._unit.move([lower, upper], speed, acceleration))
+
+    def moveLowerAxis(self, position: float, speed: float, acceleration: float) -> bool:
+        return _is_ok(self._unit.move([position, None], speed, acceleration))
+
+    def moveUpperAxis(self, position: float, speed: float, acceleration: float) -> bool:
+        return _is_ok(self._unit.move([None, position], speed, acceleration))
+
+    def moveCooperative(self, position: float, speed: float, acceleration: float) -> bool:
+        return _is_ok(self._unit.move_cooperative(position, speed, acceleration))
+
+    def getFeedback(self) -> tuple[bool, float, float]:
+        lower, upper = self._unit.feedback
+        return True, lower, upper
+
+    def getCommand(self) -> tuple[bool, float, float]:
+        lower, upper = self._unit.command
+        return True, lower, upper
+
+
+class FaultsServant(RoboCorba__POA.SmartPalFaults):
+    """RoboCorba::SmartPalFaults."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._faults = faults
+
+    def alarm(self, unit: str, code: int, type: Any, description: str) -> None:
+        _told(self._faults.alarm, unit, Alarm(code, AlarmType(type._v), description[:200]))
+
+    def stuck(self, unit: str, on: bool) -> None:
+        _told(self._faults.stuck, unit, on)
+
+    def lost(self, unit: str, on: bool) -> None:
+        _told(self._faults.lost, unit, on)
+
+    def slowNetwork(self, delay: float) -> None:
+        _told(self._faults.slow_network, delay)
+
+    def emergencySwitch(self, pressed: bool) -> None:
+        self._faults.emergency_switch(pressed)
+
+    def none(self) -> None:
+        self._faults.none()
+
+
+def _told(switch: Callable[..., None], *arguments: Any) -> None:
+    try:
+        switch(*arguments)
+    except InvalidFault as wrong:
+        raise RoboCorba.InvalidFault(wrong.field, wrong.reason) from None

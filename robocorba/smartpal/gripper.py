@@ -1,0 +1,36 @@
+"""A gripper unit: one axis; minus opens. Its arm gives it power."""
+
+from __future__ import annotations
+
+from robocorba.kinematics.smartpal import GRIP, Side
+from robocorba.smartpal.axes import PositionUnit
+from robocorba.smartpal.codes import Answer
+from robocorba.smartpal.dynamics import Dynamics
+from robocorba.smartpal.unit import Unit
+
+
+class Gripper(PositionUnit):
+    """arm: where its power comes from."""
+
+    def __init__(self, side: Side, dynamics: Dynamics, arm: Unit) -> None:
+        super().__init__("GripperL" if side is Side.LEFT else "GripperR", dynamics, slice(GRIP[side], GRIP[side] + 1))
+        self._arm = arm
+
+    @property
+    def is_power_on(self) -> bool:
+        return self._arm.is_power_on
+
+    @property
+    def is_servo_on(self) -> bool:
+        return self.is_power_on and super().is_servo_on
+
+    def _drive(self) -> None:
+        if self._servo_from is not None and not self.is_power_on:
+            self.servo_off()
+        super()._drive()
+
+    def power_on(self) -> Answer:
+        return Answer.FAILED
+
+    def power_off(self) -> Answer:
+        return Answer.FAILED

@@ -1,0 +1,21 @@
+"""The lumbar unit: two axes that lean the trunk ahead."""
+
+from __future__ import annotations
+
+from robocorba.kinematics.smartpal import LUMBAR
+from robocorba.smartpal.axes import PositionUnit
+from robocorba.smartpal.codes import Answer
+from robocorba.smartpal.dynamics import Dynamics
+
+
+class Lumbar(PositionUnit):
+    """Angles in degrees, lower axis first."""
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        super().__init__("Lumbar", dynamics, LUMBAR)
+
+    def move_cooperative(self, lean: float, speed: float, acceleration: float) -> Answer:
+        """So that the trunk leans by `lean` in all, the lower axis by as much as it can."""
+        upper, lower = self.soft_limits[0]
+        first = min(max(lean, lower), upper)
+        return self.move((first, lean - first), speed, acceleration)

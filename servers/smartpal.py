@@ -1,0 +1,43 @@
+"""The actual SmartPal's stand-in: its units on their public interface, in a naming service of the robot's own."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+
+from robocorba import logs
+from robocorba.kinematics.smartpal import Side
+from robocorba.orb import Orb
+from robocorba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
+from robocorba.settings import SmartPalSettings
+from robocorba.smartpal.robot import RealTime, SmartPal
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = SmartPalSettings.read(arguments, __doc__ or "")
+    logs.setup("smartpal", settings.server.state / "logs")
+    robot = SmartPal(settings.seed, settings.start)
+    robot.warm_up()
+    faults = robot.faults
+    with (
+        Orb(settings.server.naming, settings.server.endpoint, context="", with_kinds=True) as orb,
+        contextlib.closing(faults),
+        contextlib.closing(RealTime(robot.step)) as time,
+    ):
+        time.start()
+        orb.serve(
+            {
+                "Mobility.Unit": MobilityServant(robot.mobility, faults),
+                "MnpR": ArmServant(robot.arms[Side.RIGHT], faults),
+                "MnpL": ArmServant(robot.arms[Side.LEFT], faults),
+                "GripperR": GripperServant(robot.grippers[Side.RIGHT], faults),
+                "GripperL": GripperServant(robot.grippers[Side.LEFT], faults),
+                "Lumbar": LumbarServant(robot.lumbar, faults),
+                "Faults": FaultsServant(faults),
+            }
+        )
+        orb.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""A robot whose time passes when the test says so."""
+
+from __future__ import annotations
+
+import math
+
+from robocorba.smartpal.codes import Answer
+from robocorba.smartpal.dynamics import STEP_S
+from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal.unit import SERVO_ON_S
+
+
+def run(robot: SmartPal, seconds: float) -> None:
+    for _ in range(round(seconds / STEP_S)):
+        robot.step()
+
+
+def until_it_stands(robot: SmartPal, limit_s: float = 30.0) -> float:
+    """Seconds until no unit moves any more."""
+    passed = 0.0
+    while any(unit.is_moving for unit in robot.units.values()):
+        assert passed < limit_s
+        robot.step()
+        passed += STEP_S
+    return passed
+
+
+def ready(seed: int = 1, is_fast: bool = True) -> SmartPal:
+    """With power and servos on; its base as fast as it can, or as at power-up."""
+    robot = SmartPal(seed)
+    for unit in (robot.mobility, robot.lumbar, *robot.arms.values()):
+        assert unit.power_on() is Answer.OK
+    for unit in robot.units.values():
+        assert unit.servo_on() is Answer.OK
+    run(robot, SERVO_ON_S + 2 * STEP_S)
+    if is_fast:
+        assert robot.mobility.set_velocity(1000.0, 100.0) is Answer.OK
+        assert robot.mobility.set_acceleration(1000.0, 100.0) is Answer.OK
+    return robot
+
+
+def speed(robot: SmartPal) -> float:
+    """Of the base, as it is, m/s."""
+    return math.hypot(*robot.dynamics.seen.base_velocity[:2])

@@ -1,0 +1,172 @@
+"""The hardware adaptor on units of this process, some of which hang or fail: what no real robot does on demand."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robocorba.control import smartpal_adaptor
+from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.control.smartpal_adaptor import SmartPalAdaptor
+from robocorba.errors import AdaptorFailed, UnitFailed
+from robocorba.grids import Floats
+from robocorba.kinematics.smartpal import JOINTS, SPEED, Side
+
+ARGUMENTS = ["--naming", "127.0.0.1:1"]
+
+
+class Units:
+    """All well, unless told otherwise. `told`: what was ordered. `hold`: calls to jog the base wait for it."""
+
+    names = ("Mobility", "MnpR", "MnpL", "GripperR", "GripperL", "Lumbar")
+
+    def __init__(self) -> None:
+        self.told: list[tuple[Any, ...]] = []
+        self.hold = threading.Event()
+        self.hold.set()
+        self.jogging = threading.Event()
+        self.deaf: set[str] = set()
+        self.never_ready: set[str] = set()
+        self.delay_s = 0.0
+
+    def is_ready(self, unit: str) -> bool:
+        return unit not in self.never_ready
+
+    def make_ready(self, unit: str) -> None:
+        pass
+
+    def check(self, unit: str) -> None:
+        if unit in self.never_ready:
+            raise UnitFailed(unit, 0x15, "fever")
+
+    def stop(self, unit: str) -> None:
+        if unit in self.deaf:
+            raise AdaptorFailed(f"{unit} does not answer")
+        self.told.append(("stop", unit))
+
+    def place(self) -> tuple[float, float, float]:
+        time.sleep(self.delay_s)
+        return 1.0, 2.0, 0.5
+
+    def arm(self, side: Side) -> Floats:
+        time.sleep(self.delay_s)
+        return np.full(7, 0.1 if side is Side.LEFT else 0.2)
+
+    def lumbar(self) -> Floats:
+        return np.array([0.0, 0.3])
+
+    def grip(self, side: Side) -> float:
+        return -0.4 if side is Side.LEFT else -0.5
+
+    def jog_base(self, ahead: float, left: float, turn: float) -> None:
+        self.jogging.set()
+        assert self.hold.wait(5.0)
+        self.told.append(("jog", ahead, left, turn))
+
+    def __getattr__(self, order: str) -> Any:
+        return lambda *arguments: self.told.append((order, *arguments))
+
+
+@pytest.fixture
+def units() -> Units:
+    return Units()
+
+
+@pytest.fixture
+def adaptor(units: Units) -> SmartPalAdaptor:
+    made = SmartPalAdaptor(lambda naming: units)
+    assert made.start(ARGUMENTS)
+    return made
+
+
+def orders(units: Units, name: str) -> list[tuple[Any, ...]]:
+    return [order for order in units.told if order[0] == name]
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01])
+def test_read_puts_the_joints_in_order(units: Units, adaptor: SmartPalAdaptor, delay_s: float) -> None:
+    """Also side by side, where units answer late."""
+    units.delay_s = delay_s
+    state = RobotState()
+    for _ in range(4):
+        assert adaptor.read(state)
+    assert (state.x, state.y, state.heading) == (1.0, 2.0, 0.5)
+    assert state.joints.tolist() == [*[0.1] * 7, *[0.2] * 7, 0.0, 0.3, -0.4, -0.5]
+    assert state.velocity == (0.0, 0.0, 0.0)
+
+
+def test_arms_get_what_is_wanted_and_what_takes_back_the_error(units: Units, adaptor: SmartPalAdaptor) -> None:
+    adaptor.read(RobotState())
+    joints, moving = np.zeros(len(JOINTS)), np.zeros(len(JOINTS))
+    joints[:14] = [*[0.15] * 7, *[0.2] * 7]
+    moving[0], joints[7] = 0.3, 2.0
+    assert adaptor.write(ActorCommand(joints=joints, joint_velocities=moving))
+    left, right = (order[2] for order in orders(units, "jog_arm"))
+    assert left == pytest.approx([0.3 + smartpal_adaptor.GAIN * 0.05, *[smartpal_adaptor.GAIN * 0.05] * 6])
+    assert right == pytest.approx([SPEED[7], *[0.0] * 6])
+
+
+def test_lumbar_and_grippers_are_told_when_their_target_moves(units: Units, adaptor: SmartPalAdaptor) -> None:
+    joints = np.zeros(len(JOINTS))
+    for _ in range(3):
+        adaptor.write(ActorCommand(joints=joints))
+    assert len(orders(units, "move_lumbar")) == 1
+    assert len(orders(units, "move_grip")) == 2
+    joints[-1] = -0.5
+    adaptor.write(ActorCommand(joints=joints))
+    assert len(orders(units, "move_lumbar")) == 1
+    assert [order[1:3] for order in orders(units, "move_grip")][2:] == [(Side.RIGHT, -0.5)]
+
+
+def test_without_joints_only_the_base_is_told(units: Units, adaptor: SmartPalAdaptor) -> None:
+    units.told.clear()
+    adaptor.write(ActorCommand((0.1, 0.0, 0.2)))
+    assert units.told == [("jog", 0.1, 0.0, 0.2)]
+
+
+def test_jogs_hold_as_long_as_commands_are_valid(units: Units, adaptor: SmartPalAdaptor) -> None:
+    for valid_s in (0.1, 0.2, 0.2, 60.0):
+        adaptor.write(ActorCommand(valid_s=valid_s))
+    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.1, 0.2, smartpal_adaptor.MOST_JOG_S]
+
+
+def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartPalAdaptor) -> None:
+    units.hold.clear()
+    answers: list[bool] = []
+    writer = threading.Thread(target=lambda: answers.append(adaptor.write(ActorCommand((0.3, 0.0, 0.0)))))
+    writer.start()
+    assert units.jogging.wait(5.0)
+    units.told.clear()
+    assert adaptor.stop()
+    assert {order[1] for order in orders(units, "stop")} == set(Units.names)
+    units.hold.set()
+    writer.join(5.0)
+    # The jog came through after all: it was taken back.
+    assert answers == [False]
+    assert not orders(units, "jog_arm")
+    jogged = units.told.index(("jog", 0.3, 0.0, 0.0))
+    assert ("stop", "Mobility") in units.told[jogged:]
+
+
+def test_a_stop_names_who_did_not_and_stops_the_others(units: Units, adaptor: SmartPalAdaptor) -> None:
+    units.deaf = {"MnpR"}
+    units.told.clear()
+    with pytest.raises(AdaptorFailed, match="MnpR does not answer"):
+        adaptor.stop()
+    assert {order[1] for order in orders(units, "stop")} == set(Units.names) - {"MnpR"}
+    assert not adaptor.stop()
+
+
+def test_a_robot_that_does_not_get_ready(units: Units, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smartpal_adaptor, "START_LIMIT_S", 0.2)
+    units.never_ready = {"Lumbar"}
+    adaptor = SmartPalAdaptor(lambda naming: units)
+    with pytest.raises(UnitFailed, match="fever"):
+        adaptor.start(ARGUMENTS)
+    assert not adaptor.read(RobotState())
+    units.never_ready = set()
+    assert adaptor.start(ARGUMENTS)

@@ -1,0 +1,113 @@
+"""Whatever is ordered in whatever order: states stay legal, nothing moves that may not, limits are kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from robocorba.kinematics.smartpal import LOWER, SPEED, UPPER, Side
+from robocorba.smartpal.codes import Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal.robot import SmartPal
+from tests.smartpal.robots import ready
+
+UNITS = ("Mobility", "Lumbar", "MnpL", "MnpR", "GripperL", "GripperR")
+ORDERS = ("power_on", "power_off", "servo_on", "servo_off", "stop", "pause", "resume", "clear_alarms")
+angles = st.lists(st.floats(-200, 200), min_size=7, max_size=7)
+way = st.floats(-1500, 1500)
+
+
+class AnyOrders(RuleBasedStateMachine):
+    robot: SmartPal
+
+    @initialize()
+    def switch_on(self) -> None:
+        self.robot = ready()
+
+    @rule(unit=st.sampled_from(UNITS), order=st.sampled_from(ORDERS))
+    def switch(self, unit: str, order: str) -> None:
+        assert isinstance(getattr(self.robot.units[unit], order)(), Answer)
+
+    @rule(unit=st.sampled_from(UNITS), kind=st.sampled_from(AlarmType), lasts=st.booleans())
+    def alarm(self, unit: str, kind: AlarmType, lasts: bool) -> None:
+        self.robot.units[unit].lasting_alarm(Alarm(9, kind, "by the test") if lasts else None)
+
+    @rule(pressed=st.booleans())
+    def press(self, pressed: bool) -> None:
+        self.robot.faults.emergency_switch(pressed)
+
+    @rule(unit=st.sampled_from(UNITS), on=st.booleans())
+    def jam(self, unit: str, on: bool) -> None:
+        self.robot.faults.stuck(unit, on)
+
+    @rule(side=st.sampled_from(Side), to=angles, speed=st.floats(-10, 100), relative=st.booleans())
+    def move_joints(self, side: Side, to: list[float], speed: float, relative: bool) -> None:
+        self.moves(side, self.robot.arms[side].move_joints(to, speed, relative))
+
+    @rule(side=st.sampled_from(Side), to=angles)
+    def jog_joints(self, side: Side, to: list[float]) -> None:
+        self.moves(side, self.robot.arms[side].jog_joints([angle / 2 for angle in to]))
+
+    @rule(ahead=way, left=way, turn=st.floats(-150, 150))
+    def jog(self, ahead: float, left: float, turn: float) -> None:
+        self.robot.mobility.jog(ahead, left, turn)
+
+    @rule(x=way, y=way, theta=st.floats(-200, 200), continuous=st.booleans())
+    def move(self, x: float, y: float, theta: float, continuous: bool) -> None:
+        self.robot.mobility.move_by(x, y, theta, continuous)
+
+    @rule(lower=st.floats(-15, 5), upper=st.floats(-5, 130))
+    def lean(self, lower: float, upper: float) -> None:
+        self.robot.lumbar.move([lower, upper], 30.0, 60.0)
+
+    @rule(steps=st.integers(1, 60))
+    def pass_time(self, steps: int) -> None:
+        for _ in range(steps):
+            self.robot.step()
+
+    @rule()
+    def stop_all(self) -> None:
+        """From whatever it does, it stands within half a second."""
+        for unit in self.robot.units.values():
+            assert unit.stop() is Answer.OK
+        for _ in range(250):
+            self.robot.step()
+        assert not any(unit.is_moving for unit in self.robot.units.values())
+        assert not self.robot.dynamics.base_velocity.any()
+        assert not self.robot.dynamics.joint_velocities.any()
+
+    def moves(self, side: Side, answer: Answer) -> None:
+        may = self.robot.arms[side].state in (AxesState.BUSY, AxesState.JOG_BUSY)
+        assert answer is not Answer.OK or may
+
+    @invariant()
+    def limits_are_kept(self) -> None:
+        dynamics = self.robot.dynamics
+        assert np.all(dynamics.joints >= LOWER - 1e-6)
+        assert np.all(dynamics.joints <= UPPER + 1e-6)
+        assert np.all(np.abs(dynamics.joint_velocities) <= SPEED + 1e-6)
+        assert math.hypot(*dynamics.base_velocity[:2]) <= 1.2
+        assert np.all(np.isfinite(dynamics.seen.true_joints))
+
+    @invariant()
+    def what_is_off_does_not_go_on(self) -> None:
+        for unit in self.robot.units.values():
+            state = unit.state
+            assert isinstance(state, AxesState)
+            if not unit.is_servo_on:
+                assert state in (
+                    AxesState.UNPOWERED,
+                    AxesState.POWERED,
+                    AxesState.ALARM,
+                    AxesState.STUCK,
+                    AxesState.LOCKED,
+                )
+                assert not unit.is_jogging
+                assert unit.may_move() is not Answer.OK
+
+
+AnyOrders.TestCase.settings = settings(max_examples=15, stateful_step_count=25, deadline=None)
+TestAnyOrders = AnyOrders.TestCase

@@ -1,0 +1,49 @@
+"""The thread in which the robot's time passes, and what its process is told."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from robocorba.settings import InvalidSetting, SmartPalSettings
+from robocorba.smartpal.dynamics import STEP_S
+from robocorba.smartpal.robot import RealTime
+from tests.system.processes import eventually
+
+COMMON = ["--endpoint", "127.0.0.1:2", "--naming", "127.0.0.1:1"]
+
+
+def test_time_passes_until_it_is_closed_and_outlives_a_fault() -> None:
+    steps: list[float] = []
+
+    def step() -> None:
+        steps.append(time.monotonic())
+        if len(steps) == 5:
+            raise RuntimeError("by the test")
+
+    clock = RealTime(step)
+    clock.start()
+    eventually(lambda: len(steps) > 50)
+    clock.close()
+    # Never ahead of real time.
+    assert (steps[-1] - steps[0]) / STEP_S > len(steps) - 5
+    assert "dynamics" not in {thread.name for thread in threading.enumerate()}
+    ended = len(steps)
+    time.sleep(0.02)
+    assert len(steps) == ended
+
+
+def test_settings(tmp_path: Path) -> None:
+    given = [*COMMON, "--state", str(tmp_path), "--seed", "3", "--x=-1.5", "--y", "2", "--heading", "0.5"]
+    settings = SmartPalSettings.read(given)
+    assert (settings.seed, settings.start) == (3, (-1.5, 2.0, 0.5))
+    assert SmartPalSettings.read(COMMON).start == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("wrong", [["--seed", "-1"], ["--x", "nan"], ["--heading", "inf"]])
+def test_settings_that_can_t_be(wrong: list[str]) -> None:
+    with pytest.raises(InvalidSetting, match=wrong[0]):
+        SmartPalSettings.read([*COMMON, *wrong])

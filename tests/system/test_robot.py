@@ -1,0 +1,237 @@
+"""Robot processes: programs over CORBA, emergency stops, and servers and networks that go away meanwhile."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from robocorba.control.agent import AgentState, Condition
+from robocorba.control.runner import Result
+from robocorba.errors import AdaptorFailed, IllegalOrder, InvalidProgram, NotReachable, UnknownAdaptor
+from robocorba.orb import Orb
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.program import Program, dumps
+from robocorba.remote.agents import RemoteAgent
+from robocorba.remote.data_pool import RemotePool
+from robocorba.stubs import RoboCorba
+from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, hang, refusal
+
+pytestmark = pytest.mark.system
+
+PATIENCE_S = 40.0
+Start = Callable[..., "subprocess.Popen[str]"]
+LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 60.0).program()
+
+
+@pytest.fixture
+def start(system: Running, tmp_path: Path) -> Iterator[Start]:
+    """Starts `robocorba robot` and waits until it is ready."""
+    with Launcher(tmp_path) as launch:
+        started = []
+
+        def run(*arguments: str) -> subprocess.Popen[str]:
+            naming = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")}
+            process = launch(ROBOCORBA, "robot", *arguments, **naming)
+            assert process.stdout is not None and process.stderr is not None
+            if process.stdout.readline() != "ready\n":
+                raise AssertionError(process.stderr.read())
+            started.append(process)
+            return process
+
+        yield run
+        for process in started:
+            process.send_signal(signal.SIGTERM)
+        for process in started:
+            process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def robocorba(system: Running, tmp_path: Path) -> Iterator[Start]:
+    with Launcher(tmp_path) as launch:
+        yield lambda *arguments: launch(ROBOCORBA, *arguments, ROBOCORBA_NAMING=str(system.naming))
+
+
+def run(agent: RemoteAgent, program: Program) -> AgentState:
+    """To its end."""
+    agent.load(dumps(program))
+    agent.run()
+    return ended(agent)
+
+
+def ended(agent: RemoteAgent) -> AgentState:
+    eventually(lambda: agent.state().program.result is not Result.NO_RESULT, PATIENCE_S, "the end of the program")
+    return agent.state()
+
+
+def moving(agent: RemoteAgent) -> None:
+    eventually(lambda: agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving")
+
+
+def test_a_program_over_two_floors(start: Start, system_orb: Orb, robocorba: Start, tmp_path: Path) -> None:
+    start("A", "--floor", "L1", "--at", "14,5,0", "--channel", "main")
+    agent = RemoteAgent(system_orb, "A")
+    builder = ProgramBuilder("ride").mhand_posture("both", "tuck").mbase_path("L2", 15.0, 5.0, heading=1.0)
+    builder.mhand_posture("both", "ready").gripper("right", "open").say("robot.there", {"floor": "L2"})
+    (tmp_path / "ride.json").write_text(dumps(builder.program()))
+    process = robocorba("program", "run", str(tmp_path / "ride.json"), "--robot", "A")
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, err) == (0, "")
+    assert [line.split("\t")[1] for line in out.splitlines()[:-1]] == [
+        *("mhand_posture", "mbase_path", "mhand_posture", "gripper", "say")
+    ]
+    assert out.splitlines()[-1].startswith("done\t5 icons\t")
+    state = agent.state()
+    assert state.at.floor == "L2"
+    assert (state.at.x, state.at.y, state.at.heading) == pytest.approx((15.0, 5.0, 1.0), abs=0.004)
+    pool = RemotePool.of_robot(system_orb, "A")
+    assert pool.floor == "L2"
+    assert [body.name for body in pool.content().came if body.name == "A"] == ["A"]
+
+
+def test_what_an_agent_refuses(start: Start, system_orb: Orb) -> None:
+    start("B", "--floor", "L1", "--at", "3,5,0")
+    agent = RemoteAgent(system_orb, "B")
+    with pytest.raises(IllegalOrder, match="has none loaded"):
+        agent.run()
+    with pytest.raises(InvalidProgram) as wrong:
+        agent.load(json.dumps({"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}))
+    assert (wrong.value.icon, wrong.value.parameter) == ("icons[0]", "seconds")
+    with pytest.raises(InvalidProgram) as wrong:
+        agent.load(dumps(ProgramBuilder("x").mbase_path("L9", 1.0, 1.0).program()))
+    assert (wrong.value.icon, wrong.value.parameter) == ("icons[0]", "floor")
+    with pytest.raises(UnknownAdaptor, match="known are corba, simulated, smartpal"):
+        agent.switch("hovering", [])
+    with pytest.raises(AdaptorFailed, match="Adaptors/B is not reachable"):
+        agent.switch("corba", [])
+    assert agent.state().adaptor == "simulated"
+    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is Result.DONE
+
+
+def test_two_robots_wait_for_each_other(start: Start, system_orb: Orb) -> None:
+    from robocorba.programs.icons import Event
+
+    start("C", "--floor", "L1", "--at", "3,2,0", "--channel", "main")
+    start("D", "--floor", "L1", "--at", "3,8,0", "--channel", "main")
+    agents = [RemoteAgent(system_orb, name) for name in ("C", "D")]
+    ask = ProgramBuilder("ask").wait(0.5).say("go").wait_until(Event("gone", "D"), 20.0).program()
+    answer = ProgramBuilder("answer").wait_until(Event("go", "C"), 20.0).mbase_by(ahead=0.2).say("gone").program()
+    for agent, program in zip(agents, (ask, answer), strict=True):
+        agent.load(dumps(program))
+    for agent in reversed(agents):
+        agent.run()
+    assert [ended(agent).program.result for agent in agents] == [Result.DONE, Result.DONE]
+
+
+def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocorba: Start) -> None:
+    start("E", "--floor", "L1", "--at", "3,5,0")
+    agent = RemoteAgent(system_orb, "E")
+    agent.load(dumps(LONG))
+    agent.run()
+    moving(agent)
+    process = robocorba("stop", "--all")
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    assert "E\tstands" in out.splitlines()
+    state = ended(agent)
+    assert (state.condition, state.reason, state.program.result) == (
+        Condition.STOPPED,
+        "emergency stop",
+        Result.ABORTED,
+    )
+    before = session_state(system_orb, "E")
+    time.sleep(0.5)
+    assert session_state(system_orb, "E") == before
+    assert refusal(robocorba("stop", "nobody")).startswith("nobody\tRoboCorba/Robots/nobody is not reachable")
+    process = robocorba("stop", "E", "--reset")
+    assert process.communicate(timeout=PATIENCE_S)[0] == "E\tmay move again\n"
+    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is Result.DONE
+
+
+def session_state(orb: Orb, name: str) -> tuple[float, float]:
+    """Where the simulation server has a robot."""
+    server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    (client,) = [client for client in server.clients() if client.name == name]
+    return client.at.x, client.at.y
+
+
+def test_a_robot_whose_process_hangs_or_dies_stands(start: Start, system_orb: Orb) -> None:
+    process = start("F", "--floor", "L1", "--at", "3,5,0")
+    agent = RemoteAgent(system_orb, "F")
+    agent.load(dumps(LONG))
+    agent.run()
+    moving(agent)
+    hang(process.pid)
+    time.sleep(0.5)  # the command ends after 0.1 s, and a robot at 0.2 m/s needs 0.2 s to stand
+    x, _ = session_state(system_orb, "F")
+    time.sleep(0.3)
+    assert session_state(system_orb, "F")[0] == x
+    os.kill(process.pid, signal.SIGKILL)
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    eventually(lambda: all(client.name != "F" for client in server.clients()), 5.0, "its lease")
+
+
+def test_the_simulation_server_is_killed(start: Start, system: Running, system_orb: Orb) -> None:
+    start("G", "--floor", "L1", "--at", "3,5,0")
+    agent = RemoteAgent(system_orb, "G")
+    agent.load(dumps(LONG))
+    agent.run()
+    moving(agent)
+    os.kill(system.pid("simulation"), signal.SIGKILL)
+    state = ended(agent)
+    assert state.program.result is Result.FAILED
+    assert "simulation server" in state.program.reason
+    eventually(lambda: agent.state().condition is Condition.IDLE, PATIENCE_S, "back")
+    x = agent.state().at.x
+    assert x > 3.0
+    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.2).program()).program.result is Result.DONE
+    assert agent.state().at.x == pytest.approx(x + 0.2, abs=0.01)
+
+
+def test_pause_step_and_end_by_the_command(start: Start, system_orb: Orb, robocorba: Start, tmp_path: Path) -> None:
+    start("H", "--floor", "L1", "--at", "3,5,0")
+    agent = RemoteAgent(system_orb, "H")
+    program = ProgramBuilder("turns")
+    with program.repeat(20):
+        program.mbase_by(turn=0.3)
+    (tmp_path / "turns.json").write_text(dumps(program.program()))
+    process = robocorba("program", "run", "turns.json", "--robot", "H", "--step")
+    eventually(lambda: agent.state().condition is Condition.PAUSED, PATIENCE_S, "before the first icon")
+    assert robocorba("program", "step", "H").communicate(timeout=PATIENCE_S)[1] == ""
+    eventually(lambda: agent.state().program.icon == "icons[0].icons[0]", PATIENCE_S, "the second")
+    assert robocorba("program", "resume", "H").communicate(timeout=PATIENCE_S)[1] == ""
+    eventually(lambda: agent.state().program.icons_done > 2, PATIENCE_S, "some of them")
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert out.splitlines()[-1].startswith("aborted\t")
+    assert abs(math.hypot(*agent.state().actor.velocity)) < 0.6
+    assert refusal(robocorba("program", "pause", "H")) == (
+        "robocorba program pause: can't pause: the robot runs no program"
+    )
+
+
+def test_what_a_robot_process_refuses(system: Running, tmp_path: Path) -> None:
+    with Launcher(tmp_path) as launch:
+
+        def robot(*arguments: str) -> str:
+            command = (sys.executable, "-m", "clients.robot", *arguments, "--naming", str(system.naming))
+            return refusal(launch(*command, ROBOCORBA_STATE=str(tmp_path / "state"), PYTHONPATH=os.getcwd()))
+
+        assert robot("I", "--at", "1,2").endswith("--at is '1,2': needs --floor")
+        assert robot("I", "--floor", "L1", "--at", "x").endswith("--at is 'x': not of the form X,Y or X,Y,HEADING")
+        assert "there is no floor 'L9'" in robot("I", "--floor", "L9")
+        assert robot("I", "--floor", "L1", "--at", "10,1").endswith("L1 (10, 1) is not free: a wall")
+        assert "there is no adaptor 'hovering'" in robot("I", "--floor", "L1", "--adaptor", "hovering")
+
+
+def test_nobody_there(system_orb: Orb) -> None:
+    with pytest.raises(NotReachable, match="Robots/nobody is not reachable"):
+        RemoteAgent(system_orb, "nobody", 0.3)

@@ -1,0 +1,282 @@
+"""The hardware adaptor and the stand-in of the actual robot, as real processes: adaptor, CORBA, units, dynamics."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from omniORB import CORBA
+
+from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.control.smartpal_adaptor import SmartPalAdaptor
+from robocorba.errors import AdaptorFailed, UnitFailed
+from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
+from robocorba.orb import limit_calls
+from robocorba.remote.smartpal_units import units_at
+from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
+from tests.smartpal.driving import TICK_S, drive_to, ticks
+from tests.smartpal.place import RobotPlace, robot_place
+from tests.system.processes import eventually
+
+pytestmark = pytest.mark.system
+
+#: Slower than this a base stands.
+STANDS_M_S = 0.02
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotPlace]:
+    with robot_place(tmp_path_factory.mktemp("robot"), "--seed", "7") as found:
+        yield found
+
+
+@pytest.fixture
+def adaptor(place: RobotPlace) -> Iterator[SmartPalAdaptor]:
+    """Started where the robot stands, called 2, 1, heading 0.5."""
+    place.faults.none()
+    made = SmartPalAdaptor(units_at(place.orb))
+    assert made.start(["--naming", str(place.naming), "--pose=2,1,0.5"])
+    yield made
+    place.faults.none()
+    made.stop()
+
+
+def posture() -> np.ndarray:
+    joints = np.zeros(len(JOINTS))
+    joints[ARM[Side.LEFT]] = np.radians([10, -20, 5, 60, 10, 5, -5])
+    joints[ARM[Side.RIGHT]] = np.radians([20, -10, 0, 40, 0, 0, 0])
+    joints[LUMBAR] = np.radians([-3, 10])
+    joints[GRIP[Side.LEFT]] = OPEN_RAD
+    return joints
+
+
+def test_base_and_arms_go_where_they_shall(adaptor: SmartPalAdaptor) -> None:
+    to = 2 + math.cos(0.5), 1 + math.sin(0.5)
+    state = drive_to(adaptor, *to, 1.0, posture())
+    assert math.dist((state.x, state.y), to) < 0.005
+    assert abs(state.heading - 1.0) < 0.005
+    assert np.abs(state.joints - posture()).max() < 0.005
+    assert math.hypot(*state.velocity[:2]) < 0.03
+    assert np.abs(state.joint_velocities).max() < 0.03
+
+
+def test_the_paper_s_booleans(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+    assert not adaptor.start(["--naming", str(place.naming)])
+    assert adaptor.stop()
+    assert not adaptor.stop()
+    assert not adaptor.read(RobotState())
+    assert not adaptor.write(ActorCommand())
+    assert adaptor.start(["--naming", str(place.naming)])
+    state = RobotState()
+    assert adaptor.read(state)
+    # Without --pose it goes on from where it was said to be.
+    assert (state.x, state.y, state.heading) == pytest.approx((2, 1, 0.5), abs=0.01)
+
+
+@pytest.mark.parametrize("argv", [[], ["--naming", "here"], ["--naming", "127.0.0.1:1", "--pose=1,2"], ["--nothing"]])
+def test_bad_arguments_are_named(place: RobotPlace, argv: list[str]) -> None:
+    with pytest.raises(AdaptorFailed, match=r"--naming|--pose|--nothing"):
+        SmartPalAdaptor(units_at(place.orb)).start(argv)
+
+
+def test_a_robot_that_is_not_there(place: RobotPlace) -> None:
+    with pytest.raises(AdaptorFailed, match=r"127\.0\.0\.1:1 does not answer"):
+        SmartPalAdaptor(units_at(place.orb)).start(["--naming", "127.0.0.1:1"])
+
+
+# ---- it stands when it must ----
+
+
+def swinging(state: RobotState) -> np.ndarray:
+    """Velocities of joints: the left arm lifts, or lowers where it is up."""
+    velocities, shoulder = np.zeros(len(JOINTS)), ARM[Side.LEFT].start
+    velocities[shoulder] = 0.5 if state.joints[shoulder] < 1.0 else -0.5
+    return velocities
+
+
+def jog(adaptor: SmartPalAdaptor, seconds: float = 0.6) -> None:
+    """Speed up to 0.45 m/s, and swing an arm."""
+    state, wait = RobotState(), ticks(seconds)
+    speed = 0.0
+    while wait():
+        speed = min(0.45, speed + 0.9 * TICK_S)
+        assert adaptor.read(state)
+        assert adaptor.write(ActorCommand((speed, 0.0, 0.0), state.joints, swinging(state)))
+    assert state.velocity[0] > 0.2
+
+
+def stands(place: RobotPlace, over_s: float = 0.1) -> bool:
+    """Whether its base and its left arm stay where they are, as the robot itself says."""
+    mobility, arm = place.unit("Mobility.Unit", YeRTUnitMobility.mobility), place.unit("MnpL", _GlobalIDL.ArmUnit)
+    before, joints = mobility.getPosition(), arm.getFeedbackPos(_GlobalIDL.JOINT)[1]
+    time.sleep(over_s)
+    after, joints_after = mobility.getPosition(), arm.getFeedbackPos(_GlobalIDL.JOINT)[1]
+    way_mm = math.dist(before[1:3], after[1:3])
+    return way_mm < 1000 * STANDS_M_S * over_s and abs(joints[0] - joints_after[0]) < 0.2
+
+
+def test_stop(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+    jog(adaptor)
+    assert adaptor.stop()
+    time.sleep(0.12)
+    assert stands(place)
+
+
+def test_a_client_that_falls_silent(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+    jog(adaptor)
+    time.sleep(0.1 + 0.12)  # its jogs hold for 0.1 s, then it brakes
+    assert stands(place)
+    jog(adaptor)  # and it goes on when the client is back
+
+
+def test_a_client_that_hangs(place: RobotPlace) -> None:
+    """As a process of its own, stopped by SIGSTOP in the middle of its drive."""
+    place.faults.none()
+    folder = Path(__file__).resolve().parents[2]
+    code = "from tests.system.smartpal_client import main; main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(place.naming)], cwd=folder, stdout=subprocess.PIPE
+    ) as client:
+        try:
+            assert client.stdout is not None
+            assert client.stdout.readline() == b"driving\n"
+            assert not stands(place)
+            os.kill(client.pid, signal.SIGSTOP)
+            time.sleep(0.3)
+            assert stands(place)
+        finally:
+            client.kill()
+
+
+@pytest.mark.parametrize("unit", ["Mobility", "MnpR", "GripperL", "Lumbar"])
+def test_an_alarm(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> None:
+    jog(adaptor)
+    place.faults.alarm(unit, 0x99, _GlobalIDL.FAULT, "too hot")
+    with pytest.raises(UnitFailed, match="too hot") as failed:
+        run_until_it_fails(adaptor)
+    assert failed.value.unit == unit
+    adaptor.stop()
+    time.sleep(0.12)
+    assert stands(place)
+    # While it lasts it can't be cleared; then a start does.
+    place.faults.alarm(unit, 0, _GlobalIDL.FAULT, "")
+    assert adaptor.start(["--naming", str(place.naming)])
+    jog(adaptor)
+
+
+@pytest.mark.parametrize("unit", ["Mobility", "MnpL", "GripperR", "Lumbar"])
+def test_a_lost_unit(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> None:
+    jog(adaptor)
+    place.faults.lost(unit, True)
+    with pytest.raises(AdaptorFailed, match=f"{unit} does not answer") as failed:
+        run_until_it_fails(adaptor)
+    assert not isinstance(failed.value, UnitFailed)
+    begun = time.monotonic()
+    with pytest.raises(AdaptorFailed, match=unit):
+        adaptor.stop()
+    assert time.monotonic() - begun < 1.0
+    place.faults.none()
+    time.sleep(0.1)
+    assert stands(place)
+
+
+@pytest.mark.parametrize("unit", ["Mobility", "MnpL"])
+def test_a_stuck_axis(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> None:
+    jog(adaptor)
+    place.faults.stuck(unit, True)
+    with pytest.raises(UnitFailed, match="does not follow its servo") as failed:
+        run_until_it_fails(adaptor)
+    assert failed.value.unit == unit
+
+
+def test_the_emergency_switch(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+    jog(adaptor)
+    place.faults.emergencySwitch(True)
+    with pytest.raises(UnitFailed, match="emergency switch"):
+        run_until_it_fails(adaptor)
+    adaptor.stop()
+    place.faults.emergencySwitch(False)
+    assert adaptor.start(["--naming", str(place.naming)])
+    jog(adaptor)
+
+
+def test_a_slow_network_is_driven_through(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+    place.faults.slowNetwork(0.004)
+    drive_to(adaptor, 2.1, 1.0, 0.5, np.zeros(len(JOINTS)))
+
+
+def run_until_it_fails(adaptor: SmartPalAdaptor) -> None:
+    """Goes on driving for at most 2 s."""
+    state, wait = RobotState(), ticks(2.0)
+    while wait():
+        adaptor.read(state)
+        adaptor.write(ActorCommand((0.3, 0.0, 0.0), state.joints, swinging(state)))
+
+
+# ---- a client of its own ----
+
+
+def test_a_plain_client(place: RobotPlace) -> None:
+    """By corbaname and the robot's own interface, step by step, as the notes of the IDL say."""
+    place.faults.none()
+    orb = CORBA.ORB_init([], CORBA.ORB_ID)
+    mobility = orb.string_to_object(f"corbaname::{place.naming}#Mobility.Unit")._narrow(YeRTUnitMobility.mobility)
+    arm = orb.string_to_object(f"corbaname::{place.naming}#MnpR")._narrow(_GlobalIDL.ArmUnit)
+    assert mobility.setServo(False) and mobility.setPower(False)
+    assert mobility.getState() == (True, 0x19, "Unpowered")
+    assert not mobility.moveForward(100.0)
+    assert not mobility.setServo(True)
+    assert mobility.setPower(True)
+    assert mobility.getState()[1] == 0x18
+    assert mobility.setServo(True)
+    eventually(lambda: mobility.getState()[1] == 0x10)
+    assert mobility.setPosition(0.0, 0.0, 0.0)
+    assert mobility.setVelocity(500.0, 50.0) and mobility.setAcceleration(500.0, 50.0)
+    assert mobility.moveForward(100.0)
+    assert mobility.getState()[1] == 0x11
+    assert not mobility.moveForward(100.0)
+    eventually(lambda: mobility.getState()[1] == 0x10)
+    assert mobility.getPosition()[1:] == pytest.approx((100.0, 0.0, 0.0), abs=3.0)
+
+    arm.powerOff()
+    assert arm.moveJointAbs([0.0] * 7, 10.0) == -4
+    assert arm.powerOn() == 0 and arm.servoOn() == 0
+    eventually(lambda: arm.getState()[1] == 0x12)
+    assert arm.moveJointAbs([181.0] + [0.0] * 6, 10.0) == -3
+    assert arm.moveJointAbs([10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0], 91.0) == -6
+    assert arm.setJointAcceleration(10) == -7
+    assert arm.moveJointAbs([10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0], 60.0) == 0
+    assert arm.getState()[1] == 0x13
+    assert arm.moveJogJoint([1.0] * 7) == -2
+    eventually(lambda: arm.getState()[1] == 0x12)
+    code, joints = arm.getFeedbackPos(_GlobalIDL.JOINT)
+    assert code == 0
+    assert joints == pytest.approx([10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0], abs=0.1)
+    limits = arm.getJointSoftLimit()[1]
+    assert (limits[0].upper, limits[0].lower) == pytest.approx((180.0, -45.0))
+
+
+@pytest.mark.parametrize(("unit", "delay"), [("Wheel", 0.0), ("MnpR", 6.0), ("MnpR", math.nan)])
+def test_faults_that_can_t_be(place: RobotPlace, unit: str, delay: float) -> None:
+    with pytest.raises(RoboCorba.InvalidFault) as refused:
+        place.faults.lost(unit, False)
+        place.faults.slowNetwork(delay)
+    assert refused.value.field == ("delay" if unit == "MnpR" else "unit")
+
+
+def test_a_call_that_is_held_back_ends_with_its_fault(place: RobotPlace) -> None:
+    lumbar = place.unit("Lumbar", _GlobalIDL.LumbarUnit)
+    place.faults.lost("Lumbar", True)
+    limit_calls(lumbar, 0.2)
+    with pytest.raises(CORBA.TIMEOUT):
+        lumbar.isMoving()
+    place.faults.lost("Lumbar", False)
+    assert lumbar.isMoving() in (True, False)
