@@ -64,13 +64,14 @@ def run(
 
 
 def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
-    """Until the program has ended; tells what it does meanwhile."""
-    told = ("", "")
-    is_ending = False
+    """Until the program has ended; tells each icon that begins, and where it pauses."""
+    told = 0
+    was_paused = is_ending = False
     away_s = 0.0
     while True:
         try:
             state = agent.state()
+            begun = agent.begun(told)
             away_s = 0.0
         except NotReachable:
             away_s += LOOK_S
@@ -78,15 +79,14 @@ def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
                 raise
             stop.wait(LOOK_S)
             continue
-        report = state.program
-        now = (report.icon, state.condition.name.lower())
-        if report.icon and now != told:
-            at = state.at
-            typer.echo(
-                f"{report.icon}\t{report.kind}\t{now[1]}\t{at.floor}:{at.x:.2f},{at.y:.2f}\t{report.seconds:.1f} s"
-            )
-            told = now
-        if report.result.name != "NO_RESULT":
+        for icon in begun:
+            _tell(icon.icon, icon.kind, f"{icon.seconds:.1f} s")
+            told = icon.number + 1
+        is_paused = state.condition.name == "PAUSED"
+        if is_paused and not was_paused:
+            _tell(state.program.icon, state.program.kind, "paused")
+        was_paused = is_paused
+        if state.program.result.name != "NO_RESULT":
             return state
         if stop.wait(LOOK_S) and not is_ending:
             is_ending = True

@@ -15,7 +15,7 @@ from robocorba.control.adaptors import Surroundings
 from robocorba.control.high_controller import HighController
 from robocorba.control.robot import Robot
 from robocorba.control.robot_state import RobotState, Velocity
-from robocorba.control.runner import Others, Report, Result, Runner
+from robocorba.control.runner import Begun, Others, Report, Result, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.errors import AdaptorFailed, IllegalOrder, InvalidChoice, RoboCorbaError, RobotError, RobotLost
 from robocorba.kinematics.inverse import InverseKinematics
@@ -79,6 +79,7 @@ class ControlAgent:
         self._adaptor = ""
         self._robot: Robot | None = None
         self._program: Program | None = None
+        self._runner: Runner | None = None
         self._thread: threading.Thread | None = None
         self._report = Report()
         self._cap: float | None = None
@@ -136,10 +137,14 @@ class ControlAgent:
             if self._program is None:
                 raise IllegalOrder("run a program", "has none loaded")
             robot.course.reset(is_stepping)
-            runner = Runner(self._program, robot, self._others, self._changed)
+            self._runner = runner = Runner(self._program, robot, self._others, self._changed)
             self._report = runner.report
             self._thread = threading.Thread(target=runner.run, name="program", daemon=True)
             self._thread.start()
+
+    def begun(self, first: int) -> list[Begun]:
+        """Icons of the program that runs, or ran last, that have begun: from a number on."""
+        return self._runner.begun(first) if self._runner else []
 
     def pause(self) -> None:
         """Raises IllegalOrder where no program runs."""

@@ -22,6 +22,8 @@ from robocorba.programs.program import Program, walk
 
 #: Events that no condition has used up yet; the oldest go first.
 MOST_EVENTS = 1000
+#: Icons that began, and can still be asked for.
+MOST_BEGUN = 1000
 #: Sensors that don't answer for so long end what they watch over, s.
 BLIND_LIMIT_S = 1.0
 
@@ -46,6 +48,15 @@ class Report(NamedTuple):
     reason: str = ""
     icons_done: int = 0
     seconds: float = 0.0
+
+
+class Begun(NamedTuple):
+    """An icon that began, so many seconds after its program; numbers count from 0."""
+
+    number: int
+    icon: str
+    kind: str
+    seconds: float
 
 
 class Heard(NamedTuple):
@@ -80,6 +91,7 @@ class Runner:
         self._program, self._robot, self._others, self._changed = program, robot, others, changed
         self._began = time.monotonic()
         self.report = Report(program.name)
+        self._begun: deque[Begun] = deque(maxlen=MOST_BEGUN)
         self._last: Outcome = "done"
         self._heard: deque[Heard] = deque(maxlen=MOST_EVENTS)
 
@@ -98,6 +110,10 @@ class Runner:
             raise
         return self.report
 
+    def begun(self, first: int) -> list[Begun]:
+        """Icons that have begun, from a number on. Safe from any thread."""
+        return [each for each in list(self._begun) if each.number >= first]
+
     # ---- icons ----
 
     def _body(self, at: str, body: Sequence[Icon]) -> None:
@@ -105,6 +121,8 @@ class Runner:
             path = f"{at}[{number}]"
             self._report(icon=path, kind=kind(icon))
             self._robot.course.at_icon()
+            number = self._begun[-1].number + 1 if self._begun else 0
+            self._begun.append(Begun(number, path, kind(icon), self.report.seconds))
             self._last = self._do(icon, path) or "done"
             self._report(icons_done=self.report.icons_done + 1)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from robocorba.control.agent import AgentState, Condition
 from robocorba.control.robot_state import ActorCommand, RobotState
-from robocorba.control.runner import Report, Result
+from robocorba.control.runner import Begun, Report, Result
 from robocorba.conversion.simulation import pose_of
 from robocorba.errors import AdaptorFailed
 from robocorba.stubs import RoboCorba
@@ -109,3 +109,11 @@ def report_of(struct: Any) -> Report:
         struct.iconsDone,
         struct.seconds,
     )
+
+
+def begun(icon: Begun) -> Any:
+    return RoboCorba.IconBegun(*icon)
+
+
+def begun_of(struct: Any) -> Begun:
+    return Begun(struct.number, struct.icon, struct.kind, struct.seconds)

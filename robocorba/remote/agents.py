@@ -8,6 +8,7 @@ from typing import TypeVar
 from omniORB import CORBA
 
 from robocorba.control.agent import AgentState
+from robocorba.control.runner import Begun
 from robocorba.conversion import robot
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import NotReachable
@@ -40,6 +41,10 @@ class RemoteAgent:
     def run(self, is_stepping: bool = False) -> None:
         """Raises IllegalOrder."""
         self._call(lambda: self._agent.run(is_stepping))
+
+    def begun(self, first: int) -> list[Begun]:
+        """Icons that have begun, from a number on."""
+        return [robot.begun_of(struct) for struct in self._call(lambda: self._agent.iconsFrom(first))]
 
     def pause(self) -> None:
         """Raises IllegalOrder."""

@@ -39,6 +39,9 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
     def run(self, stepping: bool) -> None:
         self._agent.run(stepping)
 
+    def iconsFrom(self, number: int) -> list[Any]:
+        return [robot.begun(icon) for icon in self._agent.begun(number)]
+
     @translating
     def pause(self) -> None:
         self._agent.pause()
