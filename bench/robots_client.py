@@ -30,7 +30,8 @@ from robocorba.repeating import Repeating
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.virtual_sensor import ScanSpec
 from robocorba.settings import Address
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
+from robocorba.simulation.seen import Pose
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
 

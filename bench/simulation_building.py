@@ -20,7 +20,8 @@ from robocorba.maps.model import (
     Shape,
     Wall,
 )
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
+from robocorba.simulation.seen import Pose
 
 FLOORS = 4
 #: Rooms along each side of a floor, their side and the width of doorways, m.

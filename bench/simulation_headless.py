@@ -31,7 +31,7 @@ from robocorba.sensing.fan import PROXIMITY, Fan
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
-from robocorba.simulation.registry import Pose
+from robocorba.simulation.seen import Pose
 from robocorba.simulation.store import SimulationStore
 
 NAME = "simulation_headless"

@@ -6,7 +6,6 @@ Everything that blocks becomes segments; planning asks how far they are, sensing
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -55,22 +54,33 @@ def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
 def build_grid(segments: Floats, frame: Floats | None = None) -> Grid:
     """A grid in this frame, by default over the segments; what lies beyond it counts to the cells at its border."""
     frame = frame_over(segments) if frame is None else frame
-    return Grid(segments, *_sort(_fill, segments, frame), frame)
+    return Grid(segments, *sort_segments(segments, frame), frame)
 
 
-def sort_boxes(boxes: Floats, frame: Floats) -> tuple[Longs, Longs]:
-    """start and items of a grid over rectangles (n, 4) along the axes: x, y of the lower and of the upper corner."""
-    return _sort(_fill_boxes, boxes, frame)
-
-
-def _sort(fill: Callable[[Floats, Floats, Longs, Longs], None], shapes: Floats, frame: Floats) -> tuple[Longs, Longs]:
-    """start and items of a grid: first count what each cell holds, then write it there."""
-    count = np.zeros(int(frame[3]) * int(frame[4]) + 1, np.int64)
-    fill(shapes, frame, count, np.empty(0, np.int64))
-    start = np.concatenate([np.zeros(1, np.int64), np.cumsum(count[:-1], dtype=np.int64)])
-    items = np.empty(int(start[-1]), np.int64)
-    fill(shapes, frame, start[:-1].copy(), items)
+@kernel
+def sort_segments(segments: Floats, frame: Floats) -> tuple[Longs, Longs]:
+    """start and items of a grid over segments: first count what each cell holds, then write it there."""
+    count = cells_of(frame)
+    _fill(segments, frame, count, np.empty(0, np.int64))
+    start = starts_of(count)
+    items = np.empty(start[-1], np.int64)
+    _fill(segments, frame, start[:-1].copy(), items)
     return start, items
+
+
+@kernel
+def cells_of(frame: Floats) -> Longs:
+    """Of each cell, how much it holds: nothing yet."""
+    return np.zeros(int(frame[3]) * int(frame[4]), np.int64)
+
+
+@kernel
+def starts_of(count: Longs) -> Longs:
+    """Where the items of each cell begin, and where those of the last one end."""
+    start = np.zeros(len(count) + 1, np.int64)
+    for cell in range(len(count)):
+        start[cell + 1] = start[cell] + count[cell]
+    return start
 
 
 @kernel
@@ -109,20 +119,6 @@ def _fill(segments: Floats, frame: Floats, position: Longs, items: Longs) -> Non
             low = frame[1] + row * frame[2] - slack
             left, right = span(ax, ay, bx, by, low, low + frame[2] + 2 * slack)
             for column in range(column_of(frame, left - slack), column_of(frame, right + slack) + 1):
-                cell = row * columns + column
-                if items.shape[0]:
-                    items[position[cell]] = s
-                position[cell] += 1
-
-
-@kernel
-def _fill_boxes(boxes: Floats, frame: Floats, position: Longs, items: Longs) -> None:
-    """The same for rectangles."""
-    columns = int(frame[3])
-    for s in range(boxes.shape[0]):
-        x0, y0, x1, y1 = boxes[s]
-        for row in range(row_of(frame, y0), row_of(frame, y1) + 1):
-            for column in range(column_of(frame, x0), column_of(frame, x1) + 1):
                 cell = row * columns + column
                 if items.shape[0]:
                     items[position[cell]] = s

@@ -13,7 +13,7 @@ from robocorba.sensing.fan import Fan
 from robocorba.sensing.noise import Noise
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, Sighting
 from robocorba.simulation.omni_database import LastScan
-from robocorba.simulation.registry import Pose
+from robocorba.simulation.seen import Pose
 from robocorba.stubs import RoboCorba
 
 

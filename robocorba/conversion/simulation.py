@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 from omniORB import CORBA
 
 from robocorba.control.session import SessionState
-from robocorba.simulation.building import State
 from robocorba.simulation.elevator import Phase, Ride
 from robocorba.simulation.load_balance import Load, Sensor
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.physics import Limits
-from robocorba.simulation.registry import Client, Description, Pose
+from robocorba.simulation.registry import Client, Description
+from robocorba.simulation.seen import Pose, State
 from robocorba.stubs import RoboCorba
 
 _PHASES = {

@@ -8,7 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.grids import Floats, Grid, Longs, build_grid, frame_over, segments_of, sort_boxes
+from robocorba.grids import (
+    Floats,
+    Longs,
+    build_grid,
+    cells_of,
+    column_of,
+    frame_over,
+    row_of,
+    segments_of,
+    starts_of,
+)
 from robocorba.kernels import kernel
 from robocorba.sensing.casting import Scene, cast
 from robocorba.sensing.fan import Fan
@@ -46,8 +56,13 @@ class Sight:
         self._discs = np.ascontiguousarray(discs, float).reshape(-1, 4)
         if segments is not None:
             self._moving = np.ascontiguousarray(segments, float).reshape(-1, 4)
-        if self._is_covered():
-            self.scene = self._scene_of(self.scene.standing, segments is None)
+        standing, moving = self.scene.standing, self.scene.moving
+        is_covered, start, items = sort_discs(self._discs, standing.frame)
+        if segments is not None:
+            is_covered = is_covered and covers(standing.frame, self._moving)
+            moving = build_grid(self._moving, standing.frame)
+        if is_covered:
+            self.scene = Scene(standing, moving, self._discs, start, items)
         else:
             self._sort()
 
@@ -63,43 +78,55 @@ class Sight:
 
     def _sort(self) -> None:
         """Into a grid that covers all there is."""
-        corners = [self._standing, self._moving, self._boxes()]
+        x, y, radius, _ = self._discs.T
+        boxes = np.column_stack([x - radius, y - radius, x + radius, y + radius])
+        corners = [self._standing, self._moving, boxes]
         everything = np.concatenate([part for part in corners if len(part)] or [np.zeros((1, 4))])
         low, high = everything.reshape(-1, 2).min(axis=0), everything.reshape(-1, 2).max(axis=0)
         frame = frame_over(np.array([[*(low - MARGIN_M), *(high + MARGIN_M)]]), self._cell_m(high - low))
-        self.scene = self._scene_of(build_grid(self._standing, frame), False)
-
-    def _scene_of(self, standing: Grid, same_objects: bool) -> Scene:
-        frame = standing.frame
-        moving = self.scene.moving if same_objects else build_grid(self._moving, frame)
-        return Scene(standing, moving, self._discs, *sort_boxes(self._boxes(), frame))
+        _, start, items = sort_discs(self._discs, frame)
+        standing, moving = build_grid(self._standing, frame), build_grid(self._moving, frame)
+        self.scene = Scene(standing, moving, self._discs, start, items)
 
     def _cell_m(self, extent: Floats) -> float:
         width, depth = np.maximum(extent, 1.0)
         side = math.sqrt(SEGMENTS_A_CELL * width * depth / max(1, len(self._standing)))
         return min(max(side, SMALLEST_CELL_M), LARGEST_CELL_M)
 
-    def _boxes(self) -> Floats:
-        return boxes_around(self._discs)
 
-    def _is_covered(self) -> bool:
-        return is_covered(self.scene.standing.frame, self._boxes()) and is_covered(
-            self.scene.standing.frame, self._moving
-        )
+@kernel
+def sort_discs(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
+    """start and items of a grid over discs (n, 4) of x, y, radius and anything, and whether it holds all of them."""
+    count = cells_of(frame)
+    x1, y1 = frame[0] + frame[3] * frame[2], frame[1] + frame[4] * frame[2]
+    is_covered = True
+    for disc in range(len(discs)):
+        x, y, radius, _ = discs[disc]
+        if x - radius < frame[0] or x + radius >= x1 or y - radius < frame[1] or y + radius >= y1:
+            is_covered = False
+    _fill(discs, frame, count, np.empty(0, np.int64))
+    start = starts_of(count)
+    items = np.empty(start[-1], np.int64)
+    _fill(discs, frame, start[:-1].copy(), items)
+    return is_covered, start, items
 
 
 @kernel
-def boxes_around(discs: Floats) -> Floats:
-    """The rectangles (n, 4) around discs (n, 4) of x, y, radius and anything."""
-    boxes = np.empty((len(discs), 4))
-    for row in range(len(discs)):
-        x, y, radius, _ = discs[row]
-        boxes[row] = (x - radius, y - radius, x + radius, y + radius)
-    return boxes
+def _fill(discs: Floats, frame: Floats, position: Longs, items: Longs) -> None:
+    """Count the discs of each cell (items empty) or write them from `position` on."""
+    columns = int(frame[3])
+    for disc in range(len(discs)):
+        x, y, radius, _ = discs[disc]
+        for row in range(row_of(frame, y - radius), row_of(frame, y + radius) + 1):
+            for column in range(column_of(frame, x - radius), column_of(frame, x + radius) + 1):
+                cell = row * columns + column
+                if items.shape[0]:
+                    items[position[cell]] = disc
+                position[cell] += 1
 
 
 @kernel
-def is_covered(frame: Floats, segments: Floats) -> bool:
+def covers(frame: Floats, segments: Floats) -> bool:
     """Whether a grid's frame holds all ends of segments (n, 4)."""
     x0, y0 = frame[0], frame[1]
     x1, y1 = x0 + frame[3] * frame[2], y0 + frame[4] * frame[2]

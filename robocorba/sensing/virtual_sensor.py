@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robocorba.errors import InvalidScan, SensorBehind, UnknownFloor
 from robocorba.grids import Floats, Longs, column_of, row_of
@@ -24,7 +25,7 @@ from robocorba.sensing.fan import LASER, MOST_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
 from robocorba.sensing.sight import NOBODY, Sight, lines_of
 from robocorba.simulation.elevator import Doors
-from robocorba.simulation.floor_update import BodyKind, FloorUpdate, FloorView
+from robocorba.simulation.floor_update import BodyKind, FloorUpdate, FloorView, Motions
 
 #: What is older is not sensed any more, s.
 LAG_LIMIT_S = 1.0
@@ -172,10 +173,10 @@ class _FloorSight:
         self.true_at = float("-inf")
         self.numbers: dict[str, int] = {}
         self._discs = np.empty((0, 4))
-        #: Rows of robots and objects in the view's motions.
-        self._robots = self._objects = np.empty(0, np.int64)
+        #: Rows of robots in the view's motions.
+        self._robots = np.empty(0, np.int64)
         self._is_object = np.empty(0, bool)
-        #: Sides of the objects in their own frames, and which object each belongs to.
+        #: Sides of the objects in their own frames, and the row of the object that each belongs to.
         self._sides, self._side_of = np.empty((0, 4)), np.empty(0, np.int64)
         self.stand(building)
 
@@ -195,10 +196,9 @@ class _FloorSight:
         has_changed = self.view.apply(update)
         if has_changed:
             self._sort()
-        motions = self.view.motions
-        discs = self._discs.copy()
-        discs[:, 0], discs[:, 1] = motions["x"][self._robots], motions["y"][self._robots]
-        is_other = has_changed or update.elevators or self._is_object[self.view.moved].any()
+        view = self.view
+        discs, has_pushed = place_discs(view.motions, view.moved, self._robots, self._is_object, self._discs)
+        is_other = has_changed or update.elevators or has_pushed
         self.sight.move(discs, self._things() if is_other else None)
         self._discs, self.true_at = discs, asked_at
         self.seen = self.sight.scene, self.numbers
@@ -209,27 +209,51 @@ class _FloorSight:
         robots = [body for body in bodies if body.kind is BodyKind.ROBOT]
         objects = [body for body in bodies if body.kind is BodyKind.OBJECT]
         is_robot = np.array([body.kind is BodyKind.ROBOT for body in bodies], bool)
-        self._robots, self._objects, self._is_object = np.flatnonzero(is_robot), np.flatnonzero(~is_robot), ~is_robot
+        self._robots, self._is_object = np.flatnonzero(is_robot), ~is_robot
         self._discs = np.array([(0.0, 0.0, body.radius_m, body.number) for body in robots]).reshape(-1, 4)
         self.numbers = {body.name: body.number for body in robots}
         rings = [np.array([*body.outline, body.outline[0]]) for body in objects]
         sides = [np.hstack([ring[:-1], ring[1:]]) for ring in rings]
         self._sides = np.concatenate(sides) if sides else np.empty((0, 4))
-        self._side_of = np.repeat(np.arange(len(sides)), [len(ring) for ring in sides])
+        self._side_of = np.repeat(np.flatnonzero(~is_robot), [len(ring) for ring in sides])
 
     def _things(self) -> Floats:
         """What comes and goes beside robots, as segments: movable objects, and doors of elevators that are not open."""
-        motions = self.view.motions[self._objects][self._side_of]
-        c, s = np.cos(motions["heading"])[:, None], np.sin(motions["heading"])[:, None]
-        x, y = self._sides[:, ::2], self._sides[:, 1::2]
-        objects = np.empty_like(self._sides)
-        objects[:, ::2] = motions["x"][:, None] + c * x - s * y
-        objects[:, 1::2] = motions["y"][:, None] + s * x + c * y
+        objects = place_sides(self.view.motions, self._side_of, self._sides)
         return np.concatenate([objects, *(lines for name, lines in self._doors.items() if not self._is_open(name))])
 
     def _is_open(self, elevator: str) -> bool:
         moment = self.view.elevators.get(elevator)
         return bool(moment and moment.floor == self.view.floor and moment.doors is Doors.OPEN)
+
+
+@kernel
+def place_discs(
+    motions: Motions, moved: Longs, robots: Longs, is_object: NDArray[np.bool_], discs: Floats
+) -> tuple[Floats, bool]:
+    """The discs (n, 4) of the robots in these rows where they are now, and whether an object is among what moved."""
+    placed = discs.copy()
+    for disc in range(len(robots)):
+        motion = motions[robots[disc]]
+        placed[disc, 0], placed[disc, 1] = motion.x, motion.y
+    for row in moved:
+        if is_object[row]:
+            return placed, True
+    return placed, False
+
+
+@kernel
+def place_sides(motions: Motions, side_of: Longs, sides: Floats) -> Floats:
+    """Sides (n, 4) of objects in their own frames, where these are now; `side_of` has the row of each side's object."""
+    placed = np.empty_like(sides)
+    for side in range(len(sides)):
+        motion = motions[side_of[side]]
+        c, s = math.cos(motion.heading), math.sin(motion.heading)
+        for end in (0, 2):
+            x, y = sides[side, end], sides[side, end + 1]
+            placed[side, end] = motion.x + c * x - s * y
+            placed[side, end + 1] = motion.y + s * x + c * y
+    return placed
 
 
 @kernel

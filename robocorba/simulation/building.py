@@ -19,7 +19,8 @@ from robocorba.maps.movable import landing_doors, movables, outline, standing
 from robocorba.simulation.elevator import Cabin, Doors, Moment, Phase, Ride
 from robocorba.simulation.floor_update import Body, BodyKind
 from robocorba.simulation.physics import STEP_S, FloorPhysics
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
+from robocorba.simulation.seen import Pose, State
 from robocorba.simulation.world import RobotRecord, WorldRecord
 
 #: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
@@ -30,14 +31,6 @@ REACH_M, HAND_FORCE_N, PAYLOAD_KG = 1.0, 200.0, 4.0
 HANDLE_M = 0.05
 #: A command holds for at most so long, s.
 MOST_VALID_S = 5.0
-
-
-class State(NamedTuple):
-    """A robot as it is: velocities ahead, to the left (m/s) and turn (rad/s); `time` is the simulation's, s."""
-
-    time: float
-    pose: Pose
-    velocity: tuple[float, float, float]
 
 
 class Robot:
@@ -75,12 +68,10 @@ class Robot:
 
     def state(self) -> State:
         """After the last step."""
-        floor, seen = self.floor, self.physics.seen
+        seen = self.physics.seen
         row = seen.row_of.get(self.body)
-        if row is None:  # it came, or changes floors, this very moment
-            return self._last
-        x, y, heading, ahead, left, turn = seen.in_own_frames[row]
-        self._last = State(seen.time, Pose(floor, x, y, heading), (ahead, left, turn))
+        if row is not None:  # else it came, or changes floors, this very moment
+            self._last = seen.states[row]
         return self._last
 
 
@@ -136,7 +127,7 @@ class SimulatedBuilding:
         for name, (_, floor) in list(self.objects.items()):
             if floor not in building.floors:
                 self._remove_object(name)
-        self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps) for name in building.floors}
+        self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps, name) for name in building.floors}
         for name, entry in building.floors.items():
             was = before.floors.get(name)
             if entry is not was or building.elevators is not before.elevators:
@@ -242,19 +233,21 @@ class SimulatedBuilding:
         self._steps += 1
         happened = []
         for name, floor in self.floors.items():
-            step = floor.step()
-            for first, second in step.contacts:
+            contacts, lost = floor.step()
+            for first, second in contacts:
                 self._collided(first, second)
                 self._collided(second, first)
                 who = tuple(_owner(body) for body in (first, second) if body)
                 happened.append(Happening(self.time, name, "collision", who))
-            happened += [Happening(self.time, name, "grip lost", (_owner(robot),)) for robot in step.lost]
+            for robot in lost:
+                happened.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
         for name, cabin in self.cabins.items():
             if cabin.sessions:
                 self._see_who_moved(name, cabin)
             cabin.advance(STEP_S)
             self._follow(name, cabin)
-            happened += [Happening(self.time, cabin.floor, "ride lost", (who,), why) for who, why in cabin.ended]
+            for who, why in cabin.ended:
+                happened.append(Happening(self.time, cabin.floor, "ride lost", (who,), why))
             cabin.ended.clear()
         self._look_at_cabins()
         return happened

@@ -160,6 +160,8 @@ class Cabin:
     def advance(self, seconds: float) -> None:
         """Let time pass, at most a second at once."""
         end = self.now + seconds
+        if self.is_at_rest:
+            self.now = end
         while self.now < end:
             done = self._phase_end()
             if done > end:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.errors import OutOfStep
+from robocorba.kernels import kernel
 from robocorba.maps.model import XY
 from robocorba.simulation.elevator import Moment
 
@@ -83,18 +84,12 @@ class FloorView:
         has_changed = bool(is_whole or update.went or update.came)
         if has_changed:
             self._sort()
-        self.moved = self._rows(update)
-        self.motions[self.moved] = update.motions
+        is_known, self.moved = take_over(self._numbers, self._row_of, update.motions, self.motions)
+        if not is_known:  # somebody moves who never came
+            raise OutOfStep(update.floor, self.version, update.since)
         self.elevators.update(update.elevators)
         self.version, self.time, self.map_version = update.version, update.time, update.map_version
         return has_changed
-
-    def _rows(self, update: FloorUpdate) -> NDArray[np.int64]:
-        numbers = update.motions["number"]
-        places = np.searchsorted(self._numbers, numbers)
-        if not np.array_equal(np.append(self._numbers, 0)[places], numbers):
-            raise OutOfStep(update.floor, self.version, update.since)  # somebody moves who never came
-        return self._row_of[places]
 
     def motion(self, number: int) -> np.void:
         """A body's row of MOTION. Raises KeyError."""
@@ -113,3 +108,20 @@ class FloorView:
                 self.motions[row] = before[number]
         self._row_of = np.argsort(numbers)
         self._numbers = numbers[self._row_of]
+
+
+@kernel
+def take_over(
+    numbers: NDArray[np.int64], row_of: NDArray[np.int64], told: Motions, motions: Motions
+) -> tuple[bool, NDArray[np.int64]]:
+    """Replace the motions of the bodies that were told of: whether all of them are known, else nothing is replaced; and
+    their rows. numbers: of all bodies, in rising order; row_of: their rows in `motions`."""
+    rows = np.empty(len(told), np.int64)
+    for i in range(len(told)):
+        place = np.searchsorted(numbers, told[i].number)
+        if place == len(numbers) or numbers[place] != told[i].number:
+            return False, rows[:0]
+        rows[i] = row_of[place]
+    for i in range(len(told)):
+        motions[rows[i]] = told[i]
+    return True, rows

@@ -11,15 +11,14 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robocorba.errors import UnknownFloor
-from robocorba.grids import Floats
+from robocorba.grids import Floats, Longs
+from robocorba.kernels import kernel
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import Moment
 from robocorba.simulation.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
-from robocorba.simulation.physics import Seen
-from robocorba.simulation.registry import Pose
+from robocorba.simulation.seen import Pose, Seen
 
 #: Bodies that left a floor and are remembered; who knows an older version gets the whole floor.
 MOST_GONE = 10_000
@@ -100,6 +99,7 @@ class _Floor:
         self._numbers = self._places = self._moved_in = np.empty(0, np.int64)
         self._rows: Floats = np.empty((0, 6))
         self._came_in: dict[str, int] = {}
+        self._last_came = version
         self._went: deque[tuple[int, int]] = deque()
         self._elevators: dict[str, tuple[Moment, int]] = {}
 
@@ -124,19 +124,18 @@ class _Floor:
     def since(self, name: str, since: int, map_version: int) -> FloorUpdate:
         if not self._oldest <= since <= self.version:
             since = WHOLE
-        moved = np.flatnonzero(self._moved_in > since)
-        came = [self._bodies[body] for body, version in self._came_in.items() if version > since]
+        came = []
+        if since < self._last_came:
+            came = [self._bodies[body] for body, version in self._came_in.items() if version > since]
         went = [] if since == WHOLE else [number for version, number in self._went if version > since]
         elevators = {elevator: moment for elevator, (moment, version) in self._elevators.items() if version > since}
         seen_at = self._seen.time if self._seen else 0.0
-        return FloorUpdate(name, since, self.version, seen_at, map_version, came, went, self._motions(moved), elevators)
+        motions = np.empty(len(self._bodies), MOTION)
+        moved = tell_motion(self._numbers, self._rows, self._moved_in, since, motions)
+        return FloorUpdate(name, since, self.version, seen_at, map_version, came, went, motions[:moved], elevators)
 
     def _look_at_motion(self, seen: Seen, version: int) -> bool:
-        rows = seen.rows[self._places]
-        moved = (rows != self._rows).any(axis=1)
-        self._rows = rows
-        self._moved_in[moved] = version
-        return bool(moved.any())
+        return note_motion(seen.rows, self._places, self._rows, self._moved_in, version)
 
     def _sort(self, seen: Seen, known: dict[str, Body], version: int) -> bool:
         """Bodies came, went, or are kept in another order."""
@@ -153,15 +152,36 @@ class _Floor:
         while len(self._went) > MOST_GONE:
             self._oldest = self._went.popleft()[0]
         self._came_in = {name: self._came_in[name] if name in same else version for name in bodies}
+        self._last_came = max(self._came_in.values(), default=version)
         self._bodies, self._places, self._rows, self._moved_in = bodies, places, rows, moved_in
         self._numbers = np.array([body.number for body in bodies.values()], np.int64)
         return True
 
-    def _motions(self, rows: NDArray[np.int64]) -> Motions:
-        motions = np.empty(len(rows), MOTION)
-        motions["number"] = self._numbers[rows]
-        found = self._rows[rows]
-        motions["x"], motions["y"] = found[:, 0], found[:, 1]
-        motions["heading"] = found[:, 2] - 2 * np.pi * np.round(found[:, 2] / (2 * np.pi))
-        motions["vx"], motions["vy"], motions["turn"] = found[:, 3], found[:, 4], found[:, 5]
-        return motions
+
+@kernel
+def note_motion(seen: Floats, places: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
+    """Take the rows (n, 6) that differ over from those that were seen, at these places; whether any did."""
+    has_moved = False
+    for body in range(len(places)):
+        place = places[body]
+        for k in range(6):
+            if seen[place, k] != rows[body, k]:
+                rows[body] = seen[place]
+                moved_in[body] = version
+                has_moved = True
+                break
+    return has_moved
+
+
+@kernel
+def tell_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motions: Motions) -> int:
+    """Write how the bodies move that have moved since a version; how many."""
+    count = 0
+    for body in range(len(numbers)):
+        if moved_in[body] > since:
+            x, y, heading, vx, vy, turn = rows[body]
+            motion = motions[count]
+            motion.number, motion.vx, motion.vy, motion.turn, motion.x, motion.y = numbers[body], vx, vy, turn, x, y
+            motion.heading = heading - 2 * np.pi * np.round(heading / (2 * np.pi))
+            count += 1
+    return count

@@ -1,7 +1,7 @@
 """One floor's physics: robots that follow velocity commands, objects that are pushed and carried, and what stands.
 
-Bodies are read and written all at once, which costs a thirtieth of doing it one by one. The order in which pymunk
-keeps them changes whenever one goes; `_names` says which row is whose.
+Bodies are read and written all at once. The order in which pymunk keeps them changes whenever one goes; `_names` says
+which row is whose.
 
 One thread uses a floor: pymunk lets others run while it steps, and would crash if they came in. Any thread may leave
 orders by `command`, which wait for the next step, and read what was `seen` after the last one.
@@ -11,25 +11,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from functools import cached_property
+from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
 import pymunk
 import shapely
-from pymunk.batch import BodyFields, Buffer, get_space_bodies, set_space_bodies
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.grids import Floats, segments_of
 from robocorba.kernels import kernel
+from robocorba.simulation.bodies import Bodies
+from robocorba.simulation.seen import Seen, in_own_frames
 
 #: The time of a step, s.
 STEP_S = 0.02
 #: Of what slides on the floor; ours.
 GROUND_FRICTION, GRAVITY_M_S2 = 0.5, 9.81
 _SLOP_M = 0.001
-_STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
-_MOTION = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+#: Of an order: velocities, and until when they hold, s.
+_pack_order = Struct("4d").pack
 
 
 class Limits(NamedTuple):
@@ -44,31 +45,14 @@ class Limits(NamedTuple):
 #: What is not a robot slows down by friction, or stands.
 SLIDING = Limits(0.0, 0.0, GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2)
 STANDING = Limits(0.0, 0.0, 0.0, 0.0)
-#: Velocities, and until when they hold, s. To brake is to stand as fast as the ground allows, whatever the limits.
-NO_COMMAND = (0.0, 0.0, 0.0, math.inf)
-BRAKE = (0.0, 0.0, 0.0, -math.inf)
+_NO_ORDER = _pack_order(0.0, 0.0, 0.0, math.inf)
+#: To brake is to stand as fast as the ground allows, whatever the limits.
+_BRAKE = _pack_order(0.0, 0.0, 0.0, -math.inf)
 BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
 #: What robots have lifted goes where they go; a little is lost in their hands.
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
 #: A hand that is farther from what it held has lost it, m.
 SLIPPED_M = 0.05
-
-
-class Seen:
-    """A floor after a step: the time, names in the order of the rows, empty for what stands, the row of each name, and
-    rows (n, 6) of x, y, heading, velocity in x and y, turn. Nothing of it changes any more."""
-
-    def __init__(self, time: float, names: list[str], row_of: dict[str, int], rows: Floats) -> None:
-        self.time, self.names, self.row_of, self.rows = time, names, row_of, rows
-
-    @cached_property
-    def in_own_frames(self) -> list[list[float]]:
-        """By row: x, y, heading within a turn, velocity ahead and to the left, turn."""
-        x, y, heading, vx, vy, turn = self.rows.T
-        c, s = np.cos(heading), np.sin(heading)
-        heading = heading - 2 * math.pi * np.round(heading / (2 * math.pi))
-        found: list[list[float]] = np.column_stack([x, y, heading, c * vx + s * vy, c * vy - s * vx, turn]).tolist()
-        return found
 
 
 class Contact(NamedTuple):
@@ -94,26 +78,28 @@ class _Grip(NamedTuple):
 
 
 class FloorPhysics:
-    """obstacles: what stands, lines and polygons. steps: that have passed."""
+    """obstacles: what stands, lines and polygons. steps: that have passed. name: of the floor."""
 
     #: How things are after the last step; whoever came since is missing.
     seen: Seen
 
-    def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0) -> None:
+    def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0, name: str = "") -> None:
+        self.name = name
         self._space = pymunk.Space()
         self._space.collision_slop = _SLOP_M
         self._space.on_collision(begin=self._begun)
+        self._ground = self._space.static_body  # pymunk adds it when it is first asked for
         self._bodies: dict[str, pymunk.Body] = {}
         self._robots: dict[str, Limits] = {}
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
         self._standing: list[pymunk.Shape] = []
         self._gates: dict[str, list[pymunk.Segment]] = {}
-        self._buffer, self._motion = Buffer(), Buffer()
+        self._moving = Bodies(self._space)
         self._contacts: list[Contact] = []
         self.go_on_from(steps)
-        self._commands = np.empty((0, 4))
-        self._orders: dict[str, tuple[float, float, float, float]] = {}
+        #: The last order of each robot, packed: to replace one takes no lock, and to read all of them no loop.
+        self._orders: dict[str, bytes] = {}
         self._name_of: dict[int, str] = {}
         self._sort()
         self.stand(obstacles)
@@ -125,16 +111,15 @@ class FloorPhysics:
         shapes = [shape for shape in obstacles if not shape.is_empty]
         segments = segments_of(np.array(shapes, object))[0] if shapes else np.empty((0, 4))
         self._space.remove(*self._standing)
-        ground = self._space.static_body
-        self._standing = [pymunk.Segment(ground, (ax, ay), (bx, by), 0.0) for ax, ay, bx, by in segments.tolist()]
+        self._standing = [pymunk.Segment(self._ground, (ax, ay), (bx, by), 0.0) for ax, ay, bx, by in segments.tolist()]
         self._space.add(*self._standing)
 
     def shut(self, name: str, line: BaseGeometry) -> None:
         """Let something stand that comes and goes by itself, such as a closed door; under a name, until `open`."""
         self.open(name)
-        ground = self._space.static_body
         leaves = [
-            pymunk.Segment(ground, row[:2], row[2:], 0.0) for row in segments_of(np.array([line], object))[0].tolist()
+            pymunk.Segment(self._ground, row[:2], row[2:], 0.0)
+            for row in segments_of(np.array([line], object))[0].tolist()
         ]
         self._gates[name] = leaves
         self._space.add(*leaves)
@@ -166,6 +151,7 @@ class FloorPhysics:
         body = self._bodies.pop(name)
         del self._name_of[body.id]
         self._robots.pop(name, None)
+        self._orders.pop(name, None)
         for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.thing)]:
             self._let_go(robot)
         self._space.remove(body, *body.shapes)
@@ -257,7 +243,7 @@ class FloorPhysics:
         self._bodies[name], self._name_of[body.id] = body, name
         if limits:
             self._robots[name] = limits
-            self._orders[name] = NO_COMMAND  # whoever had this name before does not drive on
+            self._orders[name] = _NO_ORDER  # whoever had this name before does not drive on
         self._has_changed = True
 
     def _sort_if_changed(self) -> None:
@@ -265,19 +251,14 @@ class FloorPhysics:
             self._sort()
 
     def _sort(self) -> None:
-        """Learn in which order pymunk keeps the bodies now, and keep what was commanded."""
-        commands = dict(zip(self._names, self._commands, strict=True))
-        self._buffer.clear()
-        get_space_bodies(self._space, BodyFields.BODY_ID, self._buffer)
-        ids = np.frombuffer(self._buffer.int_buf(), np.uintp).tolist()
-        self._names = [self._name_of.get(id, "") for id in ids]  # the body of what stands is among them
-        self._limits = np.array([self._limits_of(name) for name in self._names]).reshape(-1, 4)
-        self._velocities = np.zeros((len(ids), 3))
-        self._motion.set_float_buf(self._velocities)
-        self._commands = np.array([commands.get(name, NO_COMMAND) for name in self._names]).reshape(-1, 4)
-        self._has_changed = False
-        self._row_of = {name: row for row, name in enumerate(self._names)}
-        self._read()
+        """Learn in which order pymunk keeps the bodies now."""
+        names = [self._name_of.get(id, "") for id in self._moving.sort()]  # the body of what stands is among them
+        self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
+        self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
+        self._commands = np.empty((len(names), 4))
+        self._commanded = [name if name in self._robots else "" for name in names]
+        self._has_changed, self._has_orders = False, True
+        self._look()
 
     def touching(self, x: float, y: float, radius_m: float) -> str | None:
         """What a disc there would touch: the name of the nearest body, empty for what stands; None for nothing."""
@@ -289,24 +270,29 @@ class FloorPhysics:
     def command(self, name: str, velocity: tuple[float, float, float], valid_s: float = math.inf) -> None:
         """Move ahead, to the left and turn at these speeds, m/s and rad/s, for `valid_s`; what is beyond the robot's
         limits is slowed down, not turned aside. Nothing happens where there is no such robot."""
-        ahead, left, turn = velocity
-        self._orders[name] = (ahead, left, turn, self.time + valid_s)
+        self._orders[name] = _pack_order(*velocity, self.time + valid_s)
+        self._has_orders = True
 
     def brake(self, name: str) -> None:
         """Stand as soon as the ground allows, until another command. Nothing happens where there is no such robot."""
-        self._orders[name] = BRAKE
+        self._orders[name] = _BRAKE
+        self._has_orders = True
 
     def step(self) -> Step:
         """Let STEP_S pass."""
         self._sort_if_changed()
-        self._obey()
+        if self._has_orders:
+            self._obey()
         self._steps += 1
         self.time = self._steps * STEP_S
-        control(self._state, self._commands, self._limits, self.time, self._velocities)
-        set_space_bodies(self._space, _MOTION, self._motion)
+        moving = self._moving
+        control(moving.state, self._commands, self._limits, self.time, moving.velocities)
+        moving.write()
         self._space.step(STEP_S)
-        self._read()
-        contacts, self._contacts = self._contacts, []
+        self._look()
+        contacts = self._contacts
+        if contacts:
+            self._contacts = []
         return Step(contacts, self._slipped() if self._grips else [])
 
     def go_on_from(self, steps: int) -> None:
@@ -314,15 +300,11 @@ class FloorPhysics:
         self._steps, self.time = steps, steps * STEP_S
 
     def _obey(self) -> None:
-        """Take over the orders that were left; others may be left meanwhile."""
-        rows, orders = [], []
-        while self._orders:
-            name, order = self._orders.popitem()
-            if name in self._robots:
-                rows.append(self._row_of[name])
-                orders.append(order)
-        if rows:
-            self._commands[rows] = orders
+        """Take over the orders that were left; one that is left meanwhile waits for the next step."""
+        self._has_orders = False  # first, so that none is passed over
+        orders = self._orders
+        packed = b"".join([orders.get(name, _NO_ORDER) for name in self._commanded])
+        self._commands[:] = np.frombuffer(packed).reshape(-1, 4)
 
     def refresh(self) -> None:
         """Let whoever came or went be `seen`, also while time stands."""
@@ -331,7 +313,7 @@ class FloorPhysics:
     def row(self, name: str) -> tuple[float, ...]:
         """x, y, heading, velocity in x and y, turn of a body now. Raises KeyError."""
         self._sort_if_changed()
-        return tuple(self._state[self._row_of[name]].tolist())
+        return tuple(self._moving.state[self._row_of[name]].tolist())
 
     def pose(self, name: str) -> tuple[float, float, float]:
         """x, y, heading of a body now. Raises KeyError."""
@@ -341,13 +323,11 @@ class FloorPhysics:
     def state(self) -> dict[str, tuple[float, ...]]:
         """The same of all bodies, by name."""
         self._sort_if_changed()
-        return {name: tuple(row) for name, row in zip(self._names, self._state.tolist(), strict=True) if name}
+        return {name: tuple(row) for name, row in zip(self._names, self._moving.state.tolist(), strict=True) if name}
 
-    def _read(self) -> None:
-        self._buffer.clear()
-        get_space_bodies(self._space, _STATE, self._buffer)
-        self._state = np.frombuffer(self._buffer.float_buf(), np.float64).reshape(-1, 6)
-        self.seen = Seen(self.time, self._names, self._row_of, self._state.copy())
+    def _look(self) -> None:
+        self._moving.read()
+        self.seen = Seen(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
 
     def _begun(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Two shapes begin to touch, in the middle of a step."""
@@ -384,7 +364,9 @@ def control(state: Floats, commands: Floats, limits: Floats, now: float, velocit
 
 def warm_up() -> None:
     """Load what stepping needs, so that the first step takes no longer than the others."""
-    FloorPhysics().step()
+    physics = FloorPhysics()
+    physics.step()
+    in_own_frames(physics.seen.rows)
 
 
 def convex_parts(outline: BaseGeometry) -> list[list[tuple[float, float]]]:

@@ -11,23 +11,14 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from robocorba.errors import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.simulation.physics import Limits
+from robocorba.simulation.seen import Pose
 
 #: A robot that was not heard of for so long is logged off, s.
 LEASE_S = 2.0
 MAX_NAME = 60
-
-
-class Pose(NamedTuple):
-    """Where a robot stands: x, y in m, heading in rad."""
-
-    floor: str
-    x: float
-    y: float
-    heading: float = 0.0
 
 
 @dataclass(frozen=True)

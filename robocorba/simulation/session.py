@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from robocorba.simulation.building import Robot, SimulatedBuilding, State
+from robocorba.simulation.building import Robot, SimulatedBuilding
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Client
+from robocorba.simulation.seen import State
 
 
 class Session:

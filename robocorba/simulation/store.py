@@ -14,7 +14,8 @@ import msgspec
 from robocorba.errors import InvalidMission, StaleMission, UnknownMission
 from robocorba.record_file import RecordFile
 from robocorba.simulation.physics import Limits
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
+from robocorba.simulation.seen import Pose
 from robocorba.simulation.world import WorldRecord
 
 #: "RoCs": tells our files from those of others.

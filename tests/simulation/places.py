@@ -13,7 +13,8 @@ from robocorba.maps.model import (
     MapObject,
     Wall,
 )
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
+from robocorba.simulation.seen import Pose
 
 
 class Clock:

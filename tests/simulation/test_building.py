@@ -13,7 +13,8 @@ from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import Happening, SimulatedBuilding
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.physics import STEP_S
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
+from robocorba.simulation.seen import Pose
 from robocorba.simulation.world import WorldRecord
 from tests.simulation.places import robot, tower
 

@@ -8,7 +8,8 @@ import pytest
 
 from robocorba.errors import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.simulation.physics import Limits
-from robocorba.simulation.registry import Description, Pose, Registry
+from robocorba.simulation.registry import Description, Registry
+from robocorba.simulation.seen import Pose
 from tests.simulation.places import Clock, robot
 
 
