@@ -18,6 +18,8 @@ from robocorba.kernels import kernel
 SLACK_RAD = 1e-3
 #: Sine of the angle below which a segment is seen from its end.
 EDGE_ON = 1e-12
+#: What is at least so far behind the sensor, m, is not in sight of a fan of half a turn, however it was rounded.
+BEHIND_M = 1e-3
 _TURN = 2 * math.pi
 
 
@@ -39,25 +41,25 @@ def direction(x: float, y: float) -> float:
 
 
 @kernel
-def spans(begin: float, width: float, step: float, count: int) -> tuple[int, int, int, int]:
+def spans(begin: float, width: float, rays_a_rad: float, count: int) -> tuple[int, int, int, int]:
     """The rays from angle `begin` over `width`, both counted from ray 0: first and last of one stretch, and of
     another where the directions go on past a full turn. A stretch is empty where its last comes before its first."""
     begin -= _TURN * math.floor(begin / _TURN)
-    end = begin + width
-    first = math.ceil(begin / step) if begin / step < count else count
-    last = count - 1 if end / step >= count else math.floor(end / step)
-    over = end - _TURN
+    low, high = begin * rays_a_rad, (begin + width) * rays_a_rad
+    first = math.ceil(low) if low < count else count
+    last = math.floor(high) if high < count else count - 1
+    over = high - _TURN * rays_a_rad
     if over < 0.0:
         return int(first), int(last), 0, -1
-    return int(first), int(last), 0, int(min(over / step, first - 1.0, count - 1.0))
+    return int(first), int(last), 0, int(min(over, first - 1.0, count - 1.0))
 
 
 @kernel
-def shorten(
-    px: float, py: float, qx: float, qy: float, start: float, step: float, c: Floats, s: Floats, best: Floats
-) -> None:
-    """Let rays end at the segment from p to q, both relative to the sensor; ray k points to (c[k], s[k])."""
-    count = len(best)
+def shorten(px: float, py: float, qx: float, qy: float, start: float, rays_a_rad: float, rays: Floats) -> None:
+    """Let rays (3, n) end at the segment from p to q, both relative to the sensor.
+
+    Ray k has the direction (rays[0, k], rays[1, k]) and ends after rays[2, k]."""
+    count = rays.shape[1]
     dx, dy = qx - px, qy - py
     cross = px * dy - py * dx
     if cross < 0.0:
@@ -65,22 +67,20 @@ def shorten(
         dx, dy, cross = -dx, -dy, -cross
     reach = max(px * px + py * py, qx * qx + qy * qy)
     if cross <= EDGE_ON * reach:
-        _shorten_edge_on(px, py, qx, qy, start, step, c, s, best)
+        _shorten_edge_on(px, py, qx, qy, start, rays_a_rad, rays)
         return
     begin, end = direction(px, py), direction(qx, qy)
     width = end - begin
     if width < -SLACK_RAD * 2:
         width += _TURN
-    first, last, first2, last2 = spans(begin - start - SLACK_RAD, max(width, 0.0) + 2 * SLACK_RAD, step, count)
+    first, last, first2, last2 = spans(begin - start - SLACK_RAD, max(width, 0.0) + 2 * SLACK_RAD, rays_a_rad, count)
     for _ in range(2):
-        while first <= last and px * s[first] - py * c[first] < 0.0:
+        while first <= last and px * rays[1, first] - py * rays[0, first] < 0.0:
             first += 1
-        while first <= last and c[last] * qy - s[last] * qx < 0.0:
+        while first <= last and rays[0, last] * qy - rays[1, last] * qx < 0.0:
             last -= 1
         for k in range(first, last + 1):
-            t = cross / (c[k] * dy - s[k] * dx)
-            if t < best[k]:
-                best[k] = t
+            rays[2, k] = min(rays[2, k], cross / (rays[0, k] * dy - rays[1, k] * dx))
         if last2 < 0:
             return
         first, last = first2, last2
@@ -88,68 +88,61 @@ def shorten(
 
 
 @kernel
-def _shorten_edge_on(
-    px: float, py: float, qx: float, qy: float, start: float, step: float, c: Floats, s: Floats, best: Floats
-) -> None:
+def _shorten_edge_on(px: float, py: float, qx: float, qy: float, start: float, rays_a_rad: float, rays: Floats) -> None:
     """A segment seen from its end stops the ray along it, if there is one, where it begins."""
     if px * qx + py * qy <= 0.0:  # the sensor is on it
-        for k in range(len(best)):
-            best[k] = 0.0
+        rays[2] = 0.0
         return
     if qx * qx + qy * qy < px * px + py * py:
         px, py = qx, qy
     distance = math.hypot(px, py)
-    first, last, first2, last2 = spans(direction(px, py) - start - SLACK_RAD, 2 * SLACK_RAD, step, len(best))
+    first, last, first2, last2 = spans(direction(px, py) - start - SLACK_RAD, 2 * SLACK_RAD, rays_a_rad, rays.shape[1])
     for low, high in ((first, last), (first2, last2)):
         for k in range(low, high + 1):
-            if abs(px * s[k] - py * c[k]) <= EDGE_ON * 10 * distance and distance < best[k]:
-                best[k] = distance
+            if abs(px * rays[1, k] - py * rays[0, k]) <= EDGE_ON * 10 * distance:
+                rays[2, k] = min(rays[2, k], distance)
 
 
 @kernel
-def shorten_by_disc(
-    px: float, py: float, radius: float, start: float, step: float, c: Floats, s: Floats, best: Floats
-) -> None:
-    """Let rays end at a disc around p."""
+def shorten_by_disc(px: float, py: float, radius: float, start: float, rays_a_rad: float, rays: Floats) -> None:
+    """Let rays (3, n) end at a disc around p."""
     square = px * px + py * py
     if square <= radius * radius:
-        for k in range(len(best)):
-            best[k] = 0.0
+        rays[2] = 0.0
         return
     half = min(radius / math.sqrt(square), 1.0) * (math.pi / 2) + SLACK_RAD  # no less than its arc sine
-    first, last, first2, last2 = spans(direction(px, py) - start - half, 2 * half, step, len(best))
+    first, last, first2, last2 = spans(direction(px, py) - start - half, 2 * half, rays_a_rad, rays.shape[1])
     for low, high in ((first, last), (first2, last2)):
         for k in range(low, high + 1):
-            along = px * c[k] + py * s[k]
+            along = px * rays[0, k] + py * rays[1, k]
             inside = radius * radius - (square - along * along)
             if along > 0.0 and inside >= 0.0:
-                t = along - math.sqrt(inside)
-                if t < best[k]:
-                    best[k] = t
+                rays[2, k] = min(rays[2, k], along - math.sqrt(inside))
 
 
 @kernel
-def is_hidden(lx: float, ly: float, hx: float, hy: float, start: float, step: float, best: Floats) -> bool:
-    """Whether no ray reaches the box from (lx, ly) to (hx, hy), which lies beside the sensor."""
+def is_hidden(
+    lx: float, ly: float, hx: float, hy: float, start: float, rays_a_rad: float, range_m: float, rays: Floats
+) -> bool:
+    """Whether no ray (3, n) reaches the box from (lx, ly) to (hx, hy), which lies beside the sensor."""
+    dx, dy = max(lx, -hx, 0.0), max(ly, -hy, 0.0)
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance >= range_m:
+        return True
     if lx > 0.0:
         bx, by, ex, ey = (hx, ly, lx, hy) if ly > 0.0 else ((lx, ly, hx, hy) if hy < 0.0 else (lx, ly, lx, hy))
-        dx = lx
     elif hx < 0.0:
         bx, by, ex, ey = (hx, hy, lx, ly) if ly > 0.0 else ((lx, hy, hx, ly) if hy < 0.0 else (hx, hy, hx, ly))
-        dx = -hx
     else:
         bx, by, ex, ey = (hx, ly, lx, ly) if ly > 0.0 else (lx, hy, hx, hy)
-        dx = 0.0
-    dy = ly if ly > 0.0 else (-hy if hy < 0.0 else 0.0)
-    distance = math.sqrt(dx * dx + dy * dy)
     begin = direction(bx, by)
     width = direction(ex, ey) - begin
     if width < 0.0:
         width += _TURN
-    first, last, first2, last2 = spans(begin - start - SLACK_RAD, width + 2 * SLACK_RAD, step, len(best))
+    first, last, first2, last2 = spans(begin - start - SLACK_RAD, width + 2 * SLACK_RAD, rays_a_rad, rays.shape[1])
     for low, high in ((first, last), (first2, last2)):
         for k in range(low, high + 1):
-            if best[k] > distance:
+            if rays[2, k] > distance:
                 return False
     return True
 
@@ -163,22 +156,27 @@ def shorten_all(
     x: float,
     y: float,
     range_m: float,
+    ahead: tuple[float, float],
     start: float,
-    step: float,
-    c: Floats,
-    s: Floats,
-    best: Floats,
+    rays_a_rad: float,
+    rays: Floats,
 ) -> None:
     """Let rays end at the segments of a cell, those that other cells hold as well only once."""
     for at in range(grid.start[cell], grid.start[cell + 1]):
         i = grid.items[at]
-        if seen[i] != scan:
-            seen[i] = scan
-            ax, ay, bx, by = grid.segments[i]
-            px, py, qx, qy = ax - x, ay - y, bx - x, by - y
-            is_near = min(px, qx) < range_m and max(px, qx) > -range_m
-            if is_near and min(py, qy) < range_m and max(py, qy) > -range_m:
-                shorten(px, py, qx, qy, start, step, c, s, best)
+        if seen[i] == scan:
+            continue
+        seen[i] = scan
+        segment = grid.segments[i]
+        px, py, qx, qy = segment[0] - x, segment[1] - y, segment[2] - x, segment[3] - y
+        if (
+            min(px, qx) < range_m
+            and max(px, qx) > -range_m
+            and min(py, qy) < range_m
+            and max(py, qy) > -range_m
+            and max(ahead[0] * px + ahead[1] * py, ahead[0] * qx + ahead[1] * qy) >= -BEHIND_M
+        ):
+            shorten(px, py, qx, qy, start, rays_a_rad, rays)
 
 
 class Scene(NamedTuple):
@@ -207,29 +205,38 @@ def cast(
 
     poses: (m, 3) of sensors; owners: (m,) numbers of the robots whose own discs they don't see. cosines, sines: of the
     rays in the sensor's frame, whose ray k points to first + k * step, with a positive step."""
-    frame = scene.standing.frame
+    standing, moving, discs = scene.standing, scene.moving, scene.discs
+    frame = standing.frame
     x0, y0, size, columns, rows = frame[0], frame[1], frame[2], int(frame[3]), int(frame[4])
     count = len(cosines)
     found = np.empty((len(poses), count))
-    seen = np.full(len(scene.standing.segments), -1, np.int64)
-    seen_moving = np.full(len(scene.moving.segments), -1, np.int64)
-    seen_discs = np.full(len(scene.discs), -1, np.int64)
-    c, s = np.empty(count), np.empty(count)
+    seen = np.full(len(standing.segments), -1, np.int64)
+    seen_moving = np.full(len(moving.segments), -1, np.int64)
+    seen_discs = np.full(len(discs), -1, np.int64)
+    rays = np.empty((3, count))
+    rays_a_rad, middle = 1.0 / step, first + (count - 1) * step / 2
     for scan in range(len(poses)):
         x, y, heading = poses[scan]
         ch, sh = math.cos(heading), math.sin(heading)
         for k in range(count):
-            c[k] = ch * cosines[k] - sh * sines[k]
-            s[k] = sh * cosines[k] + ch * sines[k]
-        best = found[scan]
-        best[:] = range_m
+            rays[0, k] = ch * cosines[k] - sh * sines[k]
+            rays[1, k] = sh * cosines[k] + ch * sines[k]
+            rays[2, k] = range_m
         start = heading + first
+        # Of a fan of at most half a turn, nothing behind the sensor is in sight.
+        ahead = (0.0, 0.0)
+        if (count - 1) * step <= math.pi + 1e-9:
+            ahead = (math.cos(heading + middle), math.sin(heading + middle))
         column, row = column_of(frame, x), row_of(frame, y)
+        farther = 0  # no ray before this one reaches farther than the last ring
         for ring in range(max(columns, rows)):
-            if ring > 1:  # what is in this ring and beyond lies outside a square around the sensor
+            if ring > 0:  # what is in this ring and beyond lies outside a square around the sensor
                 left, right = x - (x0 + (column - ring + 1) * size), x0 + (column + ring) * size - x
                 below, above = y - (y0 + (row - ring + 1) * size), y0 + (row + ring) * size - y
-                if min(left, right, below, above) >= best.max():
+                outside = min(left, right, below, above)
+                while farther < count and rays[2, farther] <= outside:
+                    farther += 1
+                if farther == count:
                     break
             for at_row in range(max(0, row - ring), min(rows - 1, row + ring) + 1):
                 stride = 1 if ring == 0 or abs(at_row - row) == ring else 2 * ring
@@ -238,24 +245,27 @@ def cast(
                         continue
                     cell = at_row * columns + at_column
                     if (
-                        scene.standing.start[cell] == scene.standing.start[cell + 1]
-                        and scene.moving.start[cell] == scene.moving.start[cell + 1]
+                        standing.start[cell] == standing.start[cell + 1]
+                        and moving.start[cell] == moving.start[cell + 1]
                         and scene.disc_start[cell] == scene.disc_start[cell + 1]
                     ):
                         continue
                     if ring > 0:
                         lx, ly = x0 + at_column * size - x, y0 + at_row * size - y
-                        if is_hidden(lx, ly, lx + size, ly + size, start, step, best):
+                        hx, hy = lx + size, ly + size
+                        most = max(ahead[0] * lx, ahead[0] * hx) + max(ahead[1] * ly, ahead[1] * hy)
+                        if most < -BEHIND_M or is_hidden(lx, ly, hx, hy, start, rays_a_rad, range_m, rays):
                             continue
-                    shorten_all(scene.standing, cell, seen, scan, x, y, range_m, start, step, c, s, best)
-                    shorten_all(scene.moving, cell, seen_moving, scan, x, y, range_m, start, step, c, s, best)
+                    shorten_all(standing, cell, seen, scan, x, y, range_m, ahead, start, rays_a_rad, rays)
+                    shorten_all(moving, cell, seen_moving, scan, x, y, range_m, ahead, start, rays_a_rad, rays)
                     for at in range(scene.disc_start[cell], scene.disc_start[cell + 1]):
                         i = scene.disc_items[at]
                         if seen_discs[i] != scan:
                             seen_discs[i] = scan
-                            px, py, radius, number = scene.discs[i]
+                            px, py, radius, number = discs[i]
                             px, py = px - x, py - y
                             reach = range_m + radius
                             if number != owners[scan] and px * px + py * py < reach * reach:
-                                shorten_by_disc(px, py, radius, start, step, c, s, best)
+                                shorten_by_disc(px, py, radius, start, rays_a_rad, rays)
+        found[scan] = rays[2]
     return found
