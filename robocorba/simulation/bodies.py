@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pymunk
-from pymunk._chipmunk import ffi, lib
+from pymunk._chipmunk import ffi, lib  # type: ignore[import-not-found]
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from robocorba.grids import Floats

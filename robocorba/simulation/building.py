@@ -36,6 +36,8 @@ MOST_VALID_S = 5.0
 class Robot:
     """A robot in the building. `command`, `state` and `holding` are safe from any thread, at any time."""
 
+    __slots__ = ("_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
+
     def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
         self.description, self.number = description, number
         self.body = _robot_body(description.name)
@@ -246,8 +248,8 @@ class SimulatedBuilding:
                 self._see_who_moved(name, cabin)
             cabin.advance(STEP_S)
             self._follow(name, cabin)
-            for who, why in cabin.ended:
-                happened.append(Happening(self.time, cabin.floor, "ride lost", (who,), why))
+            for rider, why in cabin.ended:
+                happened.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
             cabin.ended.clear()
         self._look_at_cabins()
         return happened

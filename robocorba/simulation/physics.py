@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import repeat
 from struct import Struct
 from typing import NamedTuple
 
@@ -270,7 +271,8 @@ class FloorPhysics:
     def command(self, name: str, velocity: tuple[float, float, float], valid_s: float = math.inf) -> None:
         """Move ahead, to the left and turn at these speeds, m/s and rad/s, for `valid_s`; what is beyond the robot's
         limits is slowed down, not turned aside. Nothing happens where there is no such robot."""
-        self._orders[name] = _pack_order(*velocity, self.time + valid_s)
+        ahead, left, turn = velocity
+        self._orders[name] = _pack_order(ahead, left, turn, self.time + valid_s)
         self._has_orders = True
 
     def brake(self, name: str) -> None:
@@ -302,8 +304,7 @@ class FloorPhysics:
     def _obey(self) -> None:
         """Take over the orders that were left; one that is left meanwhile waits for the next step."""
         self._has_orders = False  # first, so that none is passed over
-        orders = self._orders
-        packed = b"".join([orders.get(name, _NO_ORDER) for name in self._commanded])
+        packed = b"".join(map(self._orders.get, self._commanded, repeat(_NO_ORDER)))
         self._commands[:] = np.frombuffer(packed).reshape(-1, 4)
 
     def refresh(self) -> None:
@@ -341,21 +342,24 @@ def control(state: Floats, commands: Floats, limits: Floats, now: float, velocit
     commands (n, 4), which are in the frame of each body and hold until a time, no faster than `limits` (n, 4), in the
     order of Limits, allow."""
     for i in range(len(state)):
-        heading = state[i, 2]
-        ch, sh = math.cos(heading), math.sin(heading)
         ahead, left, turn, until = commands[i]
         if until < now:
             ahead = left = turn = 0.0
-        speed = math.hypot(ahead, left)
-        if speed > limits[i, 0]:
-            share = limits[i, 0] / speed  # not ahead * limit, which may be infinite
+        # Roots, sines and cosines are most of the work; few bodies need them all in every step.
+        if abs(ahead) + abs(left) > limits[i, 0]:
+            # not ahead * limit, which may be infinite
+            share = min(1.0, limits[i, 0] / max(math.hypot(ahead, left), 1e-12))
             ahead, left = ahead * share, left * share
         turn = min(max(turn, -limits[i, 1]), limits[i, 1])
-        dx = ch * ahead - sh * left - state[i, 3]
-        dy = sh * ahead + ch * left - state[i, 4]
+        dx, dy = -state[i, 3], -state[i, 4]
+        if ahead != 0.0 or left != 0.0:
+            c, s = math.cos(state[i, 2]), math.sin(state[i, 2])
+            dx, dy = c * ahead - s * left + dx, s * ahead + c * left + dy
         brakes = until == -math.inf
         most = (BRAKING_M_S2 if brakes else limits[i, 2]) * STEP_S
-        share = min(1.0, most / max(math.hypot(dx, dy), 1e-12))
+        share = 1.0
+        if abs(dx) + abs(dy) > most:
+            share = min(1.0, most / max(math.hypot(dx, dy), 1e-12))
         velocities[i, 0] = state[i, 3] + dx * share
         velocities[i, 1] = state[i, 4] + dy * share
         most_turn = (BRAKING_RAD_S2 if brakes else limits[i, 3]) * STEP_S

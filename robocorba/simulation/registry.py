@@ -58,6 +58,18 @@ class Client:
 
     since: when it logged on, POSIX time, s. What it is asked is safe from any thread."""
 
+    __slots__ = (
+        "_calls",
+        "_counted_at",
+        "call_rate",
+        "description",
+        "heard_at",
+        "is_over",
+        "key",
+        "latency_s",
+        "since",
+    )
+
     def __init__(self, description: Description, key: str, since: float, now: float) -> None:
         self.description, self.key, self.since = description, key, since
         self.heard_at = now
