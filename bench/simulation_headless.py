@@ -100,10 +100,13 @@ class Crowd:
         self._side = self._chance.choice((-1.0, 1.0), case.robots)
         self.parts = dict.fromkeys(("steps", "database", "following", "states", "scans", "wandering", "commands"), 0.0)
         self._at = 0.0
+        self._distances = np.empty((case.robots, case.spec.fan.count))
         #: Where the robots were last, and which of them on each floor.
         self._floors: tuple[str, ...] = ()
         self._on_floor: dict[str, Longs] = {}
-        self._follow()  # what is compiled for the first time takes longer than a sensor may be behind
+        for _ in range(2):  # what is compiled for the first time takes longer than a sensor may be behind
+            self.agent.step()
+            self._follow()
 
     def lap(self, seconds: float) -> Lap:
         """Let so much simulated time pass."""
@@ -149,7 +152,7 @@ class Crowd:
         if floors != self._floors:
             self._floors = floors
             self._on_floor = {name: np.flatnonzero([name == floor for floor in floors]) for name in set(floors)}
-        seen = np.empty((len(poses), self._case.spec.fan.count))
+        seen = self._distances
         for floor, rows in self._on_floor.items():
             if self._case.one_by_one:
                 for row in rows:
