@@ -107,6 +107,15 @@ def test_a_room_is_seen_in_all_directions() -> None:
     assert found == pytest.approx([5.0, 2.0, 3.0, 4.0])
 
 
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
+def test_a_fan_of_half_a_turn_sees_what_stands_right_beside_it(heading: float) -> None:
+    side = 900.0
+    sight = Sight([shapely.box(-side, -side, side, side)])
+    found = sight.scan(np.array([(0.0, 0.0, heading)]), Fan(-math.pi / 2, math.pi / 179, 180, 1000.0))[0]
+    assert found[[0, -1]] == pytest.approx(side)
+    assert found.max() == 1000.0
+
+
 def test_a_wall_seen_from_its_end_stops_the_ray_along_it() -> None:
     sight = Sight([LineString([(2, 0), (5, 0)])])
     assert sight.scan(np.zeros((1, 3)), Fan(0.0, 1.0, 1, 10.0))[0, 0] == pytest.approx(2.0)

@@ -114,6 +114,18 @@ def test_whoever_is_removed_is_gone_and_the_others_keep_their_commands() -> None
         robot(floor, "R1", 0.0, 0.0)
 
 
+def test_of_two_orders_the_last_one_holds_for_whoever_comes_between_steps() -> None:
+    floor = FloorPhysics()
+    for number in range(40):
+        robot(floor, f"R{number}", 0.0, 3.0 * number)
+        floor.command(f"R{number}", (1.0, 0.0, 0.0))
+        floor.command(f"R{number}", (0.3, 0.0, 0.0))
+        floor.step()
+        assert [row[1] for row in floor.state().values()] == [3.0 * other for other in range(number + 1)]
+    run(floor, 1.0)
+    assert [row[3] for row in floor.state().values()] == pytest.approx([0.3] * 40)
+
+
 def test_what_stands_can_change_while_it_runs() -> None:
     floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
     robot(floor, "A", 0.0, 0.0)
