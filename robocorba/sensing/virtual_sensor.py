@@ -106,8 +106,9 @@ class VirtualSensor:
         return list(self._floors)
 
     def warm_up(self) -> None:
-        """Load what scanning needs, so that the first scan takes no longer than the others."""
+        """Load what following and scanning need, so that the first time takes no longer than the others."""
         for floor in list(self._floors.values())[:1]:
+            place_discs(floor.view.motions, floor.view.moved, floor.view.moved, np.empty(0, bool), np.empty((0, 4)))
             look(floor.sight.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
         Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 

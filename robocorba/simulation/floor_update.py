@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.errors import OutOfStep
-from robocorba.kernels import kernel
 from robocorba.maps.model import XY
 from robocorba.simulation.elevator import Moment
 
@@ -68,8 +67,7 @@ class FloorView:
         self.elevators: dict[str, Moment] = {}
         #: Rows that the last update has changed.
         self.moved: NDArray[np.int64] = np.empty(0, np.int64)
-        #: Numbers of the bodies in rising order, and their rows.
-        self._numbers = self._row_of = np.empty(0, np.int64)
+        self._sort()
 
     def apply(self, update: FloorUpdate) -> bool:
         """Follow; whether bodies came or went. Raises OutOfStep for what does not belong here."""
@@ -84,12 +82,18 @@ class FloorView:
         has_changed = bool(is_whole or update.went or update.came)
         if has_changed:
             self._sort()
-        is_known, self.moved = take_over(self._numbers, self._row_of, update.motions, self.motions)
-        if not is_known:  # somebody moves who never came
-            raise OutOfStep(update.floor, self.version, update.since)
+        self.moved = self._rows(update)
+        self.motions[self.moved] = update.motions
         self.elevators.update(update.elevators)
         self.version, self.time, self.map_version = update.version, update.time, update.map_version
         return has_changed
+
+    def _rows(self, update: FloorUpdate) -> NDArray[np.int64]:
+        numbers = update.motions["number"]
+        places = self._numbers.searchsorted(numbers)
+        if not (self._numbers_or_none[places] == numbers).all():
+            raise OutOfStep(update.floor, self.version, update.since)  # somebody moves who never came
+        return self._row_of[places]
 
     def motion(self, number: int) -> np.void:
         """A body's row of MOTION. Raises KeyError."""
@@ -99,6 +103,7 @@ class FloorView:
         return row
 
     def _sort(self) -> None:
+        """Bodies came or went."""
         before = dict(zip(self.motions["number"].tolist(), self.motions, strict=True))
         self.motions = np.zeros(len(self.bodies), MOTION)
         numbers = np.fromiter(self.bodies, np.int64, len(self.bodies))
@@ -107,21 +112,7 @@ class FloorView:
             if number in before:
                 self.motions[row] = before[number]
         self._row_of = np.argsort(numbers)
-        self._numbers = numbers[self._row_of]
-
-
-@kernel
-def take_over(
-    numbers: NDArray[np.int64], row_of: NDArray[np.int64], told: Motions, motions: Motions
-) -> tuple[bool, NDArray[np.int64]]:
-    """Replace the motions of the bodies that were told of: whether all of them are known, else nothing is replaced; and
-    their rows. numbers: of all bodies, in rising order; row_of: their rows in `motions`."""
-    rows = np.empty(len(told), np.int64)
-    for i in range(len(told)):
-        place = np.searchsorted(numbers, told[i].number)
-        if place == len(numbers) or numbers[place] != told[i].number:
-            return False, rows[:0]
-        rows[i] = row_of[place]
-    for i in range(len(told)):
-        motions[rows[i]] = told[i]
-    return True, rows
+        #: Numbers of the bodies in rising order, of the type that updates tell them in; `_row_of` has their rows.
+        self._numbers = numbers[self._row_of].astype(MOTION["number"])
+        #: With one that is nobody's, for a number that is greater than all.
+        self._numbers_or_none = np.append(self._numbers, self._numbers.dtype.type(0))

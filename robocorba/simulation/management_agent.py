@@ -12,12 +12,12 @@ import msgspec
 
 from robocorba.errors import InvalidChoice, ServiceError, SessionExpired, UnknownRobot
 from robocorba.maps.model import Building
+from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import Happening, SimulatedBuilding
 from robocorba.simulation.keeper import Keeper
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import LastScan, OmniDatabase
 from robocorba.simulation.pace import Pace, check_pace
-from robocorba.simulation.physics import warm_up
 from robocorba.simulation.registry import Client, Description, Registry
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
@@ -84,7 +84,8 @@ class ManagementAgent:
 
     def start(self) -> None:
         """Let time pass."""
-        warm_up()
+        physics.warm_up()
+        omni_database.warm_up()
         self._keeper.start()
         self.pace.start()
 
