@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import signal
 
+import hypothesis
 import pytest
 
+from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation import physics
 from tests.maps.buildings import two_floors
+
+
+# How long examples take to make says something of the machine and its load, nothing of what is tested.
+hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("suite")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -27,3 +34,4 @@ def kernels() -> None:
     sensor = VirtualSensor()
     sensor.know(two_floors())
     sensor.warm_up()
+    InverseKinematics()
