@@ -11,18 +11,19 @@ from omniORB import CORBA
 from robocorba import logs
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.agent import AgentState, ControlAgent
+from robocorba.control.tick_file import TickFile
 from robocorba.conversion.errors import error_of
 from robocorba.data_pool.plans import Plans
 from robocorba.errors import PlaceTaken, RoboCorbaError
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
-from robocorba.names import ROBOTS
+from robocorba.names import MISSIONS, ROBOTS
 from robocorba.orb import Orb, describe
 from robocorba.planning.request import Place
 from robocorba.programs import checker, program
 from robocorba.programs.program import Program
+from robocorba.remote.cooperation import Cooperation
 from robocorba.remote.data_pool import PoolFollower
-from robocorba.remote.others import RobotChannel
 from robocorba.remote.paths import RemotePlanner
 from robocorba.remote.places import free_places
 from robocorba.remote.session import RemoteSession
@@ -69,8 +70,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
         log_on(session, orb, settings)
         planner = RemotePlanner(orb)
-        others = stack.enter_context(contextlib.closing(RobotChannel(orb, settings.channel, settings.name)))
-        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, Checker(planner))
+        plans = Plans()
+        reports = settings.common.state / MISSIONS
+        others = Cooperation(orb, settings.channel, settings.name, plans, reports)
+        stack.callback(others.close)
+        ticks = stack.enter_context(TickFile(settings.record)) if settings.record else None
+        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, Checker(planner), ticks)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
         follower = PoolFollower(orb, session.latest.at.floor, settings.name).start()
@@ -82,8 +87,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
         path = f"{ROBOTS}/{settings.name}"
-        pool = orb.activate(DataPoolServant(follower.pool, Plans()), f"{path}/pool")
+        pool = orb.activate(DataPoolServant(follower.pool, plans), f"{path}/pool")
         orb.serve({path: RobotAgentServant(agent, pool)})
+        others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)
             agent.run()

@@ -45,7 +45,10 @@ RoboCorbaError
 │   ├── UnknownAdaptor        no adaptor has this name
 │   ├── UnknownPlan           the data pool holds no plan of this name
 │   ├── InvalidPlan, StalePlan
+│   ├── InvalidCarry          so many robots can't carry this
+│   ├── ImpossibleCarry       an object can't be carried there: the door, elevator or turn that blocks is named
 │   ├── MotionFailed          the robot did not get where it should
+│   ├── MissionFailed         what robots do together came to nothing: why, who, where
 │   └── AdaptorFailed         the robot does not do what it is told
 │       ├── UnitFailed        a unit of the actual robot refuses: which one, its code, and why
 │       └── RobotLost         nobody answers any more; it may come back
@@ -439,8 +442,24 @@ class StalePlan(RobotError):
         super().__init__(f"plan {name[:80]!r} is at version {current}, not {expected}")
 
 
+class InvalidCarry(FieldError, RobotError):
+    """`field` of a carry can't be: `reason` says why."""
+
+
+class ImpossibleCarry(RobotError):
+    """An object can't be carried there by so many robots; `blockers` names what stands in the way."""
+
+    def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
+        self.reason, self.blockers = reason, tuple(blockers)
+        super().__init__("; ".join([reason, *map(str, self.blockers)]))
+
+
 class MotionFailed(RobotError):
     """The robot did not get where it should."""
+
+
+class MissionFailed(RobotError):
+    """A mission came to nothing; nothing was left in the hands of its robots."""
 
 
 class AdaptorFailed(RobotError):

@@ -222,7 +222,7 @@ class SensorSettings:
 class RobotSettings:
     """What a robot process needs. endpoint: where it listens, None: on any port. at: where it begins, None: at a free
     node of the map on `floor`, or on the first floor where that is empty. channel: of its sub-network, empty for none.
-    """
+    record: where every tick of its programs is written, None: nowhere."""
 
     common: Settings
     name: str
@@ -233,10 +233,11 @@ class RobotSettings:
     floor: str
     at: Pose | None
     channel: str
+    record: Path | None
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
-        """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C]
+        """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
         [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
@@ -252,6 +253,7 @@ class RobotSettings:
         parser.add_argument("--floor", default="", metavar="F", help="where to begin")
         parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="where on the floor, m and rad")
         parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
+        parser.add_argument("--record", type=Path, metavar="FILE", help="a CSV file for every tick of its programs")
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; any port if left out")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -266,6 +268,7 @@ class RobotSettings:
             given.floor,
             _pose(given.floor, given.at),
             given.channel,
+            given.record,
         )
 
 

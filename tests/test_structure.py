@@ -15,6 +15,7 @@ DOMAIN = (
     "robocorba/data_pool/",
     "robocorba/kinematics/",
     "robocorba/maps/",
+    "robocorba/missions/",
     "robocorba/planning/",
     "robocorba/programs/",
     "robocorba/smartpal/",

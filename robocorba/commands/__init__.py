@@ -11,6 +11,7 @@ import typer
 from robocorba import __version__
 from robocorba.commands.events import app as events_app
 from robocorba.commands.map import app as map_app
+from robocorba.commands.mission import app as mission_app
 from robocorba.commands.path import path
 from robocorba.commands.program_run import app as program_app
 from robocorba.commands.record import record
@@ -33,12 +34,15 @@ app.command()(path)
 app.command()(watch)
 app.command()(record)
 app.command()(replay)
-app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})(robot)
+# All of its arguments are the robot process's, the -- among them too: without interspersed ones it stays where it is.
+_AS_GIVEN = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
+app.command(context_settings={**_AS_GIVEN, "help_option_names": []})(robot)
 app.command()(stop)
 app.command()(switch)
 app.add_typer(simulation_app, name="simulation")
 app.add_typer(map_app, name="map")
 app.add_typer(program_app, name="program")
+app.add_typer(mission_app, name="mission")
 app.add_typer(events_app, name="events")
 
 

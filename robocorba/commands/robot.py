@@ -22,7 +22,8 @@ Naming = Annotated[
 
 
 def robot(context: typer.Context) -> None:
-    """Start a robot: NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [-- ...].
+    """Start a robot: NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
+    [-- ...].
 
     It logs on, is bound as RoboCorba/Robots/NAME, and goes on until Ctrl-C or SIGTERM. `--help` tells more."""
     arguments = [sys.executable, "-m", "clients.robot", *context.args]

@@ -8,16 +8,26 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 from robocorba.control import adaptors
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.high_controller import HighController
 from robocorba.control.robot import Robot
-from robocorba.control.robot_state import RobotState, Velocity
+from robocorba.control.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.control.runner import Begun, Others, Report, Result, Runner
 from robocorba.control.sensors import Sensors
-from robocorba.errors import AdaptorFailed, IllegalOrder, InvalidChoice, RoboCorbaError, RobotError, RobotLost
+from robocorba.control.tick_file import Tick, TickFile
+from robocorba.errors import (
+    AdaptorFailed,
+    IllegalOrder,
+    InvalidChoice,
+    RoboCorbaError,
+    RobotError,
+    RobotLost,
+    SimulationError,
+    UnknownFloor,
+)
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
 from robocorba.programs.base_checks import Planner
@@ -61,8 +71,26 @@ class AgentState(NamedTuple):
     program: Report
 
 
+class Task(Protocol):
+    """What an agent lets a robot do: a program, or a part in a mission."""
+
+    @property
+    def report(self) -> Report:
+        """How it gets on; its result once it has ended."""
+
+    def begun(self, first: int) -> list[Begun]:
+        """Icons, or steps, that have begun: from a number on."""
+
+    def run(self) -> object:
+        """To its end."""
+
+
+TaskT = TypeVar("TaskT", bound=Task)
+
+
 class ControlAgent:
-    """check: refuses a program that can't be run from here; raises InvalidProgram. Safe from any thread."""
+    """check: refuses a program that can't be run from here; raises InvalidProgram. ticks: takes those of programs. Safe
+    from any thread."""
 
     def __init__(
         self,
@@ -70,8 +98,10 @@ class ControlAgent:
         planner: Planner,
         others: Others,
         check: Callable[[Program, AgentState], None] = lambda program, state: None,
+        ticks: TickFile | None = None,
     ) -> None:
         self._surroundings, self._planner, self._others, self._check = surroundings, planner, others, check
+        self._ticks = ticks
         self.name, self.session = surroundings.name, surroundings.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -79,9 +109,8 @@ class ControlAgent:
         self._adaptor = ""
         self._robot: Robot | None = None
         self._program: Program | None = None
-        self._runner: Runner | None = None
+        self._task: Task | None = None
         self._thread: threading.Thread | None = None
-        self._report = Report()
         self._cap: float | None = None
         self._is_virtual = False
         self._lease = Repeating("lease", self._renew, LEASE_CHECK_S)
@@ -91,8 +120,8 @@ class ControlAgent:
     def start(self, adaptor: str, argv: Sequence[str] = ()) -> None:
         """Log on, and take a robot over. Raises UnknownAdaptor, AdaptorFailed, SimulationError, UnknownFloor."""
         with self._lock:
+            self._lease.start()  # an actual robot may take longer to start than a lease lasts
             self._take(adaptor, argv)
-            self._lease.start()
 
     def close(self) -> None:
         """Let the robot stand, and log off."""
@@ -137,14 +166,11 @@ class ControlAgent:
             if self._program is None:
                 raise IllegalOrder("run a program", "has none loaded")
             robot.course.reset(is_stepping)
-            self._runner = runner = Runner(self._program, robot, self._others, self._changed)
-            self._report = runner.report
-            self._thread = threading.Thread(target=runner.run, name="program", daemon=True)
-            self._thread.start()
+            self._begin(Runner(self._program, robot, self._others))
 
     def begun(self, first: int) -> list[Begun]:
         """Icons of the program that runs, or ran last, that have begun: from a number on."""
-        return self._runner.begun(first) if self._runner else []
+        return self._task.begun(first) if self._task else []
 
     def pause(self) -> None:
         """Raises IllegalOrder where no program runs."""
@@ -162,6 +188,35 @@ class ControlAgent:
         """End the program, if one runs; the robot slows down and stands."""
         if self._robot and self._is_running:
             self._robot.course.abort()
+
+    # ---- missions ----
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it could begin something now."""
+        controller = self._controller
+        return controller is not None and not controller.stopped and not self._is_running
+
+    @property
+    def place(self) -> Pose:
+        """Where the robot is."""
+        return self.state.at
+
+    def begin_part(self, make: Callable[[Robot], TaskT], for_own_mission: bool = False) -> TaskT:
+        """Begin a part in a mission, as a program is begun; beside the program that leads the mission, where it is the
+        robot's own one. Raises IllegalOrder."""
+        with self._lock:
+            if not for_own_mission:
+                self._refuse_while_running("take part in a mission")
+            robot = self.robot
+            if for_own_mission:
+                part = make(robot)
+                threading.Thread(target=part.run, name="own part", daemon=True).start()
+                return part
+            robot.course.reset(False)
+            part = make(robot)
+            self._begin(part)
+            return part
 
     # ---- safety ----
 
@@ -232,7 +287,7 @@ class ControlAgent:
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building
-        controller = HighController(made, BASE, LOWER, UPPER, SPEED, self._follow)
+        controller = HighController(made, BASE, LOWER, UPPER, SPEED, self._follow, self._told, self._log_on)
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
@@ -259,10 +314,26 @@ class ControlAgent:
         if self._thread:
             self._thread.join(END_LIMIT_S)
 
-    def _changed(self, report: Report) -> None:
-        self._report = report
+    def _begin(self, task: Task) -> None:
+        self._task = task
+        self._thread = threading.Thread(target=task.run, name="program", daemon=True)
+        self._thread.start()
+
+    @property
+    def _report(self) -> Report:
+        return self._task.report if self._task else Report()
+
+    def _log_on(self) -> None:
+        """Before each start of the adaptor: a server that has forgotten the robot learns of it again."""
+        try:
+            self.session.log_on()
+            self.session.state()
+        except (SimulationError, UnknownFloor) as wrong:
+            raise RobotLost(f"the simulation server refuses the robot: {wrong}") from None
 
     def _renew(self) -> None:
+        if controller := self._controller:
+            controller.watch()
         with contextlib.suppress(RobotLost):  # the controller notices it too, and tells
             self.session.heartbeat()
 
@@ -275,6 +346,12 @@ class ControlAgent:
         if missing > BODY_LOST_M:
             raise RobotLost(f"its body in the building is {missing:.2f} m away, held by {body.touched or 'a wall'}")
         self.session.command(_towards(state, body.at), FOLLOW_VALID_S)
+
+    def _told(self, state: RobotState, command: ActorCommand) -> None:
+        report = self._report
+        if self._ticks and report.icon and report.result is Result.NO_RESULT:
+            floor = self.session.latest.at.floor
+            self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
 
 
 def _towards(robot: RobotState, body: Pose) -> Velocity:

@@ -84,6 +84,12 @@ class Course:
         self._hold(False)
         self._go.set()
 
+    @property
+    def interruption(self) -> RobotError | None:
+        """What whoever follows the course will meet."""
+        with self._lock:
+            return self._interruptions[0] if self._interruptions else None
+
     # ---- who follows ----
 
     def check(self) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.motion import Motion, Wish
+from robocorba.control.priority import be_punctual
 from robocorba.control.robot_state import STANDING, ActorCommand, RobotState, Velocity
 from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.grids import Floats
@@ -26,10 +27,14 @@ TICK_S = 0.02
 VALID_S = 0.1
 #: A robot that was lost is asked for again so often, s.
 RETRY_S = 0.5
+#: Ticks that are so late mean that the adaptor or this process hangs, s: no adaptor's calls take as long in one tick.
+HANG_LIMIT_S = 1.5
+#: Whoever closes the controller waits so long for an adaptor that hangs, s.
+END_LIMIT_S = 5.0
 #: Ticks that `jitter_s` is the worst of, and that are kept for whoever wants them all.
 JITTER_TICKS = 500
-#: Nothing moves faster unless somebody allows it, m/s: from here SmartPal stands within 100 ms.
-SPEED_CAP = 0.45
+#: Nothing moves faster unless somebody allows it, m/s: from here SmartPal's wheels need 82 ms to stand.
+SPEED_CAP = 0.4
 
 _log = logging.getLogger(__name__)
 
@@ -37,7 +42,8 @@ _log = logging.getLogger(__name__)
 class HighController:
     """limits of the base; lower, upper and speed (n,) of the joints, rad and rad/s.
 
-    follow: is called with what was read, once a tick, by the thread that reads; may raise RobotLost.
+    follow: is called with what was read, once a tick, by the thread that reads; may raise RobotLost. told: likewise,
+    with what was read and what was written then. prepare: before each start of the adaptor; may raise RobotError.
     Everything is safe from any thread."""
 
     def __init__(
@@ -48,8 +54,11 @@ class HighController:
         upper: Floats,
         speed: Floats,
         follow: Callable[[RobotState], None] = lambda state: None,
+        told: Callable[[RobotState, ActorCommand], None] = lambda state, command: None,
+        prepare: Callable[[], None] = lambda: None,
     ) -> None:
-        self._adaptor, self._limits, self._follow = adaptor, limits, follow
+        self._adaptor, self._limits, self._follow, self._told = adaptor, limits, follow, told
+        self._prepare = prepare
         self._lower, self._upper, self._speed = lower, upper, speed
         self.speed_cap = min(SPEED_CAP, limits.speed)
         self.argv: Sequence[str] = ()
@@ -68,6 +77,7 @@ class HighController:
         self.state = RobotState(joints=self._targets)
         self.late_s: deque[float] = deque(maxlen=JITTER_TICKS)
         self.ticks = 0
+        self._ticked_at = 0.0
 
     # ---- its life ----
 
@@ -83,11 +93,8 @@ class HighController:
         self._closing.set()
         self._end_motion(IllegalOrder("go on", "is switched off"))
         if self._thread:
-            self._thread.join()
-        try:
-            self._adaptor.stop()
-        except RobotError as wrong:
-            _log.warning("the robot did not confirm that it stands: %s", wrong)
+            self._thread.join(END_LIMIT_S)
+        self._stop_adaptor()
 
     # ---- motions ----
 
@@ -122,19 +129,28 @@ class HighController:
             is_first = not self.stopped
             if is_first:
                 self.stopped, self._is_lost = reason, is_lost
-        try:
-            self._adaptor.stop()
-        except RobotError as wrong:
-            _log.warning("the robot did not confirm that it stands: %s", wrong)
+        self._stop_adaptor()
         if is_first:
             _log.warning("stopped: %s", reason)
-        self._end_motion(RobotLost(reason) if is_lost else IllegalOrder("go on", f"is stopped: {reason}"))
+        self._end_motion(_stopped(reason, is_lost))
 
     def resume_from_halt(self) -> None:
         """Start the robot again. Raises IllegalOrder where it was not stopped, and as `start` does."""
         if not self.stopped:
             raise IllegalOrder("start again", "was not stopped")
+        if self._silent_s > HANG_LIMIT_S and not self._is_lost:
+            raise AdaptorFailed("the adaptor still hangs")
         self._begin()
+
+    def watch(self) -> None:
+        """Stop a robot whose ticks do not come any more; it may come back. To be called now and then by any thread."""
+        if not self.stopped and not self._closing.is_set() and self._silent_s > HANG_LIMIT_S:
+            self.halt(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
+
+    def check(self) -> None:
+        """Raise IllegalOrder or RobotLost where the robot is stopped."""
+        if reason := self.stopped:
+            raise _stopped(reason, self._is_lost)
 
     @property
     def targets(self) -> Floats:
@@ -149,6 +165,7 @@ class HighController:
     # ---- in the thread of the ticks ----
 
     def _begin(self) -> None:
+        self._prepare()
         self._adaptor.start(self.argv)
         state = RobotState()
         if not self._adaptor.read(state):
@@ -158,9 +175,11 @@ class HighController:
             self._velocity = *_turned(ahead, left, state.heading), turn
             self._targets = state.joints.copy()
             self.state = state
+            self._ticked_at = time.monotonic()
             self.stopped, self._is_lost = "", False
 
     def _run(self) -> None:
+        be_punctual()
         due = time.monotonic()
         try:
             while not self._closing.is_set():
@@ -171,6 +190,8 @@ class HighController:
                 elif late < 0.0:
                     time.sleep(-late)
                 self.late_s.append(max(0.0, time.monotonic() - due))
+                self.watch()  # the whole process may have hung: nothing goes on as if it had not
+                self._ticked_at = time.monotonic()
                 self._tick()
                 if self.stopped and self._is_lost:
                     self._find_again()
@@ -187,13 +208,29 @@ class HighController:
                 return  # it is being stopped this very moment
             self._follow(state)
             self.state = state
-            self._adaptor.write(self._command(state))
+            command = self._command(state)
+            self._adaptor.write(command)
             self.ticks += 1
+            self._told(state, command)
         except AdaptorFailed as wrong:
-            self.halt(str(wrong), isinstance(wrong, RobotLost))
+            self._fail(str(wrong), isinstance(wrong, RobotLost))
         except Exception as wrong:  # a fault of an adaptor must not leave a robot that drives on
             _log.exception("the adaptor failed")
-            self.halt(f"{type(wrong).__name__}: {wrong}")
+            self._fail(f"{type(wrong).__name__}: {wrong}")
+
+    def _fail(self, reason: str, is_lost: bool = False) -> None:
+        if not self.stopped:  # whoever is stopping the robot lets its calls fail, and has said why
+            self.halt(reason, is_lost)
+
+    @property
+    def _silent_s(self) -> float:
+        return time.monotonic() - self._ticked_at
+
+    def _stop_adaptor(self) -> None:
+        try:
+            self._adaptor.stop()
+        except RobotError as wrong:
+            _log.warning("the robot did not confirm that it stands: %s", wrong)
 
     def _find_again(self) -> None:
         self._closing.wait(RETRY_S)
@@ -268,11 +305,13 @@ class _Running:
         self.ended = threading.Event()
         self.error: RobotError | None = None
         self._since: float | None = None
+        self._seen = 0.0
 
     def elapsed(self, state: RobotState) -> float:
-        """Seconds, without pauses."""
+        """Seconds, without pauses; nor is a time in which no tick came and the robot stood."""
         if self._since is None:
-            self._since = state.time
+            self._since = self._seen = state.time
+        self._since += max(0.0, state.time - self._seen - VALID_S)
         self._seen = state.time
         return state.time - self._since
 
@@ -281,6 +320,10 @@ class _Running:
         if self._since is not None:
             self._since += state.time - self._seen
             self._seen = state.time
+
+
+def _stopped(reason: str, is_lost: bool) -> RobotError:
+    return RobotLost(reason) if is_lost else IllegalOrder("go on", f"is stopped: {reason}")
 
 
 def _turned(x: float, y: float, angle: float) -> tuple[float, float]:

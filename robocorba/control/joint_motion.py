@@ -14,9 +14,10 @@ from robocorba.grids import Floats
 
 #: What a finger presses with for each rad that it is led beyond where it is, N; ours.
 FINGER_N_PER_RAD = 100.0
-#: How near is there, rad; and how long joints may take for the rest of their way, s.
-THERE_RAD = math.radians(0.3)
-SETTLE_S = 3.0
+#: How near is there, rad: by so much a joint moves a hand 0.7 m away by 1.2 mm. Joints have so long for the rest of
+#: their way, s; after that this is near enough, rad.
+THERE_RAD = math.radians(0.1)
+SETTLE_S, NEAR_RAD = 3.0, math.radians(0.3)
 #: A finger that moves slower has met something, rad/s; it presses for so long before it counts as gripping, s.
 STILL_RAD_S, HOLD_S = 0.05, 0.1
 #: Of joints' speed and acceleration a motion uses so much: what is left makes up for what lags.
@@ -57,6 +58,8 @@ class JointMotion:
             if not len(missing) or missing.max() <= THERE_RAD:
                 return None
             if elapsed_s > self.seconds + SETTLE_S:
+                if missing.max() <= NEAR_RAD:
+                    return None
                 worst = self._watched[int(missing.argmax())]
                 raise MotionFailed(
                     f"{self._names[worst]} is {math.degrees(missing.max()):.1f} deg from where it shall be"

@@ -5,6 +5,7 @@ IllegalOrder where it can't move, and whatever interrupts its course."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 
@@ -18,7 +19,7 @@ from robocorba.control.motion import Motion
 from robocorba.control.robot_state import Velocity
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
-from robocorba.errors import MotionFailed
+from robocorba.errors import MotionFailed, RobotLost
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
@@ -99,25 +100,32 @@ class Robot:
         cap = self.controller.speed_cap
         return min(wanted, cap) if wanted else cap
 
-    def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
-        self.session.call_elevator(entry.elevator, exit.floor)
+    def call_elevator(self, elevator: str, destination: str) -> None:
+        """Reserve a ride from this floor, and wait until the doors are open. Raises InvalidRide, ElevatorFull."""
+        self.session.call_elevator(elevator, destination)
         self.session.state()  # from here on the ride is known
+        self.wait_for_ride(Phase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
+
+    def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
         try:
-            self._wait_for_phase(Phase.BOARDING, f"{entry.elevator} did not come to {entry.floor}")
+            self.call_elevator(entry.elevator, exit.floor)
             self._drive([(entry.x, entry.y)], None, speed)
-            self._wait_for_phase(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
+            self.wait_for_ride(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
         except BaseException:
-            self.session.give_up_elevator()
+            with contextlib.suppress(RobotLost):
+                self.session.give_up_elevator()
             raise
 
-    def _wait_for_phase(self, phase: Phase, otherwise: str) -> None:
+    def wait_for_ride(self, phase: Phase, otherwise: str) -> None:
+        """Until the ride is in this phase; `otherwise` is what the failure says."""
+
         def is_there() -> bool:
             ride = self.session.latest.ride
             if ride is None:
                 raise MotionFailed(f"{otherwise}: the ride was lost")
             return ride.phase is phase
 
-        if not self.course.wait_for(is_there, ELEVATOR_LIMIT_S, self.clock):
+        if not self.wait(ELEVATOR_LIMIT_S, is_there):
             raise MotionFailed(otherwise)
 
     # ---- arms, lumbar, grippers ----
@@ -138,9 +146,13 @@ class Robot:
             state = self.controller.state
             hand = self.kinematics.body.hand(sides[0], state.joints)
             c, s = math.cos(state.heading), math.sin(state.heading)
-            self.session.grip(thing, state.x + c * hand.x - s * hand.y, state.y + s * hand.x + c * hand.y)
-            self.session.state()  # from here on it is known
+            self.hold(thing, state.x + c * hand.x - s * hand.y, state.y + s * hand.x + c * hand.y)
             self._held.update(dict.fromkeys(sides, thing))
+
+    def hold(self, thing: str, x: float, y: float) -> None:
+        """Hold an object at a place of the floor, m. Raises CannotGrip as well."""
+        self.session.grip(thing, x, y)
+        self.session.state()  # from here on it is known
 
     def release(self, sides: Sequence[Side], angle: float) -> None:
         """Open grippers, and let go of what these hands held last."""
@@ -170,7 +182,12 @@ class Robot:
 
     def wait(self, seconds: float, is_so: Callable[[], bool] = lambda: False) -> bool:
         """Stand for a time, or until something is so; whether it is."""
-        return self.course.wait_for(is_so, seconds, self.clock)
+
+        def look() -> bool:
+            self.controller.check()  # the clock of a robot that is stopped stands still
+            return is_so()
+
+        return self.course.wait_for(look, seconds, self.clock)
 
     def clock(self) -> float:
         """The robot's time, s."""

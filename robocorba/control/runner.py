@@ -90,10 +90,18 @@ class Runner:
     ) -> None:
         self._program, self._robot, self._others, self._changed = program, robot, others, changed
         self._began = time.monotonic()
-        self.report = Report(program.name)
+        self._report_so_far = Report(program.name)
         self._begun: deque[Begun] = deque(maxlen=MOST_BEGUN)
         self._last: Outcome = "done"
         self._heard: deque[Heard] = deque(maxlen=MOST_EVENTS)
+
+    @property
+    def report(self) -> Report:
+        """Now."""
+        report = self._report_so_far
+        if report.result is Result.NO_RESULT:
+            return report._replace(seconds=time.monotonic() - self._began)
+        return report
 
     def run(self) -> Report:
         """To the end; what goes wrong is in the report."""
@@ -258,8 +266,8 @@ class Runner:
             self._robot.course.settle(lambda why: isinstance(why, SensorStop) and why.stop is icon)
 
     def _report(self, **changes: Any) -> None:
-        self.report = self.report._replace(seconds=time.monotonic() - self._began, **changes)
-        self._changed(self.report)
+        self._report_so_far = self.report._replace(seconds=time.monotonic() - self._began, **changes)
+        self._changed(self._report_so_far)
 
 
 def _awaited(program: Program) -> list[tuple[str, str]]:

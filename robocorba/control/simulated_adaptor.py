@@ -76,7 +76,9 @@ class SimulatedAdaptor(RobotAdaptor):
             with self._lock:
                 self._joints.command(command.joints, command.joint_velocities, self._time + command.valid_s)
         self._session.command(command.velocity, command.valid_s)
-        return True
+        if not self._is_started:  # stopped meanwhile, perhaps before this command
+            self._session.brake()
+        return self._is_started
 
     def _follow(self, now: float) -> None:
         passed = min(now - self._time, MOST_UNSEEN_S)

@@ -42,6 +42,10 @@ _CHECKED_AT_ONCE = 2
 _SLOW_S = 0.006
 #: A unit has so long to stop; calls that go out side by side have a little more than one call, s.
 _STOP_LIMIT_S, _ROUND_LIMIT_S = 0.4, 0.7
+#: Odometry that is off by more since it was read last has begun anew: the robot was switched off, m and rad.
+_BEGUN_ANEW_M, _BEGUN_ANEW_RAD = 0.5, 0.5
+
+Place = tuple[float, float, float]
 
 
 class SmartPalUnits(Protocol):
@@ -63,7 +67,7 @@ class SmartPalUnits(Protocol):
 
     def stop(self, unit: str) -> None: ...
 
-    def place(self) -> tuple[float, float, float]: ...
+    def place(self) -> Place: ...
 
     def set_place(self, x: float, y: float, heading: float) -> None: ...
 
@@ -89,13 +93,17 @@ class SmartPalUnits(Protocol):
 
 
 class SmartPalAdaptor(RobotAdaptor):
-    """connect: finds the units of the robot whose naming service listens at HOST:PORT.
+    """connect: finds the units of the robot whose naming service listens at HOST:PORT. where: the place of the robot's
+    body in the building, if it has one.
 
-    `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`: where the robot stands in the building, m and rad; without,
-    it goes on from where its odometry says that it is."""
+    `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`: where the robot stands, m and rad, as it is started for the
+    first time; without, that is where its body is. After that its odometry knows better."""
 
-    def __init__(self, connect: Callable[[str], SmartPalUnits]) -> None:
-        self._connect = connect
+    def __init__(
+        self, connect: Callable[[str], SmartPalUnits], where: Callable[[], Place | None] = lambda: None
+    ) -> None:
+        self._connect, self._where = connect, where
+        self._place: Place | None = None
         self._units: SmartPalUnits | None = None
         self._jog_s = 0.0
         self._turn = 0
@@ -117,8 +125,7 @@ class SmartPalAdaptor(RobotAdaptor):
         except RoboCorbaError as wrong:
             raise AdaptorFailed(str(wrong)) from None
         self._get_ready(units)
-        if given.pose:
-            units.set_place(*given.pose)
+        self._set_place(units, given.pose)
         units.set_base_limits(BASE.speed, BASE.turn, BASE.acceleration, BASE.turn_acceleration)
         units.set_arm_acceleration(float((SPEED / ACCELERATION)[ARM[Side.LEFT]].max()))
         self._set_jog_timeout(units, ActorCommand().valid_s)
@@ -196,6 +203,16 @@ class SmartPalAdaptor(RobotAdaptor):
                     units.check(unit)
                 raise AdaptorFailed(f"{', '.join(waiting)} did not get ready within {START_LIMIT_S:g} s")
 
+    def _set_place(self, units: SmartPalUnits, pose: Place | None) -> None:
+        if self._place is None:
+            if at := pose or self._where():
+                units.set_place(*at)
+            return
+        x, y, heading = units.place()
+        turned = math.remainder(heading - self._place[2], math.tau)
+        if math.dist((x, y), self._place[:2]) > _BEGUN_ANEW_M or abs(turned) > _BEGUN_ANEW_RAD:
+            units.set_place(*self._place)
+
     def _set_jog_timeout(self, units: SmartPalUnits, valid_s: float) -> None:
         units.set_jog_timeout(min(max(valid_s, LEAST_JOG_S), MOST_JOG_S))
         self._jog_s = valid_s
@@ -210,7 +227,8 @@ class SmartPalAdaptor(RobotAdaptor):
             differences = np.concatenate((moved, joints - joints_before)) / (now - before)
             self._velocities += _NEWEST * (differences - self._velocities)
         self._seen = now, place, joints
-        state.time, state.x, state.y, state.heading = now, float(place[0]), float(place[1]), float(place[2])
+        self._place = float(place[0]), float(place[1]), float(place[2])
+        state.time, (state.x, state.y, state.heading) = now, self._place
         x, y, turn = self._velocities[:3].tolist()
         cosine, sine = math.cos(state.heading), math.sin(state.heading)
         state.velocity = x * cosine + y * sine, y * cosine - x * sine, turn
@@ -332,7 +350,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(list(argv))
 
 
-def _pose(text: str) -> tuple[float, float, float]:
+def _pose(text: str) -> Place:
     with contextlib.suppress(ValueError):
         x, y, heading = map(float, text.split(","))
         if all(map(math.isfinite, (x, y, heading))):

@@ -24,7 +24,7 @@ from robocorba.simulation.seen import Pose, State
 from robocorba.simulation.world import RobotRecord, WorldRecord
 
 #: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
-KG_A_SQUARE_METRE = 20.0
+KG_A_SQUARE_METRE = 9.0
 #: How far a hand reaches from the middle of its robot, m; how hard it holds, and what it carries.
 REACH_M, HAND_FORCE_N, PAYLOAD_KG = 1.0, 200.0, 4.0
 #: A hand holds a place on or at an object, no farther from its outline, m.

@@ -170,7 +170,7 @@ class FloorPhysics:
             self._let_go(robot)
         joint = pymunk.PivotJoint(hand, held, hand.world_to_local(at), held.world_to_local(at))
         joint.max_force, joint.collide_bodies = force_n, False
-        joint.error_bias = 0.01  # what a step leaves of an error in a second: hands are stiff
+        joint.error_bias = 1e-6  # what is left of an error after a second: hands are stiff
         self._space.add(joint)
         self._grips[robot] = _Grip(thing, joint, payload_kg)
         self._has_changed = True

@@ -96,7 +96,8 @@ class InProcessSession:
         return self._latest
 
     def log_on(self, at: Pose | None = None) -> None:
-        self._answer()
+        if self.is_away:
+            raise RobotLost("nobody answers")
         if self._session is None:
             self._session = self._place.agent.register(self._about)
             self.state()
@@ -145,6 +146,8 @@ class InProcessSession:
     def _answer(self) -> Any:
         if self.is_away:
             raise RobotLost("nobody answers")
+        if self._session is None:
+            raise RobotLost("not logged on")
         return self._session
 
 

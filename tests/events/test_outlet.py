@@ -417,7 +417,9 @@ FAILURES = st.sampled_from([NotDelivered("no way"), Unconfirmed("no answer"), Re
     st.sampled_from([OverflowRule.DISCARD_OLDEST, OverflowRule.DISCARD_NEWEST]),
     st.booleans(),
 )
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 def test_accounts_are_exact_at_every_moment_whatever_fails(
     channel: Channel,
     failures: list[EventError | None],

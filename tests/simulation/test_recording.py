@@ -87,7 +87,7 @@ def test_an_update_is_read_as_it_was_written(update: FloorUpdate) -> None:
     assert same(loads(dumps(update)), update)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=50)
 @given(steps=st.lists(st.tuples(updates, st.floats(0.0, 3.0)), max_size=10))
 def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple[FloorUpdate, float]]) -> None:
     file = tmp_path / "a.mcap"
@@ -247,7 +247,7 @@ def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[Fl
             Recording(file)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=300)
 @given(draw=st.data())
 def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject) -> None:
     data, written = recorded
@@ -266,7 +266,7 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
     assert all(map(same, (update for _, update in read), written))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.binary())
 def test_any_other_file_is_told(tmp_path: Path, data: bytes) -> None:
     for content in (data, b"\x89MCAP0\r\n" + data):

@@ -1,0 +1,168 @@
+"""robocorba mission: start a mission, see how it gets on, end it, and read its report."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from robocorba.commands.reporting import reporting
+from robocorba.commands.waiting import Stop, progress
+from robocorba.errors import InvalidRequest, NotReachable, ServiceError
+from robocorba.names import MISSIONS
+from robocorba.orb import Orb
+from robocorba.settings import Settings
+
+if TYPE_CHECKING:
+    from robocorba.missions.record import KeptPlan
+    from robocorba.programs.icons import Destination
+    from robocorba.remote.agents import RemoteAgent
+    from robocorba.remote.data_pool import RemotePool
+
+LOOK_S, AWAY_LIMIT_S = 0.2, 10.0
+
+app = typer.Typer(help="What robots do together.", no_args_is_help=True)
+start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
+app.add_typer(start_app, name="start")
+Naming = Annotated[
+    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+]
+LeaderName = Annotated[str, typer.Option("--leader", metavar="ROBOT", help="The robot that leads.")]
+
+
+@start_app.command("move-table")
+def move_table(
+    table: Annotated[str, typer.Option(metavar="NAME", help="The object to carry.")],
+    to: Annotated[str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Where its middle shall be, m and rad.")],
+    leader: LeaderName,
+    naming: Naming = None,
+) -> None:
+    """Carry a table somewhere. The leader looks for helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
+    from robocorba.programs.builder import ProgramBuilder
+    from robocorba.programs.program import dumps
+    from robocorba.remote.agents import RemoteAgent
+    from robocorba.remote.data_pool import RemotePool
+
+    stop = Stop()
+    with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
+        agent = RemoteAgent(orb, leader)
+        agent.load(dumps(ProgramBuilder(f"move {table}").move_table(table, parse_destination(to)).program()))
+        agent.run()
+        result, reason, seconds = _follow(agent, RemotePool.of_robot(orb, leader), stop)
+    typer.echo(f"{result}\t{seconds:.1f} s\t{reason}".rstrip())
+    if result != "done":
+        raise typer.Exit(1)
+
+
+@app.command()
+def status(leader: LeaderName, naming: Naming = None) -> None:
+    """The mission that a robot leads, or led last: its phase, and who does what."""
+    from robocorba.remote.data_pool import RemotePool
+
+    with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
+        kept = _latest(RemotePool.of_robot(orb, leader, 3.0))
+    if kept is None:
+        typer.echo(f"{leader} has led no mission")
+        return
+    plan = kept.plan
+    table = Table(title=f"{plan.mission}: {plan.kind} {plan.thing}, {kept.phase}")
+    table.add_column("phase")
+    for subplan in plan.subplans:
+        table.add_column(f"{subplan.robot} ({subplan.role})")
+    for number, phase in enumerate(plan.phases):
+        steps = [type(subplan.steps[number]).__name__ for subplan in plan.subplans]
+        table.add_row(phase, *steps, style="bold" if phase == kept.phase else "")
+    Console().print(table)
+
+
+@app.command()
+def abort(leader: LeaderName, naming: Naming = None) -> None:
+    """End the mission that a robot leads: all put down what they hold, and are free."""
+    from robocorba.remote.agents import RemoteAgent
+
+    with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
+        RemoteAgent(orb, leader).abort()
+
+
+@app.command()
+def report(
+    mission: Annotated[str, typer.Argument(help="Its name, or the beginning of it; the latest if left out.")] = "",
+    state: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The state folder of the leader [ROBOCORBA_STATE].")
+    ] = None,
+) -> None:
+    """Print what is known of a mission that has ended, and write it as a web page beside its JSON."""
+    from robocorba.missions import page, timeline
+    from robocorba.missions.record import REPORT_FILE
+
+    with reporting("mission"):
+        folder = Settings.read(state=state).state / MISSIONS
+        found = sorted(folder.glob(f"{mission}*/{REPORT_FILE}"), key=lambda file: file.stat().st_mtime)
+        if not found:
+            raise ServiceError(f"no report of a mission {mission!r} in {folder}")
+        file = found[-1]
+        content = json.loads(file.read_text())
+        timeline.draw(content, file.parent / "timeline.png")
+        written = page.write(content, file.parent, [("timeline.png", "Who waited for whom")])
+        table = Table("phase", "from [s]", "took [s]", "waited for", title=f"{content['mission']}: {content['result']}")
+        for phase in content["phases"]:
+            took = max(phase["done_s"].values(), default=phase["began_s"]) - phase["began_s"]
+            table.add_row(phase["name"], f"{phase['began_s']:.1f}", f"{took:.1f}", phase["waited_for"])
+        Console().print(table)
+        if content["reason"]:
+            typer.echo(content["reason"])
+        typer.echo(f"wrote {written}")
+
+
+def parse_destination(text: str) -> Destination:
+    """FLOOR:X,Y[,HEADING]. Raises InvalidRequest."""
+    from robocorba.programs.icons import Destination
+
+    match = re.fullmatch(r"(.+):([^,:]+),([^,:]+)(?:,([^,:]+))?", text)
+    try:
+        if match:
+            return Destination(match[1], float(match[2]), float(match[3]), float(match[4] or 0.0))
+    except ValueError:
+        pass
+    raise InvalidRequest("to", f"{text[:80]!r} is not of the form FLOOR:X,Y or FLOOR:X,Y,HEADING, such as L1:12,3")
+
+
+def _follow(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[str, str, float]:
+    """Until it has ended: result, reason, seconds. Tells each phase that begins."""
+    told, is_ending, away_s = "", False, 0.0
+    with progress(1.0) as bar:
+        while True:
+            try:
+                report = agent.state().program
+                kept = _latest(pool)
+                away_s = 0.0
+            except NotReachable:
+                away_s += LOOK_S
+                if away_s > AWAY_LIMIT_S:
+                    raise
+                stop.wait(LOOK_S)
+                continue
+            if kept and kept.phase != told and report.result.name == "NO_RESULT":
+                told = kept.phase
+                typer.echo(
+                    f"{told}\t{', '.join(subplan.robot for subplan in kept.plan.subplans)}\t{report.seconds:.1f} s"
+                )
+            phases = kept.plan.phases if kept else ()
+            bar(phases.index(told) / len(phases) if told in phases else 0.0, told)
+            if report.result.name != "NO_RESULT":
+                return report.result.name.lower(), report.reason, report.seconds
+            if stop.wait(LOOK_S) and not is_ending:
+                is_ending = True
+                agent.abort()
+
+
+def _latest(pool: RemotePool) -> KeptPlan | None:
+    from robocorba.missions.record import plan_of
+
+    plans = pool.plans()
+    return plan_of(plans[-1].content) if plans else None

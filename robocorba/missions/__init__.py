@@ -1,0 +1,1 @@
+"""Missions: what robots do together. Mission layer, transport layer and execution layer."""

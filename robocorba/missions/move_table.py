@@ -1,0 +1,161 @@
+"""The cooperative icon move_table: who stands where around an object, and how all of them carry it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from shapely import Polygon
+from shapely.affinity import rotate, translate
+
+from robocorba.errors import PathError
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.geometry import shaft_polygon
+from robocorba.missions.carry import CarryPlan, Leg, plan_carry
+from robocorba.missions.formation import Pose
+from robocorba.missions.helpers import assigned
+from robocorba.missions.mission_agent import PAYLOAD_KG
+from robocorba.missions.subplan import (
+    Approach,
+    BackOff,
+    CallCabin,
+    Carry,
+    CooperativePlan,
+    Gather,
+    PutDown,
+    Ride,
+    Step,
+    SubPlan,
+    TakeHold,
+)
+from robocorba.missions.trajectory import Trajectory
+from robocorba.missions.world import World
+from robocorba.planning.request import PathRequest, Place
+from robocorba.programs.icons import Destination
+
+#: Helpers gather so far behind their places, m, and back off as far.
+BACK_M = 0.3
+#: Under the board's edge, m.
+BOARD_M = 0.02
+#: A cabin is called from where everything is clear of its doors by so much, m.
+CLEAR_M = 0.15
+LOOK_S = 0.1
+GATHER_LIMIT_S, NEAR_LIMIT_S, CABIN_LIMIT_S = 240.0, 30.0, 300.0
+#: A carry may take so many times as long as planned, and some more, s.
+CARRY_TIMES, CARRY_MORE_S = 3.0, 20.0
+
+
+class _Turn(NamedTuple):
+    """What all robots do at the same time: a name for people, and each one's step."""
+
+    phase: str
+    steps: Sequence[Step]
+
+
+class MoveTable:
+    """As an Expansion: plans when it is made, for the robots that a thing of this weight needs.
+
+    Raises MissionFailed, ImpossibleCarry, NotReachable."""
+
+    def __init__(self, world: World, table: str, goal: Destination, robots: int = 0) -> None:
+        self._world = world
+        self._thing = thing = world.thing(table)
+        count = robots or max(2, math.ceil(thing.mass_kg / PAYLOAD_KG - 1e-9))
+        self._carry: CarryPlan = plan_carry(
+            world.building(),
+            table,
+            (thing.floor, thing.x, thing.y, thing.heading),
+            (goal.floor, goal.x, goal.y, goal.heading),
+            count,
+            blocked=world.others(table),
+        )
+        self.helpers = count - 1
+        self.meeting_point = Place(thing.floor, thing.x, thing.y)
+
+    def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
+        thing, formation = self._thing, self._carry.formation
+        at = (thing.x, thing.y, thing.heading)
+        behind = [_placed(place, at) for place in formation.places(BACK_M)]
+        names = assigned(robots, [Place(thing.floor, x, y) for x, y, _ in behind], leader, self._way_m)
+        turns = [
+            _Turn(
+                "gathering",
+                [Gather(floor=thing.floor, x=x, y=y, heading=h, limit_s=GATHER_LIMIT_S) for x, y, h in behind],
+            ),
+            _Turn("approaching", [_approach(_placed(place, at)) for place in formation.places()]),
+            _Turn("gripping", [self._hold(_placed((grip.x, grip.y, 0.0), at)) for grip in formation.grips]),
+        ]
+        for leg, after in zip(self._carry.legs, [*self._carry.legs[1:], None], strict=True):
+            turns += self._leg(leg, after)
+        turns.append(_Turn("putting down", [PutDown(limit_s=NEAR_LIMIT_S) for _ in names]))
+        turns.append(_Turn("backing off", [BackOff(distance_m=BACK_M, limit_s=NEAR_LIMIT_S) for _ in names]))
+        subplans = tuple(
+            SubPlan(name, "leader" if name == leader else "helper", tuple(turn.steps[place] for turn in turns))
+            for place, name in enumerate(names)
+        )
+        return CooperativePlan(mission, "move table", leader, thing.name, tuple(turn.phase for turn in turns), subplans)
+
+    def _way_m(self, start: Place, goal: Place) -> float | None:
+        try:
+            return self._world.paths(PathRequest(start, goal, radius=RADIUS_M))[0].distance
+        except PathError:
+            return None
+
+    def _hold(self, at: Pose) -> TakeHold:
+        height_m = self._thing.height_m - BOARD_M
+        return TakeHold(thing=self._thing.name, x=at[0], y=at[1], height_m=height_m, limit_s=NEAR_LIMIT_S)
+
+    def _leg(self, leg: Leg, after: Leg | None) -> list[_Turn]:
+        """On one floor; with the ride at its end."""
+        poses = [tuple(pose) for pose in leg.poses]
+        if not leg.elevator_after or after is None:
+            return self._carried("carrying", poses)
+        outside, inside = self._at_doors(poses, leg.elevator_after)
+        count = len(self._carry.formation.grips)
+        call = CallCabin(elevator=leg.elevator_after, destination=after.floor, limit_s=CABIN_LIMIT_S)
+        ride = Ride(elevator=leg.elevator_after, destination=after.floor, limit_s=CABIN_LIMIT_S)
+        return [
+            *self._carried("carrying", outside),
+            _Turn("waiting for the cabin", [call] * count),
+            *self._carried("driving in", inside),
+            _Turn("riding", [ride] * count),
+        ]
+
+    def _carried(self, phase: str, poses: Sequence[Pose]) -> list[_Turn]:
+        places = self._carry.formation.places()
+        trajectory = Trajectory(poses, places)
+        if trajectory.duration == 0.0:
+            return []
+        limit_s = CARRY_TIMES * trajectory.duration + CARRY_MORE_S
+        rows = trajectory.to_rows()
+        return [_Turn(phase, [Carry(rows=rows, place=place, limit_s=limit_s) for place in places])]
+
+    def _at_doors(self, poses: list[Pose], elevator: str) -> tuple[list[Pose], list[Pose]]:
+        """A way into a cabin: as far as everything is clear of its doors, and from there on."""
+        shaft = shaft_polygon(self._world.building().elevators[elevator]).buffer(CLEAR_M)
+        footprint = Polygon(self._carry.formation.footprint(self._thing.outline).convex_hull)
+        trajectory = Trajectory(poses, self._carry.formation.places())
+        clear_until = 0.0
+        while clear_until + LOOK_S < trajectory.duration:
+            if _at(footprint, trajectory.at(clear_until + LOOK_S)[0]).intersects(shaft):
+                break
+            clear_until += LOOK_S
+        rows, last = trajectory.to_rows(), trajectory.at(clear_until)[0]
+        before = [(x, y, heading) for time, x, y, heading, _ in rows if time < clear_until]
+        after = [(x, y, heading) for time, x, y, heading, _ in rows if time > clear_until]
+        return [*before, last], [last, *after]
+
+
+def _approach(at: Pose) -> Approach:
+    return Approach(x=at[0], y=at[1], heading=at[2], limit_s=NEAR_LIMIT_S)
+
+
+def _placed(place: Pose, at: Pose) -> Pose:
+    """A place of a frame that is at a pose, in the building's."""
+    c, s = math.cos(at[2]), math.sin(at[2])
+    return at[0] + c * place[0] - s * place[1], at[1] + s * place[0] + c * place[1], at[2] + place[2]
+
+
+def _at(shape: Polygon, pose: Pose) -> Polygon:
+    return translate(rotate(shape, pose[2], (0.0, 0.0), use_radians=True), pose[0], pose[1])

@@ -1,0 +1,166 @@
+"""The execution layer: how a robot does each step of its SubPlan."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from functools import singledispatchmethod
+from typing import Any
+
+from robocorba.control.robot import Robot
+from robocorba.control.robot_state import RobotState
+from robocorba.errors import RoboCorbaError, Unreachable
+from robocorba.kinematics.pose import HandPose
+from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, SHUT_RAD, Side
+from robocorba.kinematics.tasks import POSTURES
+from robocorba.missions import subplan
+from robocorba.missions.carrying import CarryMotion
+from robocorba.missions.clock import LeaderClock
+from robocorba.missions.rhythm import Rhythm
+from robocorba.missions.trajectory import Trajectory
+from robocorba.simulation.elevator import Phase
+
+#: Slow near others, m/s; and how far apart two hands hold an edge, m.
+NEAR_SPEED, HANDS_APART_M = 0.2, 0.4
+Places = Callable[[str], tuple[float, float, float] | None]
+
+
+class Performer:
+    """Does steps on a robot. where: an object's x, y and heading on the robot's floor, None where nobody knows it."""
+
+    def __init__(self, robot: Robot, rhythm: Rhythm, clock: LeaderClock, where: Places) -> None:
+        self._robot, self._rhythm, self._clock, self._where = robot, rhythm, clock, where
+        self.carry: CarryMotion | None = None
+        #: Where the grip is in the frame of the object, and ahead of the base, m.
+        self._grip_in_thing: tuple[float, float] | None = None
+        self._hand_m: tuple[float, float] = (0.0, 0.0)
+        self._thing = ""
+
+    @property
+    def error_m(self) -> float:
+        """How far the robot is from where it shall be while it carries."""
+        return self.carry.error_m if self.carry else 0.0
+
+    @singledispatchmethod
+    def do(self, step: Any) -> None:
+        """A step, to its end. Raises RobotError, SimulationError, PathError."""
+        raise NotImplementedError(type(step).__name__)
+
+    @do.register
+    def _(self, step: subplan.Wait) -> None:
+        pass
+
+    @do.register
+    def _(self, step: subplan.Gather) -> None:
+        self._posture("tuck")
+        self._robot.drive_path(step.floor, step.x, step.y, step.heading)
+
+    @do.register
+    def _(self, step: subplan.Approach) -> None:
+        self._robot.drive_to(step.x, step.y, step.heading, NEAR_SPEED)
+
+    @do.register
+    def _(self, step: subplan.TakeHold) -> None:
+        state = self._robot.controller.state
+        ahead_m = math.dist((state.x, state.y), (step.x, step.y))
+        self._hands_at(ahead_m, step.height_m)
+        self._robot.grip(tuple(Side), SHUT_RAD, 5.0)
+        self._robot.hold(step.thing, step.x, step.y)
+        self._thing = step.thing
+        self._remember_grip(step)
+
+    @do.register
+    def _(self, step: subplan.Carry) -> None:
+        trajectory = Trajectory.from_rows(step.rows)
+        self.carry = CarryMotion(trajectory, step.place, self._rhythm, self._clock, self._slipped_m)
+        self._robot.move(self.carry)
+
+    @do.register
+    def _(self, step: subplan.CallCabin) -> None:
+        self._robot.call_elevator(step.elevator, step.destination)
+
+    @do.register
+    def _(self, step: subplan.Ride) -> None:
+        self._robot.wait_for_ride(Phase.ALIGHTING, f"{step.elevator} did not arrive at {step.destination}")
+
+    @do.register
+    def _(self, step: subplan.PutDown) -> None:
+        self.let_go()
+        self._robot.grip(tuple(Side), OPEN_RAD)
+
+    @do.register
+    def _(self, step: subplan.BackOff) -> None:
+        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED)
+        self._posture("tuck")
+
+    @do.register
+    def _(self, step: subplan.Reach) -> None:
+        side = Side(step.hand)
+        joints = self._robot.kinematics.solve(side, HandPose(*step.pose), self._robot.joints, lumbar_helps=True)
+        self._robot.joints_along([joints])
+
+    @do.register
+    def _(self, step: subplan.Grip) -> None:
+        self._robot.grip((Side(step.hand),), SHUT_RAD if step.closes else OPEN_RAD)
+
+    def let_go(self) -> None:
+        """Of what is held in the building; also of a robot that is stopped."""
+        self._thing = ""
+        self._robot.session.release()
+
+    def end_safely(self) -> None:
+        """After a mission that was broken off: put down, step back, take the arms in, as far as it can be done."""
+        with contextlib.suppress(RoboCorbaError):
+            was_holding = bool(self._robot.session.state().holding)
+            self.let_go()
+            self._robot.session.give_up_elevator()
+            if was_holding:
+                self._robot.grip(tuple(Side), OPEN_RAD)
+                self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED)
+            self._posture("tuck")
+
+    def _posture(self, name: str) -> None:
+        joints = self._robot.joints
+        for side in Side:
+            joints[ARM[side]] = POSTURES[name]
+        joints[LUMBAR] = 0.0
+        self._robot.joints_along([joints])
+
+    def _hands_at(self, ahead_m: float, height_m: float) -> None:
+        """Both hands level at an edge; as near to it as they get where they can't reach it so."""
+        joints = self._robot.joints
+        joints[[GRIP[side] for side in Side]] = OPEN_RAD
+        left = HandPose(ahead_m, HANDS_APART_M / 2, height_m)
+        try:
+            joints = self._robot.kinematics.solve_both(left, left.mirrored(), joints, lumbar_helps=True)
+        except Unreachable:
+            for side in Side:
+                joints[ARM[side]] = POSTURES["reach"]
+        assert len(joints) == len(JOINTS)
+        self._robot.joints_along([joints])
+
+    def _remember_grip(self, step: subplan.TakeHold) -> None:
+        """Where the object is held, in its own frame and in the robot's: they must stay together."""
+        at, state = self._where(step.thing), self._robot.controller.state
+        self._hand_m = _into(step.x, step.y, state.x, state.y, state.heading)
+        self._grip_in_thing = _into(step.x, step.y, *at) if at else None
+
+    def _slipped_m(self, state: RobotState) -> float:
+        """How far the object is from the hand that holds it, by what is known of it now."""
+        at = self._where(self._thing) if self._thing else None
+        if at is None or self._grip_in_thing is None:
+            return 0.0
+        return math.dist(_out_of(*self._grip_in_thing, *at), _out_of(*self._hand_m, state.x, state.y, state.heading))
+
+
+def _into(x: float, y: float, ox: float, oy: float, heading: float) -> tuple[float, float]:
+    """A point of the building in a frame."""
+    c, s = math.cos(heading), math.sin(heading)
+    return c * (x - ox) + s * (y - oy), c * (y - oy) - s * (x - ox)
+
+
+def _out_of(x: float, y: float, ox: float, oy: float, heading: float) -> tuple[float, float]:
+    """A point of a frame in the building."""
+    c, s = math.cos(heading), math.sin(heading)
+    return ox + c * x - s * y, oy + s * x + c * y

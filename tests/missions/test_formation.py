@@ -1,0 +1,102 @@
+"""Where robots stand around an object that they carry."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import MultiPoint, Point, Polygon
+
+from robocorba.errors import InvalidCarry
+from robocorba.maps.model import CircleShape, MapObject
+from robocorba.maps.movable import outline as outline_of
+from robocorba.missions.formation import Formation, Grip, formations
+
+TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
+
+
+def circle(radius_m: float) -> Polygon:
+    return outline_of(MapObject(name="round", shape=CircleShape(radius=radius_m), at=(0.0, 0.0)))
+
+
+@st.composite
+def outlines(draw: st.DrawFn) -> Polygon:
+    kind = draw(st.sampled_from(("box", "circle", "polygon")))
+    if kind == "box":
+        width, depth = draw(st.floats(0.2, 3.0)), draw(st.floats(0.2, 3.0))
+        return shapely.box(-width / 2, -depth / 2, width / 2, depth / 2)
+    if kind == "circle":
+        return circle(draw(st.floats(0.1, 1.5)))
+    sides = draw(st.integers(3, 7))
+    ends = [draw(st.floats(0.3, 1.5)) for _ in range(sides)]
+    turns = [math.tau * i / sides for i in range(sides)]
+    return Polygon([(end * math.cos(turn), end * math.sin(turn)) for end, turn in zip(ends, turns, strict=True)])
+
+
+@settings(max_examples=60, deadline=None)
+@given(outlines(), st.integers(1, 6), st.sampled_from((0.3, 0.4)))
+def test_carriers_overlap_neither_each_other_nor_the_object(outline: Polygon, count: int, radius_m: float) -> None:
+    try:
+        found = formations(outline, count, radius_m, 0.62)
+    except InvalidCarry:
+        return
+    for formation in found:
+        places = formation.places()
+        assert len(places) == count
+        for here, there in combinations(places, 2):
+            assert math.dist(here[:2], there[:2]) > 2 * radius_m
+        for (x, y, heading), grip in zip(places, formation.grips, strict=True):
+            assert outline.distance(Point(x, y)) >= radius_m
+            hands = x + 0.62 * math.cos(heading), y + 0.62 * math.sin(heading)
+            assert hands == pytest.approx(grip[:2])
+            assert outline.exterior.distance(Point(grip[:2])) < 1e-6
+
+
+@settings(max_examples=60, deadline=None)
+@given(outlines(), st.integers(2, 6))
+def test_what_is_carried_does_not_tip_over(outline: Polygon, count: int) -> None:
+    try:
+        found = formations(outline, count)
+    except InvalidCarry:
+        return
+    for formation in found:
+        assert MultiPoint([grip[:2] for grip in formation.grips]).convex_hull.distance(outline.centroid) <= 0.15
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6])
+def test_up_to_six_find_places_at_a_table(count: int) -> None:
+    found = formations(TABLE, count)
+    assert found == formations(TABLE, count)
+    assert len({tuple(sorted(formation.grips)) for formation in found}) == len(found)
+
+
+def test_two_take_a_table_at_its_ends() -> None:
+    places = sorted(formations(TABLE, 2)[0].places())
+    assert places[0] == pytest.approx((-1.42, 0.0, 0.0))
+    assert places[1][:2] == pytest.approx((1.42, 0.0))
+
+
+def test_four_take_a_round_table_from_all_sides() -> None:
+    hull = MultiPoint([grip[:2] for grip in formations(circle(0.6), 4)[0].grips]).convex_hull
+    assert hull.exterior.distance(Point(0.0, 0.0)) > 0.25
+
+
+def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
+    formation = Formation((Grip(0.8, 0.0, math.pi), Grip(-0.8, 0.0, 0.0)))
+    footprint = formation.footprint(TABLE, 0.4)
+    assert footprint.geom_type == "Polygon"
+    assert footprint.bounds == pytest.approx((-1.82, -0.4, 1.82, 0.4))
+    assert footprint.covers(TABLE)
+    assert footprint.area == pytest.approx(1.6 * 0.8 + 2 * math.pi * 0.16 + 2 * 0.4 * 0.22, abs=0.04)
+
+
+@pytest.mark.parametrize(
+    ("outline", "count"), [(TABLE, 0), (TABLE, 7), (shapely.box(-0.1, -0.1, 0.1, 0.1), 6), (Polygon(), 2)]
+)
+def test_what_cannot_be_carried_so_is_refused(outline: Polygon, count: int) -> None:
+    with pytest.raises(InvalidCarry):
+        formations(outline, count, 0.4, 0.45)
