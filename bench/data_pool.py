@@ -32,7 +32,7 @@ from bench.processes import Process
 from bench.report import PROGRESS, Mark, at_least, at_most, quantile, tell
 from bench.robots_client import START_LIMIT_S, Clients
 from bench.simulation_building import robots
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.maps.samples import load_sample, sample_path
 from robocorba.orb import Orb
 from robocorba.settings import Address

@@ -25,7 +25,7 @@ from omniORB import CORBA
 
 from bench.places import random_trips
 from bench.report import PROGRESS, quantile, timed_ms, write
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.conversion import errors as idl_errors
 from robocorba.conversion import maps, paths
 from robocorba.maps import native

@@ -18,7 +18,7 @@ from omniORB import CORBA
 
 from bench.places import random_places
 from bench.report import quantile, write
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 from robocorba.orb import Orb
 from robocorba.planning.request import SMARTPAL_RADIUS_M

@@ -29,7 +29,7 @@ from shapely import LineString, STRtree
 from bench.buildings import grid_building
 from bench.places import random_trips
 from bench.report import PROGRESS, quantile, timed_ms, write
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.errors import NoPath
 from robocorba.maps import native
 from robocorba.maps.geometry import obstacles

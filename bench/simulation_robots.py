@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from bench.report import PROGRESS, Mark, at_least, at_most, quantile, tell, timed_ms
 from bench.robots_client import Clients, Worked, pids_of
 from bench.simulation_building import office, robots
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.conversion import simulation
 from robocorba.maps import native
 from robocorba.orb import Orb

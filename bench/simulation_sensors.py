@@ -22,7 +22,7 @@ from bench.processes import Process
 from bench.report import PROGRESS, Mark, at_most, quantile, tell, timed_ms
 from bench.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, Worked, pids_of
 from bench.simulation_building import office, robots
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.conversion import scans, simulation
 from robocorba.maps import native
 from robocorba.orb import Orb

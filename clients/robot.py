@@ -17,10 +17,12 @@ from robocorba.data_pool.plans import Plans
 from robocorba.errors import PlaceTaken, RoboCorbaError
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
+from robocorba.missions import carry
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.orb import Orb, describe
 from robocorba.planning.request import Place
-from robocorba.programs import checker, program
+from robocorba.programs import program
+from robocorba.programs.checker import Start, require
 from robocorba.programs.program import Program
 from robocorba.remote.cooperation import Cooperation
 from robocorba.remote.data_pool import PoolFollower
@@ -45,8 +47,8 @@ class Checker:
 
     def __call__(self, wanted: Program, state: AgentState) -> None:
         at = state.at
-        start = checker.Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
-        checker.require(wanted, self._kinematics, self._planner, start)
+        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
+        require(wanted, self._kinematics, self._planner, start)
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
@@ -67,15 +69,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     wanted = program.load(settings.program) if settings.program else None
     start = settings.at or Pose(settings.floor, 0.0, 0.0)
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:
+        planner = RemotePlanner(orb)
+        # Before it logs on: a robot is silent while kernels are compiled, and would be lost.
+        checker = Checker(planner)
+        if settings.channel:
+            carry.warm_up()
         session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
         log_on(session, orb, settings)
-        planner = RemotePlanner(orb)
         plans = Plans()
         reports = settings.common.state / MISSIONS
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
         ticks = stack.enter_context(TickFile(settings.record)) if settings.record else None
-        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, Checker(planner), ticks)
+        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, checker, ticks)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
         follower = PoolFollower(orb, session.latest.at.floor, settings.name).start()

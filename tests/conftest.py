@@ -14,7 +14,6 @@ from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation import physics
 from tests.maps.buildings import two_floors
 
-
 # How long examples take to make says something of the machine and its load, nothing of what is tested.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile("suite")

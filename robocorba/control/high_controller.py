@@ -33,8 +33,9 @@ HANG_LIMIT_S = 1.5
 END_LIMIT_S = 5.0
 #: Ticks that `jitter_s` is the worst of, and that are kept for whoever wants them all.
 JITTER_TICKS = 500
-#: Nothing moves faster unless somebody allows it, m/s: from here SmartPal's wheels need 82 ms to stand.
-SPEED_CAP = 0.4
+#: Nothing moves faster unless somebody allows it, m/s: from here SmartPal's wheels stand in 78 ms, and a virtual robot
+#: in four steps of the simulation, so that an order to stop has 20 ms for its way.
+SPEED_CAP = 0.38
 
 _log = logging.getLogger(__name__)
 

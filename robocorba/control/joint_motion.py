@@ -18,8 +18,8 @@ FINGER_N_PER_RAD = 100.0
 #: their way, s; after that this is near enough, rad.
 THERE_RAD = math.radians(0.1)
 SETTLE_S, NEAR_RAD = 3.0, math.radians(0.3)
-#: A finger that moves slower has met something, rad/s; it presses for so long before it counts as gripping, s.
-STILL_RAD_S, HOLD_S = 0.05, 0.1
+#: A finger that moves slower for so long has met something, rad/s and s; then it presses on it for so long, s.
+STILL_RAD_S, MET_S, HOLD_S = 0.05, 0.15, 0.1
 #: Of joints' speed and acceleration a motion uses so much: what is left makes up for what lags.
 SHARE = 0.8
 #: Greatest first and second derivative of the quintic that goes from 0 to 1 in 1 s.
@@ -95,7 +95,7 @@ class GripMotion(JointMotion):
         super().__init__(np.array([joints, wanted]), names, speed, acceleration, 0.0, watched)
         self._fingers, self._force_n, self._names = list(fingers), force_n, names
         self._met: Floats | None = None
-        self._met_at = 0.0
+        self._met_at = self._still_since = 0.0
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
         if self._met is not None:
@@ -104,8 +104,12 @@ class GripMotion(JointMotion):
         wish = super().wish(state, elapsed_s)
         if wish is None or wish.joints is None or self._force_n is None:
             return wish
-        lag = np.abs(wish.joints - state.joints)[self._fingers]
-        moving = np.abs(state.joint_velocities)[self._fingers]
-        if lag.max() >= self._force_n / FINGER_N_PER_RAD and moving.max() < STILL_RAD_S:
-            self._met, self._met_at = wish.joints.copy(), elapsed_s
-        return wish
+        lead = self._force_n / FINGER_N_PER_RAD
+        joints, here = wish.joints.copy(), state.joints[self._fingers]
+        lag = np.abs(joints[self._fingers] - here).max()
+        joints[self._fingers] = np.clip(joints[self._fingers], here - lead, here + lead)
+        if lag < lead or np.abs(state.joint_velocities[self._fingers]).max() >= STILL_RAD_S:
+            self._still_since = elapsed_s
+        elif elapsed_s - self._still_since >= MET_S:  # else a finger may just not have started yet
+            self._met, self._met_at = joints, elapsed_s
+        return wish._replace(joints=joints)

@@ -12,7 +12,7 @@ import numpy as np
 from omniORB import CORBA
 
 from robocorba.control.adaptors import Surroundings
-from robocorba.control.smartpal_adaptor import SmartPalAdaptor
+from robocorba.control.smartpal_adaptor import Place, SmartPalAdaptor
 from robocorba.errors import AdaptorFailed, NotReachable, UnitFailed
 from robocorba.grids import Floats
 from robocorba.kinematics.smartpal import Side
@@ -221,7 +221,12 @@ class RemoteSmartPalUnits:
 
 def adaptor(surroundings: Surroundings) -> SmartPalAdaptor:
     """The entry point `smartpal` of the adaptors."""
-    return SmartPalAdaptor(units_at(surroundings.orb))
+
+    def where() -> Place:
+        at = surroundings.session.latest.at
+        return at.x, at.y, at.heading
+
+    return SmartPalAdaptor(units_at(surroundings.orb), where)
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:

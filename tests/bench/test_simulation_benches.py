@@ -18,7 +18,7 @@ from bench.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, Worked, dri
 from bench.simulation_building import RADIUS_M, office, robots
 from bench.simulation_headless import LASER, MOST, RING, Case, Lap, crowd
 from bench.simulation_robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
-from clients.demo import servers
+from clients.robot_processes import servers
 from robocorba.maps import native
 from robocorba.maps.movable import movables
 from robocorba.orb import Orb

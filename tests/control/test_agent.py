@@ -100,6 +100,17 @@ def test_pauses_are_seen(agent: ControlAgent) -> None:
     eventually(lambda: ended(agent), "aborted")
 
 
+def test_a_wait_ends_where_the_robot_is_lost(agent: ControlAgent, session: InProcessSession) -> None:
+    agent.load(ProgramBuilder("waiting").wait(600.0).program())
+    agent.run()
+    session.is_away = True
+    eventually(lambda: ended(agent), "failed")
+    assert agent.state.program.result is Result.FAILED
+    assert agent.state.program.reason == "nobody answers"
+    session.is_away = False
+    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+
+
 def test_an_emergency_stop_ends_the_program_until_it_is_reset(agent: ControlAgent) -> None:
     agent.load(LONG)
     agent.run()

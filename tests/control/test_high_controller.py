@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.driving import Drive, DriveAt
-from robocorba.control.high_controller import TICK_S, HighController
+from robocorba.control.high_controller import TICK_S, VALID_S, HighController
 from robocorba.control.motion import Wish
 from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
-from robocorba.kinematics.smartpal import BASE
+from robocorba.kinematics.smartpal import BASE, LOWER, SPEED, UPPER
 from robocorba.simulation.registry import Pose
 from tests.control.places import controller, documented_adaptor, eventually
 
@@ -54,6 +55,8 @@ class Watched(RobotAdaptor):
         self.commands.append(command)
         if self.hangs.is_set():
             self.goes_on.wait(5.0)
+            if self.failure:
+                raise self.failure
         return self.disc.write(command)
 
 
@@ -198,7 +201,72 @@ def test_a_fault_of_an_adaptor_stops_the_robot(high: HighController, adaptor: Wa
     eventually(lambda: high.stopped == "KeyError: 'joint'", "stopped")
 
 
-def test_the_end_ends_a_motion(adaptor: Watched) -> None:
+def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, adaptor: Watched) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    adaptor.hangs.set()
+    eventually(lambda: high.watch() or high.stopped != "", "noticed")
+    thread.join(5.0)
+    assert isinstance(raised[0], RobotLost) and "adaptor or process hung for 1." in str(raised[0])
+    with pytest.raises(RobotLost, match="hung"):
+        high.check()
+    high.halt("button")
+    with pytest.raises(AdaptorFailed, match="still hangs"):
+        high.resume_from_halt()
+    adaptor.hangs.clear()
+    adaptor.goes_on.set()
+    ticks = len(high.late_s)
+    eventually(lambda: len(high.late_s) > ticks, "ticks again")
+    high.resume_from_halt()
+    high.check()
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, adaptor: Watched) -> None:
+    class Watching:
+        def __init__(self) -> None:
+            self.elapsed: list[float] = []
+
+        def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+            self.elapsed.append(elapsed_s)
+            return Wish() if elapsed_s < 0.6 else None
+
+    watching = Watching()
+    thread, _ = in_background(high.move, watching)
+    eventually(lambda: len(watching.elapsed) > 5, "running")
+    adaptor.hangs.set()
+    time.sleep(0.5)
+    adaptor.hangs.clear()
+    adaptor.goes_on.set()
+    thread.join(5.0)
+    assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
+
+
+def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighController, adaptor: Watched) -> None:
+    adaptor.hangs.set()
+    count = len(adaptor.commands)
+    eventually(lambda: len(adaptor.commands) > count, "a write that hangs")
+    adaptor.failure = AdaptorFailed("it was stopped")
+    high.halt("button")
+    adaptor.hangs.clear()
+    adaptor.goes_on.set()
+    time.sleep(0.2)
+    assert high.stopped == "button"
+
+
+def test_each_start_is_prepared(adaptor: Watched) -> None:
+    prepared: list[bool] = []
+    high = HighController(adaptor, BASE, LOWER, UPPER, SPEED, prepare=lambda: prepared.append(True))
+    high.start(())
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.failure = None
+    eventually(lambda: high.stopped == "", "found again")
+    high.close()
+    assert len(prepared) >= 2
+
+
+def test_the_end_ends_a_motion(adaptor: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
     high = controller(adaptor)
     high.start(())
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), math.inf))
@@ -206,3 +274,6 @@ def test_the_end_ends_a_motion(adaptor: Watched) -> None:
     high.close()
     thread.join(5.0)
     assert [str(error) for error in raised] == ["can't go on: the robot is switched off"]
+    monkeypatch.setattr(high_controller, "HANG_LIMIT_S", 0.0)
+    high.watch()
+    assert high.stopped == ""

@@ -23,6 +23,7 @@ SAMPLES = Path(str(files("robocorba") / "samples"))
     [
         ("drive", "paper-scene", Start(Place("L1", 1.1, 3.3), 0.0)),
         ("fetch", "five-floors", Start(Place("L1", 17.0, 1.2), 1.57)),
+        ("both-floors", "five-floors", Start(Place("L1", 17.0, 7.5), 1.57)),
     ],
 )
 def test_a_sample_is_sound_where_it_belongs(name: str, building: str, start: Start) -> None:

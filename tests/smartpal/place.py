@@ -36,8 +36,8 @@ class RobotPlace(NamedTuple):
 
 
 @contextlib.contextmanager
-def robot_place(folder: Path, *arguments: str) -> Iterator[RobotPlace]:
-    """Both processes, ready; ended with the `with`."""
+def robot_place(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[RobotPlace]:
+    """Both processes, ready; ended with the `with`. orb: of this process, where it has one already."""
     with claimed_ports() as port, Launcher(folder) as launch:
         naming = Address("127.0.0.1", port)
         names = folder / "names"
@@ -49,8 +49,8 @@ def robot_place(folder: Path, *arguments: str) -> Iterator[RobotPlace]:
             *("--endpoint", f"127.0.0.1:{port + 1}", "--naming", str(naming), *arguments),
             PYTHONPATH=str(ROOT),
         )
-        with Orb(Address("127.0.0.1", port + 2)) as orb:
-            place = RobotPlace(naming, process, orb)
+        with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
+            place = RobotPlace(naming, process, ours)
             eventually(lambda: _is_there(place), 60.0, "the stand-in")
             yield place
 

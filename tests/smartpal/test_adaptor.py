@@ -32,6 +32,7 @@ class Units:
         self.deaf: set[str] = set()
         self.never_ready: set[str] = set()
         self.delay_s = 0.0
+        self.odometry = 1.0, 2.0, 0.5
 
     def is_ready(self, unit: str) -> bool:
         return unit not in self.never_ready
@@ -50,7 +51,7 @@ class Units:
 
     def place(self) -> tuple[float, float, float]:
         time.sleep(self.delay_s)
-        return 1.0, 2.0, 0.5
+        return self.odometry
 
     def arm(self, side: Side) -> Floats:
         time.sleep(self.delay_s)
@@ -170,3 +171,30 @@ def test_a_robot_that_does_not_get_ready(units: Units, monkeypatch: pytest.Monke
     assert not adaptor.read(RobotState())
     units.never_ready = set()
     assert adaptor.start(ARGUMENTS)
+
+
+def places(units: Units) -> list[tuple[Any, ...]]:
+    return [order[1:] for order in orders(units, "set_place")]
+
+
+def test_a_robot_is_told_where_it_stands_when_it_is_started_first(units: Units) -> None:
+    """Later its odometry knows better than who gave the argument, unless the robot was switched off and on."""
+    body = SmartPalAdaptor(lambda naming: units, lambda: (4.0, 5.0, 0.6))
+    assert body.start(ARGUMENTS)
+    assert places(units) == [(4.0, 5.0, 0.6)]
+    adaptor = SmartPalAdaptor(lambda naming: units, lambda: (4.0, 5.0, 0.6))
+    again = [*ARGUMENTS, "--pose=7,8,0.9"]
+    assert adaptor.start(again)
+    assert places(units)[1:] == [(7.0, 8.0, 0.9)]
+    units.odometry = 9.0, 8.0, 3.1
+    adaptor.read(RobotState())
+    adaptor.stop()
+    units.odometry = 9.1, 8.0, -3.1  # it braked
+    assert adaptor.start(again)
+    assert len(places(units)) == 2
+    adaptor.read(RobotState())
+    for odometry in ((0.0, 0.0, 0.0), (9.1, 8.0, 0.0)):
+        adaptor.stop()
+        units.odometry = odometry
+        assert adaptor.start(again)
+        assert places(units)[-1] == (9.1, 8.0, -3.1)

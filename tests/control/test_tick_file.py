@@ -1,0 +1,90 @@
+"""Ticks in a file: all of them, no more than there may be, and nobody waits for the disk."""
+
+from __future__ import annotations
+
+import csv
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robocorba.control import tick_file
+from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.control.tick_file import COLUMNS, Tick, TickFile
+from robocorba.errors import RoboCorbaError
+from robocorba.kinematics.smartpal import JOINTS
+
+JOINTS_RAD = np.arange(len(JOINTS)) / 10.0
+
+
+def tick(number: int) -> Tick:
+    state = RobotState(number / 50.0, 1.0, -2.0, 0.5, (0.1, 0.2, 0.3), JOINTS_RAD, np.zeros(len(JOINTS)))
+    command = ActorCommand((0.4, 0.5, 0.6), JOINTS_RAD + 1.0, np.zeros(len(JOINTS)))
+    return Tick("simulated", "fetch, carry", "icons[1].icons[0]", 3, "L1", state, command)
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    with file.open(newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+def test_every_tick_is_written(tmp_path: Path) -> None:
+    file = tmp_path / "ticks.csv"
+    with TickFile(file) as ticks:
+        for number in range(100):
+            ticks.add(tick(number))
+    found = rows(file)
+    assert tuple(found[0]) == COLUMNS
+    assert [float(row["time"]) for row in found] == [number / 50.0 for number in range(100)]
+    row = found[7]
+    assert list(row.values())[:5] == ["simulated", "fetch, carry", "icons[1].icons[0]", "3", "L1"]
+    assert [float(row[name]) for name in COLUMNS[6:15]] == [1.0, -2.0, 0.5, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert [float(row[name]) for name in JOINTS] == pytest.approx(JOINTS_RAD)
+    assert [float(row[f"told_{name}"]) for name in JOINTS] == pytest.approx(JOINTS_RAD + 1.0)
+
+
+def test_a_robot_without_joints(tmp_path: Path) -> None:
+    with TickFile(tmp_path / "ticks.csv") as ticks:
+        ticks.add(tick(0)._replace(state=RobotState(), command=ActorCommand()))
+    (row,) = rows(tmp_path / "ticks.csv")
+    assert {row[name] for name in JOINTS} == {""}
+    assert row["told_turn"] == "0.000000"
+
+
+def test_a_file_has_a_bound(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with TickFile(tmp_path / "ticks.csv", most_ticks=10) as ticks:
+        for number in range(15):
+            ticks.add(tick(number))
+    assert len(rows(tmp_path / "ticks.csv")) == 10
+    assert "5 ticks were left out" in caplog.text
+
+
+def test_a_slow_disk_delays_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk, made = threading.Event(), tick_file._row
+
+    def slow(one: Tick) -> Any:
+        assert disk.wait(5.0)
+        return made(one)
+
+    monkeypatch.setattr(tick_file, "_row", slow)
+    with TickFile(tmp_path / "ticks.csv") as ticks:
+        for number in range(tick_file.MOST_WAITING + 50):
+            ticks.add(tick(number))
+        assert ticks.left_out >= 49
+        disk.set()
+    assert len(rows(tmp_path / "ticks.csv")) == tick_file.MOST_WAITING + 50 - ticks.left_out
+
+
+def test_a_file_that_can_t_be_made(tmp_path: Path) -> None:
+    with pytest.raises(RoboCorbaError, match=r"can't write .*nowhere/ticks\.csv: No such file"):
+        TickFile(tmp_path / "nowhere" / "ticks.csv")
+
+
+def test_the_disk_is_full(caplog: pytest.LogCaptureFixture) -> None:
+    with TickFile(Path("/dev/full")) as ticks:
+        ticks.add(tick(0))
+        ticks._thread.join(5.0)
+        ticks.add(tick(1))
+    assert "can't write /dev/full any more: " in caplog.text

@@ -1,0 +1,149 @@
+"""One program over two floors on a virtual and on an actual robot: both end done, and at the same place."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import pytest
+
+from robocorba.control.agent import AgentState
+from robocorba.control.runner import Result
+from robocorba.kinematics.body import Body
+from robocorba.maps import native
+from robocorba.maps.model import Building, Floor, Wall
+from robocorba.orb import Orb
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.program import dumps
+from robocorba.stubs import RoboCorba
+from tests.maps.buildings import two_floors, with_all
+from tests.smartpal.place import RobotPlace, robot_place
+from tests.system.processes import Launcher, Running, claimed_ports, eventually, real_system
+from tests.system.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
+
+pytestmark = pytest.mark.system
+
+NAME, START = "A", (16.0, 5.0, 0.0)
+WHERE = ("--at", ",".join(map(str, START)), "--channel", "main", "--record", "ticks.csv")
+KINDS = ["mhand_posture", "mbase_path", "stop_if_closer", "mbase_by", "gripper", "mhand_pose", "gripper", "mbase_by"]
+
+
+def building() -> Building:
+    """Two low floors with a quick elevator, and a wall to stop before."""
+    plain = two_floors()
+    low = Floor(name="L2", level=2, elevation=1.0)
+    quick = msgspec.structs.replace(plain.elevators["E1"], door_time=0.3)
+    return with_all(plain, [("", low), ("", quick), ("L2", Wall(name="stop", a=(14.5, 3.0), b=(14.5, 7.0)))])
+
+
+def program() -> str:
+    """Where the base ends depends on where the sensor stops it."""
+    both = ProgramBuilder("both floors").mhand_posture("both", "tuck").mbase_path("L2", 16.0, 5.0, heading=math.pi)
+    with both.stop_if_closer("front", 0.8):
+        both.mbase_by(ahead=0.6, speed=0.1)
+    both.gripper("both", "open").mhand_pose("both", 0.45, 0.2, 0.95).gripper("both", "close", force=10.0)
+    return dumps(both.mbase_by(ahead=-0.1, turn=0.2).program())
+
+
+class Run(NamedTuple):
+    """state: at the end. printed: by `robocorba program run`. ticks: rows of the file of ticks."""
+
+    state: AgentState
+    printed: list[str]
+    ticks: list[dict[str, str]]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    folder = tmp_path_factory.mktemp("system")
+    native.save(building(), folder / "building.yaml")
+    with claimed_ports() as port, Launcher(folder) as launch:
+        yield real_system(launch, folder / "state", port, "--building", "building.yaml").wait_ready()
+
+
+@pytest.fixture(scope="module")
+def orb(place: Running) -> Iterator[Orb]:
+    with Orb(place.naming) as orb:
+        yield orb
+
+
+@pytest.fixture(scope="module")
+def actual(orb: Orb, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotPlace]:
+    """The actual robot; its odometry says that it is far away."""
+    with robot_place(tmp_path_factory.mktemp("robot"), "--seed", "3", "--x", "40", orb=orb) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def virtual(orb: Orb, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    with robot_process(tmp_path_factory.mktemp("virtual"), orb, NAME, "--floor", "L1", *WHERE) as robot:
+        return run(robot, "L1")
+
+
+def run(robot: RobotProcess, begins_on: str) -> Run:
+    """The program, to its end; the robot is where it began."""
+    floor, *at = robot.agent.state().at
+    assert (floor, at) == (begins_on, pytest.approx(START, abs=0.002))
+    (robot.folder / "program.json").write_text(program())
+    printed = robot.robocorba("program", "run", "program.json", "--robot", NAME).splitlines()
+    state = robot.agent.state()
+    with (robot.folder / "ticks.csv").open(newline="") as file:
+        return Run(state, printed, list(csv.DictReader(file)))
+
+
+def body_at(orb: Orb) -> Any:
+    """Where the simulation server has the robot."""
+    server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    (client,) = [client for client in server.clients() if client.name == NAME]
+    return client.at
+
+
+@pytest.mark.parametrize(("way", "begins_on"), [("switch", "L1"), ("adaptor", "L2")])
+def test_the_same_program_ends_at_the_same_place(
+    way: str, begins_on: str, virtual: Run, actual: RobotPlace, orb: Orb, tmp_path: Path
+) -> None:
+    """On the upper floor, to save time, the second actual run has no ride."""
+    smartpal = ("smartpal", "--", "--naming", str(actual.naming))
+    adaptor = ("--adaptor", *smartpal) if way == "adaptor" else ()
+    with robot_process(tmp_path, orb, NAME, "--floor", begins_on, *WHERE, *adaptor) as robot:
+        if way == "switch":
+            assert robot.robocorba("switch", NAME, *smartpal) == f"{NAME}\tsmartpal\n"
+        ran = run(robot, begins_on)
+        for each in (virtual, ran):
+            assert [line.split("\t")[1] for line in each.printed[:-1]] == KINDS
+            assert each.printed[-1].startswith(f"done\t{len(KINDS) - 1} icons\t")  # one was stopped
+            assert each.state.program.result is Result.DONE
+            assert each.state.at.floor == "L2"
+        assert (virtual.state.adaptor, ran.state.adaptor) == ("simulated", "smartpal")
+        found = apart(virtual.state, ran.state, Body())
+        assert found.base_m <= BASE_M
+        assert found.turned_rad <= TURNED_RAD
+        assert max(found.hands_m.values()) <= HAND_M
+        # The sensor stopped both before the wall, not the end of their way.
+        assert 15.5 < ran.state.at.x < 15.9
+        # Its body in the building has gone with it.
+        eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, 3.0, "the body")
+        if way == "switch":
+            robot.robocorba("switch", NAME, "simulated")
+            assert robot.agent.state().at[1:] == pytest.approx(ran.state.at[1:], abs=0.005)
+    check_ticks(virtual, "simulated", {"L1", "L2"})
+    check_ticks(ran, "smartpal", {begins_on, "L2"})
+
+
+def check_ticks(ran: Run, adaptor: str, floors: set[str]) -> None:
+    """Every tick of the program is there, with what the robot was told, and nothing else."""
+    assert {tick["adaptor"] for tick in ran.ticks} == {adaptor}
+    icons = list(dict.fromkeys(tick["icon"] for tick in ran.ticks if tick["icon"] != "icons[2]"))  # it may pass quickly
+    assert icons == [f"icons[{n}]" for n in range(2)] + ["icons[2].icons[0]"] + [f"icons[{n}]" for n in range(3, 7)]
+    times = [float(tick["time"]) for tick in ran.ticks]
+    assert times == sorted(times)
+    assert len(times) > 100
+    assert {tick["floor"] for tick in ran.ticks} == floors
+    last = ran.ticks[-1]
+    assert float(last["x"]) == pytest.approx(ran.state.at.x, abs=0.005)
+    assert float(last["left_4"]) == pytest.approx(float(last["told_left_4"]), abs=0.006)
+    assert max(float(tick["told_ahead"]) for tick in ran.ticks) >= 0.1  # towards the wall, at least
