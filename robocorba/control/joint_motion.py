@@ -20,8 +20,9 @@ THERE_RAD = math.radians(0.1)
 SETTLE_S, NEAR_RAD = 3.0, math.radians(0.3)
 #: A finger that moves slower for so long has met something, rad/s and s; then it presses on it for so long, s.
 STILL_RAD_S, MET_S, HOLD_S = 0.05, 0.15, 0.1
-#: Of joints' speed and acceleration a motion uses so much: what is left makes up for what lags.
-SHARE = 0.8
+#: Of joints' speed and acceleration a motion uses so much: what is left makes up for what lags, and arms that move no
+#: faster stand within 0.1 s.
+SHARE = 0.7
 #: Greatest first and second derivative of the quintic that goes from 0 to 1 in 1 s.
 _FASTEST, _STRONGEST = 1.875, 10.0 / math.sqrt(3.0)
 

@@ -1,0 +1,194 @@
+"""An actual robot that loses what it needs, or is stopped: it stands, its agent says why, and it works again after."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from robocorba.control.agent import AgentState, Condition
+from robocorba.control.runner import Result
+from robocorba.errors import IllegalOrder
+from robocorba.orb import Orb
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.program import Program, dumps
+from robocorba.remote.agents import RemoteAgent
+from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
+from tests.smartpal.place import ROOT, RobotPlace, robot_place
+from tests.system.processes import Launcher, Running, eventually, hang
+
+pytestmark = pytest.mark.system
+
+PATIENCE_S = 40.0
+LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.4, 60.0).program()
+WAITING = ProgramBuilder("waiting").wait(600.0).program()
+SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
+#: What the robot's odometry errs by and more, m.
+STANDS_M = 0.003
+
+
+class Robot:
+    """A robot process on the stand-in; `agent` is how it is called."""
+
+    def __init__(self, place: RobotPlace, pid: int, agent: RemoteAgent) -> None:
+        self._place, self.pid, self.agent = place, pid, agent
+        self._base = place.unit("Mobility.Unit", YeRTUnitMobility.mobility)
+
+    def set_off(self, program: Program = LONG) -> None:
+        self.agent.load(dumps(program))
+        self.agent.run()
+        if program is LONG:
+            eventually(lambda: self.agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving")
+
+    def stopped(self) -> AgentState:
+        """When its agent says so, and the program has ended."""
+
+        def is_so() -> bool:
+            state = self.agent.state()
+            return state.condition is Condition.STOPPED and state.program.result is not Result.NO_RESULT
+
+        eventually(is_so, PATIENCE_S, "stopped")
+        return self.agent.state()
+
+    def failed(self) -> AgentState:
+        eventually(lambda: self.agent.state().program.result is not Result.NO_RESULT, PATIENCE_S, "the program's end")
+        return self.agent.state()
+
+    def stands(self) -> bool:
+        """By what its own base says, now and half a second later."""
+        (_, *before), _ = self._base.getPosition(), time.sleep(0.5)
+        _, *after = self._base.getPosition()
+        return math.dist(before[:2], after[:2]) / 1000 < STANDS_M
+
+    def works(self) -> bool:
+        """Whether it runs a program again, at the latest when it has come back by itself."""
+
+        def runs() -> bool:
+            with contextlib.suppress(IllegalOrder):
+                self.agent.load(dumps(SHORT))
+                self.agent.run()
+                return True
+            return False
+
+        eventually(runs, PATIENCE_S, "that it may run a program")
+        return self.failed().program.result is Result.DONE
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory, system_orb: Orb) -> Iterator[RobotPlace]:
+    with robot_place(tmp_path_factory.mktemp("robot"), orb=system_orb) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: RobotPlace) -> Iterator[Robot]:
+    folder = tmp_path_factory.mktemp("agent")
+    where = ("--floor", "L1", "--at", "5,3,0", "--naming", str(system.naming), "--state", str(folder / "state"))
+    adaptor = ("--adaptor", "smartpal", "--", "--naming", str(place.naming), "--pose=5,3,0")
+    with Launcher(folder) as launch:
+        process = launch(sys.executable, "-m", "clients.robot", "A", *where, *adaptor, PYTHONPATH=str(ROOT))
+        assert process.stdout is not None and process.stderr is not None
+        if process.stdout.readline() != "ready\n":
+            raise AssertionError(process.stderr.read())
+        yield Robot(place, process.pid, RemoteAgent(place.orb, "A"))
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=PATIENCE_S)
+
+
+def lose_unit(place: RobotPlace) -> None:
+    place.faults.lost("MnpL", True)
+
+
+def alarm(place: RobotPlace) -> None:
+    place.faults.alarm("MnpR", 0x99, _GlobalIDL.FAULT, "too hot")
+
+
+def press_switch(place: RobotPlace) -> None:
+    place.faults.emergencySwitch(True)
+
+
+def cut_off(place: RobotPlace) -> None:
+    place.faults.slowNetwork(5.0)
+
+
+@pytest.mark.parametrize(
+    ("happens", "program", "why"),
+    [
+        (lose_unit, LONG, "MnpL does not answer"),
+        (lose_unit, WAITING, "MnpL does not answer"),
+        (alarm, LONG, "alarm 0x99 too hot"),
+        (press_switch, LONG, "the emergency switch is pressed"),
+        (cut_off, LONG, "not answer"),
+    ],
+)
+def test_an_actual_robot_that_fails(
+    robot: Robot, place: RobotPlace, happens: Callable[[RobotPlace], None], program: Program, why: str
+) -> None:
+    robot.set_off(program)
+    happens(place)
+    state = robot.stopped()
+    assert why in state.reason
+    assert (state.program.result, why in state.program.reason) == (Result.FAILED, True)
+    with pytest.raises(IllegalOrder, match="is stopped"):
+        robot.agent.run()
+    place.faults.none()
+    time.sleep(0.2)
+    assert robot.stands()
+    robot.agent.reset_stop()
+    assert robot.works()
+
+
+def test_an_emergency_stop_of_an_actual_robot(robot: Robot) -> None:
+    robot.set_off()
+    robot.agent.stop()
+    state = robot.stopped()
+    assert (state.reason, state.program.result) == ("emergency stop", Result.ABORTED)
+    time.sleep(0.2)
+    assert robot.stands()
+    x, y = state.at.x, state.at.y
+    robot.agent.reset_stop()
+    at = robot.agent.state().at
+    assert math.dist((at.x, at.y), (x, y)) < 0.1  # it still knows where it is
+    assert robot.works()
+
+
+def test_an_actual_robot_stands_without_its_body_in_the_building(robot: Robot, system: Running) -> None:
+    robot.set_off()
+    os.kill(system.pid("simulation"), signal.SIGKILL)
+    state = robot.failed()
+    assert state.program.result is Result.FAILED
+    assert "the simulation server does not answer" in state.program.reason
+    time.sleep(0.2)
+    assert robot.stands()
+    assert robot.works()
+
+
+def test_a_robot_process_that_hung_does_not_go_on_as_if_it_had_not(robot: Robot) -> None:
+    robot.set_off()
+    hang(robot.pid)
+    time.sleep(0.5)  # the command ends after 0.1 s
+    assert robot.stands()
+    time.sleep(3.0)  # longer than its lease
+    os.kill(robot.pid, signal.SIGCONT)
+    state = robot.failed()
+    assert state.program.result is Result.FAILED
+    assert "hung for" in state.program.reason or "logged the robot off" in state.program.reason
+    assert robot.stands()
+    assert robot.works()
+
+
+def test_a_short_pause_of_the_process_is_no_loss(robot: Robot) -> None:
+    robot.set_off()
+    hang(robot.pid)
+    time.sleep(0.4)
+    os.kill(robot.pid, signal.SIGCONT)
+    eventually(lambda: robot.agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving again")
+    robot.agent.abort()
+    assert robot.failed().program.result is Result.ABORTED
+    assert robot.works()
