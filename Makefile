@@ -5,15 +5,16 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench bench-events bench-simulation stubs clean help
+.PHONY: demo test lint bench bench-events bench-simulation bench-robots stubs clean help
 
 help:
-	@echo "make demo    plan paths over CORBA through the five-floor sample building, and let a robot drive"
+	@echo "make demo    the paper's experiment: three robots carry a table; report.html with film and figures"
 	@echo "make test    run every test"
 	@echo "make lint    formatting, lint and types"
 	@echo "make bench   measure, print tables, write JSON and pictures to bench/results"
 	@echo "make bench-events  the event service: the paper's Figure 13, and one channel beside other brokers"
 	@echo "make bench-simulation  the simulation: rays, pictures, robots, sensors, kills"
+	@echo "make bench-robots  robots: kinematics, control loop, stops, data pool, virtual and actual, missions"
 	@echo "make stubs   make the Python stubs from idl/ anew"
 	@echo "make clean   remove what make made"
 
@@ -41,7 +42,7 @@ demo: stubs
 	@$(BIN)/python -m clients.demo
 
 test: stubs
-	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile
 
 lint: stubs
 	@$(BIN)/ruff format --check .
@@ -63,6 +64,10 @@ bench-events: stubs $(VENV)/.peers
 
 bench-simulation: stubs
 	@for bench in rays render simulation_headless simulation_robots simulation_sensors simulation_chaos; do \
+	  $(BIN)/python -m bench.$$bench; done
+
+bench-robots: stubs $(VENV)/.peers
+	@for bench in kinematics data_pool virtual_and_actual control stops missions mission_chaos; do \
 	  $(BIN)/python -m bench.$$bench; done
 
 clean:

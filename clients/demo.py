@@ -1,139 +1,326 @@
-"""The demo: start every server on the five-floor building, plan trips over CORBA, check and draw them; and let a robot
-drive one of them in the simulation.
+"""The demo: the paper's experiment. Three robots of two sub-networks carry a table through a room.
 
-    python -m clients.demo [FOLDER]
+    python -m clients.demo [FOLDER] [--quick]
 
-Pictures go to FOLDER (demo-output). Exit code 0 only if every path was found and is free of collisions."""
+It starts all servers on the building `paper-scene`, the sub-networks lab and hall with their channels and gateways, and
+three robot processes: A and B in lab, C in hall. A gets the user's command and leads, B and C come, and they carry the
+table to its destination. FOLDER (demo-output) gets report.html with pictures, film and figures, report.json, and logs.
+Exit code 0 only if the simulation server says that the table stands within 5 cm and 3 deg of its goal."""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import json
+import math
 import shutil
 import signal
-import socket
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import FrameType
+from typing import Any, NamedTuple
 
+import msgspec
 from omniORB import CORBA
 from rich.console import Console
 
-from clients.drive import drive, log_on
-from robocorba.commands.path import as_table, marks
-from robocorba.conversion import errors as idl_errors
+from clients.robot_processes import FIRST_START_LIMIT_S, Running, robocorba, servers
+from robocorba.commands.mission import News, news, tables
+from robocorba.commands.path import as_table
+from robocorba.commands.waiting import progress
+from robocorba.commands.watch import Camera
 from robocorba.conversion import paths
-from robocorba.errors import RoboCorbaError, StartFailed
-from robocorba.maps import native
-from robocorba.names import ADMINISTRATOR
-from robocorba.orb import Orb, corbaname
-from robocorba.planning.checking import faults
-from robocorba.planning.request import SMARTPAL_RADIUS_M, Criterion, PathRequest, Place, RouteMode
+from robocorba.conversion.errors import error_of
+from robocorba.errors import MissionFailed, RoboCorbaError
+from robocorba.maps.samples import sample_path
+from robocorba.missions import page, timeline
+from robocorba.missions.record import REPORT_FILE
+from robocorba.missions.world import Thing
+from robocorba.names import MISSIONS
+from robocorba.orb import Orb, corbaname, describe
+from robocorba.planning.request import PathRequest, Place
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.icons import Destination
+from robocorba.programs.program import dumps
+from robocorba.remote.agents import RemoteAgent
+from robocorba.remote.data_pool import RemotePool
+from robocorba.remote.world import RemoteWorld
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 
-TRIPS = {
-    "across one floor": PathRequest(Place("L1", 3.0, 4.0), Place("L1", 38.0, 3.0)),
-    "two floors up": PathRequest(Place("L1", 3.0, 4.0), Place("L3", 10.0, 2.0)),
-    "from the ground floor to the top": PathRequest(Place("L1", 20.0, 4.0), Place("L5", 36.5, 12.0)),
-    "the same, the fastest way": PathRequest(
-        Place("L1", 20.0, 4.0), Place("L5", 36.5, 12.0), best=Criterion.SHORTEST_TIME
-    ),
-    "the same through free space": PathRequest(
-        Place("L1", 20.0, 4.0), Place("L5", 36.5, 12.0), mode=RouteMode.GEOMETRIC
-    ),
-    "without elevator E1: a change of elevators": PathRequest(
-        Place("L1", 20.0, 4.0), Place("L5", 36.5, 12.0), avoid_elevators=frozenset({"E1"})
-    ),
+BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
+#: The table shall stand so near to its goal.
+NEAR_M, NEAR_RAD = 0.05, math.radians(3.0)
+#: The mission may take so long, s. After LONG_S a start is worth a word.
+LIMIT_S, LONG_S = 150.0, 8.0
+FPS, WIDTH_PX = 10, 960
+FILM, BEFORE, MEANWHILE, AFTER = "mission.mp4", "before.png", "carrying.png", "after.png"
+PICTURES = {
+    BEFORE: "Before: A and B are in one room with the table, C is in the other one",
+    MEANWHILE: "On the way",
+    AFTER: "After",
+    timeline.PICTURE: timeline.SHOWS,
 }
 
 
-def main(folder: str = "demo-output") -> int:
-    console = Console()
-    output = Path(folder)
-    output.mkdir(parents=True, exist_ok=True)
-    wrong = 0
-    with tempfile.TemporaryDirectory(prefix="robocorba-demo-") as state, servers(Path(state)) as naming:
-        console.print(f"The servers run; any CORBA client finds them at {corbaname(naming, 'RoboCorba/PathPlanner')}\n")
-        with Orb(naming) as orb:
-            planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
-            building = native.loads(orb.resolve("MapEditor", RoboCorba.MapEditor).exportMap())
-            from robocorba.maps.drawing import draw_floor  # it takes a second to load; the table comes first
+class Start(NamedTuple):
+    """Where a robot begins (m, rad), and its sub-network."""
 
-            for number, (title, request) in enumerate(TRIPS.items(), 1):
-                path = paths.path_of(planner.findPaths(paths.request(request))[0])
-                console.print(f"[bold]{number}. {title}[/bold]")
-                console.print(as_table(path))
-                found = faults(building, path, SMARTPAL_RADIUS_M)
-                for fault in found:
-                    console.print(f"[red]{fault}[/red]")
-                wrong += bool(found)
-                for floor in dict.fromkeys(point.floor for point in path.points):
-                    picture = output / f"trip-{number}-{floor}.png"
-                    draw_floor(building, floor, path=marks(path, floor), title=f"{title} · {floor}").save(picture)
-                    console.print(f"drew {picture}")
-                console.print()
-            drive_one(orb, Path(state), output, console)
-    if wrong:
-        console.print(f"[red]{wrong} of {len(TRIPS)} paths have faults[/red]")
-        return 1
-    console.print(f"{len(TRIPS)} paths planned over CORBA, checked against the walls: no collision.")
-    return 0
+    x: float
+    y: float
+    heading: float
+    channel: str
 
 
-def drive_one(orb: Orb, state: Path, output: Path, console: Console) -> None:
-    """Let a robot log on and drive, five times as fast as in real life; draw where it is in the end."""
-    title, request = list(TRIPS.items())[1]
-    reference = (state / ADMINISTRATOR).read_text()
-    orb.reference(reference, RoboCorba.SimulationAdministrator).setPace(5.0)
-    path = orb.resolve("PathPlanner", RoboCorba.PathPlanner).findPaths(paths.request(request))[0].points
-    console.print(f"[bold]Robot A drives it: {title}[/bold]")
-    robot = log_on(orb, "A", path)
-    drive(robot, path, lambda text: console.print(f"A {text}"))
-    at, seconds = robot.state().at, robot.state().time
-    laser, waist = robot.sensor.laser(), RoboCorba.Mount(0.0, 0.0, 0.0)
-    nearest = min(robot.sensor.scan(at, waist, laser).distances)
-    picture = output / f"simulation-{at.floor}.png"
-    picture.write_bytes(orb.resolve("SimulationServer", RoboCorba.SimulationServer).renderFloor(at.floor, 1200))
-    console.print(
-        f"A is there: {at.floor} ({at.x:.2f}, {at.y:.2f}); its laser sees the nearest thing {nearest:.2f} m away"
-    )
-    console.print(f"drew {picture} at {seconds:.0f} s of simulated time\n")
-    robot.deregister()
+class Scene(NamedTuple):
+    """Robots by name, and where the table goes."""
+
+    robots: dict[str, Start]
+    goal: Destination
+
+
+A, B = Start(1.1, 3.3, 0.0, "lab"), Start(5.2, 1.2, 0.0, "lab")
+PAPER = Scene({"A": A, "B": B, "C": Start(11.3, 3.1, 0.0, "hall")}, Destination(FLOOR, 6.7, 3.1, 0.0))
+#: Shorter ways.
+QUICK = Scene({"A": A, "B": B, "C": Start(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
+
+
+class Standing(NamedTuple):
+    """How far a thing is from where it shall be."""
+
+    off_m: float
+    off_rad: float
+
+    @property
+    def is_there(self) -> bool:
+        return self.off_m <= NEAR_M and self.off_rad <= NEAR_RAD
+
+    def __str__(self) -> str:
+        return f"{1000 * self.off_m:.0f} mm and {math.degrees(self.off_rad):.1f} deg from its goal"
+
+
+def standing(thing: Thing, goal: Destination) -> Standing:
+    """On another floor it is infinitely far."""
+    off_m = math.dist((thing.x, thing.y), (goal.x, goal.y)) if thing.floor == goal.floor else math.inf
+    return Standing(off_m, abs(math.remainder(thing.heading - goal.heading, math.tau)))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    given = _parse(arguments)
+    scene, folder, console = QUICK if given.quick else PAPER, given.folder, Console(soft_wrap=True, highlight=False)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)  # and all that was started with it
+    logs: Path = folder / "logs"
+    began = time.monotonic()
+    try:
+        logs.mkdir(parents=True, exist_ok=True)
+        for file in (page.PAGE, REPORT_FILE, FILM, *PICTURES):
+            (folder / file).unlink(missing_ok=True)
+        with _state_folder(logs) as state:
+            is_there = play(scene, folder, state, logs, console, is_filmed=not given.quick)
+    except (RoboCorbaError, OSError) as error:
+        reason = str(error)
+    except CORBA.UserException as refused:
+        reason = error_of(refused)
+    except CORBA.SystemException as failed:
+        reason = f"a call failed ({describe(failed)})"
+    except KeyboardInterrupt as signalled:
+        reason = f"ended by {str(signalled) or 'Ctrl-C'}"
+    else:
+        console.print(f"{time.monotonic() - began:.0f} s in all; logs are in {logs}")
+        return 0 if is_there else 1
+    print(f"demo: {reason}; logs are in {logs}", file=sys.stderr)
+    return 1
+
+
+def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, is_filmed: bool) -> bool:
+    """Whether the table is where it should be. Raises RoboCorbaError, CORBA.Exception."""
+    with contextlib.ExitStack() as stack:
+        subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
+        with _doing("Servers", console):
+            options = ("--building", str(sample_path(BUILDING)), "--subnets", subnets)
+            naming = stack.enter_context(servers(state, *options))
+        console.print(f"  sub-networks {subnets}, each with a channel that is linked with the other by a gateway")
+        console.print(f"  any CORBA client finds them at {corbaname(naming, 'RoboCorba/SimulationServer')}")
+        orb = stack.enter_context(Orb(naming))
+        with _doing("Robots", console):
+            _start_robots(stack, scene, naming, state, logs)
+        for name, robot in scene.robots.items():
+            console.print(f"  {name} at {FLOOR}:{robot.x:g},{robot.y:g} in sub-network {robot.channel}")
+        _show_path(orb, scene, console)
+        camera = Camera(orb, [FLOOR], WIDTH_PX)
+        (folder / BEFORE).write_bytes(camera.png())
+        film = _film(naming, folder / FILM, logs) if is_filmed else contextlib.nullcontext()
+        with film:
+            end = _carry(orb, scene.goal, camera, folder, console)
+        (folder / AFTER).write_bytes(camera.png())
+        stands = standing(RemoteWorld(orb).thing(TABLE), scene.goal)
+    is_good = end.result == "done" and stands.is_there
+    console.print(f"  {end.result} after {end.seconds:.1f} s" + (f": {end.reason}" if end.reason else ""), markup=False)
+    colour = "green" if is_good else "red"
+    console.print(f"[{colour}]The simulation server says: the {TABLE} is {stands}[/]")
+    _report(folder, state, stands, scene, console)
+    return is_good
+
+
+# ---- before the mission ----
+
+
+def _start_robots(stack: contextlib.ExitStack, scene: Scene, naming: Address, state: Path, logs: Path) -> None:
+    """The leader first: on a new machine its kernels are compiled then, and not by all robots at once.
+
+    Raises StartFailed."""
+    running = {}
+    for name, robot in scene.robots.items():
+        place = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
+        command = (robocorba(), "robot", name, *place, "--naming", str(naming), "--state", str(state))
+        running[name] = stack.enter_context(Running(logs / f"robot-{name}.log", *command))
+        if name == LEADER:
+            running[name].wait_ready(FIRST_START_LIMIT_S)
+    for name in running.keys() - {LEADER}:
+        running[name].wait_ready(FIRST_START_LIMIT_S)
+
+
+def _show_path(orb: Orb, scene: Scene, console: Console) -> None:
+    """From the robot of the other sub-network to the goal."""
+    start = scene.robots["C"]
+    request = PathRequest(Place(FLOOR, start.x, start.y), Place(FLOOR, scene.goal.x, scene.goal.y))
+    planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+    console.print("[bold]Path planning agent[/bold]: how C gets into the other room")
+    console.print(as_table(paths.path_of(planner.findPaths(paths.request(request))[0])))
 
 
 @contextlib.contextmanager
-def servers(state: Path, *options: str) -> Iterator[Address]:
-    """`robocorba up` in a process of its own, as long as the `with` lasts. Raises StartFailed."""
-    naming = Address("127.0.0.1", _free_port())
-    command = shutil.which("robocorba", path=str(Path(sys.executable).parent)) or "robocorba"
-    arguments = [command, "up", "--state", str(state), "--naming-port", str(naming.port), *options]
-    up = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
-    try:
-        assert up.stdout is not None
-        for line in up.stdout:
-            print(line, end="", flush=True)
-            if line == "ready\n":
-                break
-        else:
-            raise StartFailed("the servers did not come up; see the message above")
-        yield naming
-    finally:
-        up.send_signal(signal.SIGTERM)
-        up.wait(timeout=30)
+def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
+    """What happens inside the `with`."""
+    command = (
+        robocorba(),
+        "watch",
+        "--video",
+        str(file),
+        "--floor",
+        FLOOR,
+        "--fps",
+        str(FPS),
+        "--width",
+        str(WIDTH_PX),
+    )
+    with Running(logs / "film.log", *command, "--naming", str(naming)) as camera:
+        camera.wait_file(file)
+        yield
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+# ---- the mission ----
+
+
+def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: Console) -> News:
+    """Give the command to the leader and follow the mission to its end; a picture when the table is half way.
+
+    Raises MissionFailed where it does not end in time."""
+    agent, pool, world = RemoteAgent(orb, LEADER), RemotePool.of_robot(orb, LEADER), RemoteWorld(orb)
+    whole_m = standing(world.thing(TABLE), goal).off_m
+    place = f"{goal.floor}:{goal.x:g},{goal.y:g}"
+    console.print(
+        f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {place} --leader {LEADER}"
+    )
+    agent.load(dumps(ProgramBuilder(f"move {TABLE}").move_table(TABLE, goal).program()))
+    agent.run()
+    began, told = time.monotonic(), ""
+    with progress(1.0) as bar:
+        for now in news(agent, pool, time.sleep):
+            if now.result:
+                return now
+            if now.phase != told:
+                told = now.phase
+                print(f"  {now.seconds:5.1f} s  {told:<14} {', '.join(now.robots)}", flush=True)
+            bar(now.share, told)
+            picture = folder / MEANWHILE
+            if not picture.exists() and standing(world.thing(TABLE), goal).off_m < whole_m / 2:
+                picture.write_bytes(camera.png())
+            if time.monotonic() - began > LIMIT_S:
+                raise MissionFailed(
+                    f"the mission did not end within {LIMIT_S:g} s; it was at {told or 'its beginning'}"
+                )
+    raise MissionFailed("the mission has no result")  # news ends with one
+
+
+# ---- what is left of it ----
+
+
+def _report(folder: Path, state: Path, stands: Standing, scene: Scene, console: Console) -> None:
+    """report.html and report.json from what the leader left. Raises MissionFailed where it left nothing."""
+    found = next(iter((state / MISSIONS).glob(f"*/{REPORT_FILE}")), None)
+    if found is None:
+        raise MissionFailed(f"{LEADER} left no report")
+    content: dict[str, Any] = json.loads(found.read_text())
+    content["simulation_server"] = {
+        "goal": msgspec.to_builtins(scene.goal),
+        "off_mm": 1000 * stands.off_m,
+        "off_deg": math.degrees(stands.off_rad),
+        "is_there": stands.is_there,
+    }
+    (folder / REPORT_FILE).write_text(json.dumps(content, indent=1))
+    timeline.draw(content, folder / timeline.PICTURE)
+    places = ", ".join(f"{name} in {robot.channel}" for name, robot in scene.robots.items())
+    facts = [("The simulation server says", f"the {TABLE} is {stands}"), ("Robots", places)]
+    pictures = [(file, shows) for file, shows in PICTURES.items() if (folder / file).exists()]
+    film = FILM if (folder / FILM).exists() else ""
+    written = page.write(content, folder, pictures, film, facts)
+    for table in tables(content):
+        console.print(table)
+    others = ", ".join(filter(None, [REPORT_FILE, film, *(file for file, _ in pictures)]))
+    console.print(f"wrote {written}, and beside it {others}")
+
+
+# ---- how it begins and ends ----
+
+
+@contextlib.contextmanager
+def _doing(what: str, console: Console) -> Iterator[None]:
+    """Say what is started, how long it took, and where it takes long, why."""
+    began = time.monotonic()
+    console.print(f"[bold]{what}[/bold]")
+    why = "  still starting; on a new machine planner, physics and kinematics are compiled now, once: 30 to 90 s"
+    with console.status(f"  {what.lower()} are started ...") as spinner:
+
+        def explain() -> None:
+            spinner.update(why) if console.is_terminal else console.print(why)
+
+        long = threading.Timer(LONG_S, explain)
+        long.start()
+        try:
+            yield
+        finally:
+            long.cancel()
+    console.print(f"  ready after {time.monotonic() - began:.1f} s")
+
+
+@contextlib.contextmanager
+def _state_folder(logs: Path) -> Iterator[Path]:
+    """One that is gone in the end; its logs stay."""
+    with tempfile.TemporaryDirectory(prefix="robocorba-demo-") as folder:
+        state = Path(folder)
+        try:
+            yield state
+        finally:
+            for log in [*state.glob("*.log"), *state.glob("logs/*")]:
+                shutil.copy(log, logs)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt(signal.Signals(number).name)
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="clients.demo", description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("demo-output"), metavar="FOLDER")
+    parser.add_argument("--quick", action="store_true", help="shorter ways, and no film")
+    return parser.parse_args(arguments)
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main(*sys.argv[1:]))
-    except RoboCorbaError as error:
-        sys.exit(f"demo: {error}")
-    except CORBA.UserException as error:
-        sys.exit(f"demo: {idl_errors.error_of(error)}")
+    sys.exit(main())

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from robocorba.commands.reporting import reporting
@@ -107,16 +110,26 @@ def report(
             raise ServiceError(f"no report of a mission {mission!r} in {folder}")
         file = found[-1]
         content = json.loads(file.read_text())
-        timeline.draw(content, file.parent / "timeline.png")
-        written = page.write(content, file.parent, [("timeline.png", "Who waited for whom")])
-        table = Table("phase", "from [s]", "took [s]", "waited for", title=f"{content['mission']}: {content['result']}")
-        for phase in content["phases"]:
-            took = max(phase["done_s"].values(), default=phase["began_s"]) - phase["began_s"]
-            table.add_row(phase["name"], f"{phase['began_s']:.1f}", f"{took:.1f}", phase["waited_for"])
-        Console().print(table)
+        timeline.draw(content, file.parent / timeline.PICTURE)
+        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.SHOWS)])
+        for table in tables(content):
+            Console().print(table)
         if content["reason"]:
             typer.echo(content["reason"])
         typer.echo(f"wrote {written}")
+
+
+def tables(report: dict[str, Any]) -> list[Table]:
+    """A mission's phases, and how late its messages came. report: as `record.as_json` makes it."""
+    from robocorba.missions import page
+
+    phases = Table(*map(escape, page.PHASES), title=f"{report['mission']}: {report['result']}", title_justify="left")
+    for phase in page.phases(report):
+        phases.add_row(*phase)
+    messages = Table(*map(escape, page.LATENCIES), title=page.LATENCIES_SHOW, title_justify="left")
+    for latency in page.latencies(report):
+        messages.add_row(*latency)
+    return [phases, messages]
 
 
 def parse_destination(text: str) -> Destination:
@@ -132,33 +145,63 @@ def parse_destination(text: str) -> Destination:
     raise InvalidRequest("to", f"{text[:80]!r} is not of the form FLOOR:X,Y or FLOOR:X,Y,HEADING, such as L1:12,3")
 
 
+class News(NamedTuple):
+    """How a mission gets on. phase: empty before there is a plan. share: of its phases that are done. result: empty
+    while it goes on; reason: why it is not done."""
+
+    phase: str
+    robots: tuple[str, ...]
+    share: float
+    seconds: float
+    result: str
+    reason: str
+
+
+def news(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) -> Iterator[News]:
+    """Of the mission that a robot has begun to lead, until it has ended; `wait` is called with the seconds between.
+
+    Raises NotReachable where the robot was away for long."""
+    away_s = 0.0
+    while True:
+        try:
+            report, kept = agent.state().program, _latest(pool)
+            away_s = 0.0
+        except NotReachable:
+            away_s += LOOK_S
+            if away_s > AWAY_LIMIT_S:
+                raise
+        else:
+            phase = kept.phase if kept else ""
+            phases = kept.plan.phases if kept else ()
+            robots = tuple(subplan.robot for subplan in kept.plan.subplans) if kept else ()
+            share = phases.index(phase) / len(phases) if phase in phases else 0.0
+            result = "" if report.result.name == "NO_RESULT" else report.result.name.lower()
+            yield News(phase, robots, share, report.seconds, result, report.reason)
+            if result:
+                return
+        wait(LOOK_S)
+
+
 def _follow(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[str, str, float]:
     """Until it has ended: result, reason, seconds. Tells each phase that begins."""
-    told, is_ending, away_s = "", False, 0.0
+    told, is_ending = "", False
+
+    def wait(seconds: float) -> None:
+        if stop.wait(seconds):  # which does not wait any more
+            time.sleep(seconds)
+
     with progress(1.0) as bar:
-        while True:
-            try:
-                report = agent.state().program
-                kept = _latest(pool)
-                away_s = 0.0
-            except NotReachable:
-                away_s += LOOK_S
-                if away_s > AWAY_LIMIT_S:
-                    raise
-                stop.wait(LOOK_S)
-                continue
-            if kept and kept.phase != told and report.result.name == "NO_RESULT":
-                told = kept.phase
-                typer.echo(
-                    f"{told}\t{', '.join(subplan.robot for subplan in kept.plan.subplans)}\t{report.seconds:.1f} s"
-                )
-            phases = kept.plan.phases if kept else ()
-            bar(phases.index(told) / len(phases) if told in phases else 0.0, told)
-            if report.result.name != "NO_RESULT":
-                return report.result.name.lower(), report.reason, report.seconds
-            if stop.wait(LOOK_S) and not is_ending:
+        for now in news(agent, pool, wait):
+            if now.result:
+                return now.result, now.reason, now.seconds
+            if now.phase != told:
+                told = now.phase
+                typer.echo(f"{told}\t{', '.join(now.robots)}\t{now.seconds:.1f} s")
+            bar(now.share, told)
+            if stop.is_asked and not is_ending:
                 is_ending = True
                 agent.abort()
+    raise NotReachable(f"robot {agent.name} tells no result")  # news ends with one
 
 
 def _latest(pool: RemotePool) -> KeptPlan | None:

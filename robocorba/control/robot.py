@@ -23,6 +23,7 @@ from robocorba.errors import MotionFailed, RobotLost
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
+from robocorba.maps.model import XY
 from robocorba.planning.request import PathPoint, PathRequest, Place, PointKind
 from robocorba.programs.base_checks import Planner
 from robocorba.simulation.elevator import Phase
@@ -51,12 +52,22 @@ class Robot:
 
     # ---- the base ----
 
-    def drive_path(self, floor: str, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
-        """To a point in the building, across floors. Raises PathError, InvalidRide, ElevatorFull as well."""
+    def drive_path(
+        self,
+        floor: str,
+        x: float,
+        y: float,
+        heading: float | None = None,
+        speed: float = 0.0,
+        around: Sequence[tuple[str, tuple[XY, ...]]] = (),
+    ) -> None:
+        """To a point in the building, across floors. around: polygons of floors that are not on the map, m. Raises
+        PathError, InvalidRide, ElevatorFull as well."""
         here, state = self.session.latest.at, self.controller.state
         wanted = self._speed(speed)
         start, goal = Place(here.floor, state.x, state.y), Place(floor, x, y)
-        points = self._planner.paths(PathRequest(start, goal, radius=RADIUS_M, speed=wanted))[0].points
+        request = PathRequest(start, goal, radius=RADIUS_M, speed=wanted, forbidden_areas=tuple(around))
+        points = self._planner.paths(request)[0].points
         leg: list[tuple[float, float]] = []
         speeds: list[float] = []
         for before, point, after in zip([points[0], *points], points, [*points[1:], None], strict=False):

@@ -31,10 +31,12 @@ NEAR_M = 5.0
 
 
 class Searched(NamedTuple):
-    """left: what `remaining` says; reached: points that the body was at; start: of a way that was looked for."""
+    """left: what `remaining` says for a disc of `core_m`; reached: points that the body was at; start: of a way that
+    was looked for."""
 
     lattice: Lattice
     left: Floats
+    core_m: float
     reached: Bytes
     start: XY
     goals: Floats
@@ -110,13 +112,15 @@ def _progress(attempt: Attempt) -> tuple[float, list[XY], int]:
     """Share of the way that was reached, the way of a disc and the index of the first point of it that was not; no way
     where even a thin disc finds none."""
     assert attempt.searched
-    lattice, left, reached, start, goals = attempt.searched
+    lattice, left, core_m, reached, start, goals = attempt.searched
     way = _downhill(lattice, left, start) or _downhill(lattice, remaining(lattice, goals, THIN_M), start)
     if not way:
         return 0.0, [], 0
-    been = np.array([_was_near(lattice, reached, point) for point in way])
-    last = int(np.flatnonzero(been).max(initial=-1))
-    at = min(last + 1, len(way) - 1)
+    if reached.any():
+        been = np.array([_was_near(lattice, reached, point) for point in way])
+        at = min(int(np.flatnonzero(been).max(initial=-1)) + 1, len(way) - 1)
+    else:  # the object alone is too wide
+        at = next((i for i, point in enumerate(way) if _open_at(lattice, point) < core_m), 0)
     return at / len(way), way, at
 
 
@@ -141,6 +145,11 @@ def _downhill(lattice: Lattice, left: Floats, start: XY) -> list[XY]:
         here = lower
         way.append((x0 + column * step, y0 + row * step))
     return way
+
+
+def _open_at(lattice: Lattice, point: XY) -> float:
+    x0, y0, _, step, _, _, _ = lattice.frame.tolist()
+    return float(lattice.open_m[round((point[1] - y0) / step), round((point[0] - x0) / step)])
 
 
 def _was_near(lattice: Lattice, reached: Bytes, point: XY) -> bool:

@@ -225,10 +225,11 @@ def _follow(
         anchor = goals[0] if is_last else np.array([*elevators[i].at, elevators[i].heading])
         box = ground.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
         lattice = lay_lattice(ground.grid, box, anchor, bodies.body.reach + 1.0)
-        left = remaining(lattice, goals, bodies.core_m + bodies.margin_m)
+        core_m = bodies.core_m + bodies.margin_m
+        left = remaining(lattice, goals, core_m)
         found, reached = find_ways(ground.grid, bodies.body, lattice, left, sources, goals, bodies.margin_m)
         if not found:
-            searched = Searched(lattice, left, reached, (float(sources[0, 0]), float(sources[0, 1])), goals)
+            searched = Searched(lattice, left, core_m, reached, (float(sources[0, 0]), float(sources[0, 1])), goals)
             attempts.append(Attempt(i, bodies.formation, bodies.footprint, ground, cabin, searched))
             return None
         done.append(found)

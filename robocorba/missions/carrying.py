@@ -32,7 +32,7 @@ class CarryMotion:
         place: tuple[float, float, float],
         rhythm: Rhythm,
         clock: LeaderClock,
-        slipped_m: Callable[[RobotState], float],
+        slipped_m: Callable[[], float],
     ) -> None:
         self._trajectory, self._place, self._rhythm, self._clock = trajectory, place, rhythm, clock
         self._slipped_m = slipped_m
@@ -49,7 +49,7 @@ class CarryMotion:
         dx, dy = x - state.x, y - state.y
         beside = math.remainder(heading - state.heading, math.tau)
         self.error_m = math.hypot(dx, dy)
-        self.farthest_m = max(self.farthest_m, self._slipped_m(state))
+        self.farthest_m = max(self.farthest_m, self._slipped_m())
         if along_s >= self._trajectory.duration and self.error_m <= THERE_M and abs(beside) <= THERE_RAD:
             return None
         if self.error_m > LOST_M:

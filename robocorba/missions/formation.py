@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 import shapely.affinity
-from shapely import LineString, MultiPoint, Point, Polygon
+from numpy.typing import NDArray
+from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors import InvalidCarry
+from robocorba.grids import Floats
 from robocorba.planning.request import SMARTPAL_RADIUS_M
 
 Pose = tuple[float, float, float]
@@ -35,6 +37,8 @@ DIRECTIONS = 12
 OFF_MIDDLE_M, OFF_ONE_M = 0.15, 0.6
 #: Held well is what has its middle at least this share of the best so far within the polygon of its grips.
 ALMOST_BEST = 0.6
+#: Sets of grips that are looked at.
+MOST_SETS = 1000
 #: More would be much alike.
 MOST_FORMATIONS = 10
 
@@ -88,22 +92,21 @@ def formations(
     if len(grips) < max(count, 4):
         grips += _grips_around(outline)
     grips = [grip for grip in grips if _is_clear_of(outline, Formation((grip,), hand_m), radius_m)]
-    found = [Formation(chosen, hand_m) for chosen in _apart(grips, count, radius_m, hand_m)]
-    safety = [_safety(outline, formation) for formation in found]
+    grips = _thinned(grips, count, hand_m)
+    sets = list(_apart(grips, count, radius_m, hand_m))
+    safety = _safety(outline, sets)
     least = -(OFF_ONE_M if count == 1 else OFF_MIDDLE_M)
-    enough = ALMOST_BEST * max(safety, default=0.0)
-    # Each with the room it takes, rounded so that what is alike comes in the order of the edges.
-    well: list[tuple[tuple[float, float], Formation]] = []
-    just: list[tuple[tuple[float, float], Formation]] = []
-    for formation, margin in zip(found, safety, strict=True):
-        if margin >= least:
-            (well if margin >= enough - 1e-6 else just).append((_room(outline, formation, radius_m), formation))
-    if not well and not just:
+    sets = [chosen for chosen, margin in zip(sets, safety, strict=True) if margin >= least]
+    if not sets:
         raise InvalidCarry("count", f"{count} robots of {radius_m:g} m can't stand around it and hold it")
-    well.sort(key=lambda item: item[0][0])
-    just.sort(key=lambda item: item[0][1])
-    kept = _unlike([formation for _, formation in well], [], MOST_FORMATIONS if not just else MOST_FORMATIONS // 2)
-    return _unlike([formation for _, formation in just], kept, MOST_FORMATIONS)
+    safety = safety[safety >= least]
+    is_safe = safety >= ALMOST_BEST * max(safety.max(), 0.0) - 1e-6
+    found = [Formation(chosen, hand_m) for chosen in sets]
+    areas, widths = _room(outline, found, radius_m)
+    well = [found[i] for i in np.argsort(areas, kind="stable") if is_safe[i]]
+    just = [found[i] for i in np.argsort(widths, kind="stable") if not is_safe[i]]
+    kept = _unlike(well, [], MOST_FORMATIONS // 2 if just else MOST_FORMATIONS)
+    return _unlike(just, kept, MOST_FORMATIONS)
 
 
 def _grips_on_edges(outline: Polygon, radius_m: float) -> list[Grip]:
@@ -146,6 +149,17 @@ def _is_clear_of(outline: Polygon, formation: Formation, radius_m: float) -> boo
     return bool(outline.distance(Point(x, y)) >= radius_m)
 
 
+def _thinned(grips: list[Grip], count: int, hand_m: float) -> list[Grip]:
+    """As many as there is time for: of the two whose carriers are nearest to each other, the later one goes."""
+    grips = list(grips)
+    while math.comb(len(grips), count) > MOST_SETS:
+        places = np.array(Formation(tuple(grips), hand_m).places())[:, :2]
+        away = np.hypot(*(places[:, None] - places[None]).T).round(6)
+        away[np.tril_indices(len(grips))] = math.inf
+        del grips[int(np.unravel_index(away.argmin(), away.shape)[1])]
+    return grips
+
+
 def _apart(grips: list[Grip], count: int, radius_m: float, hand_m: float) -> Iterator[tuple[Grip, ...]]:
     """Sets of grips whose carriers don't overlap."""
     places = np.array(Formation(tuple(grips), hand_m).places()).reshape(-1, 3)[:, :2]
@@ -156,27 +170,41 @@ def _apart(grips: list[Grip], count: int, radius_m: float, hand_m: float) -> Ite
             yield tuple(grips[i] for i in chosen)
 
 
-def _safety(outline: Polygon, formation: Formation) -> float:
+def _safety(outline: Polygon, sets: list[tuple[Grip, ...]]) -> Floats:
     """How far the middle of the object is within the polygon of the grips, m; outside, or for two grips: negative."""
-    hull = MultiPoint([grip[:2] for grip in formation.grips]).convex_hull
-    off = hull.distance(outline.centroid)
-    if off > 0.0 or hull.area == 0.0:
-        return -float(off)
-    return float(hull.exterior.distance(outline.centroid))
+    hulls = _hulls(np.array(sets)[:, :, :2]) if sets else np.empty(0, object)
+    off = shapely.distance(hulls, outline.centroid)
+    within = shapely.distance(shapely.boundary(hulls), outline.centroid)
+    return np.where((off > 0.0) | (shapely.area(hulls) == 0.0), -off, within)
 
 
-def _room(outline: Polygon, formation: Formation, radius_m: float) -> tuple[float, float]:
-    """The area that the formation takes, m², and how narrow it is, m."""
-    discs = [Point(x, y).buffer(radius_m, quad_segs=4) for x, y, _ in formation.places()]
-    hull = shapely.convex_hull(shapely.geometrycollections([outline, *discs]))
-    return round(hull.area, 6), round(width_of(hull), 6)
+def _hulls(points: Floats) -> NDArray[np.object_]:
+    """The convex hull of each set of points (n, m, 2)."""
+    which = np.repeat(np.arange(len(points)), points.shape[1])
+    return shapely.convex_hull(shapely.multipoints(points.reshape(-1, 2), indices=which))
+
+
+def _room(outline: Polygon, found: list[Formation], radius_m: float) -> tuple[Floats, Floats]:
+    """The area that each formation takes, m², and how narrow it is, m; rounded, so that the order of the edges decides
+    between those that are alike."""
+    corners = shapely.get_coordinates(outline)
+    turns = np.linspace(0.0, math.tau, 16, endpoint=False)
+    disc = radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
+    middles = np.array([formation.places() for formation in found])[:, :, :2]
+    discs = (middles[:, :, None] + disc).reshape(len(found), -1, 2)
+    every = np.concatenate([discs, np.broadcast_to(corners, (len(found), *corners.shape))], axis=1)
+    widths = np.ptp(every @ _across(), axis=1).min(axis=1)
+    return shapely.area(_hulls(every)).round(6), widths.round(6)
 
 
 def width_of(shape: BaseGeometry) -> float:
     """Of the narrowest straight gap that it passes without turning, m."""
+    return float(np.ptp(shapely.get_coordinates(shape.convex_hull) @ _across(), axis=0).min())
+
+
+def _across() -> Floats:
     turns = np.linspace(0.0, math.pi, 72, endpoint=False)
-    across = shapely.get_coordinates(shape.convex_hull) @ np.array([np.cos(turns), np.sin(turns)])
-    return float(np.ptp(across, axis=0).min())
+    return np.array([np.cos(turns), np.sin(turns)])
 
 
 def _unlike(found: list[Formation], kept: list[Formation], most: int) -> list[Formation]:

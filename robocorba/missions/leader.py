@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import NamedTuple, Protocol
 
 from robocorba.errors import MissionFailed
@@ -41,6 +41,10 @@ class Expansion(Protocol):
     @property
     def helpers(self) -> int:
         """How many robots are needed beside the leader."""
+
+    @property
+    def wanted(self) -> frozenset[str]:
+        """Names that must be among the helpers."""
 
     @property
     def meeting_point(self) -> Place:
@@ -96,11 +100,12 @@ class Leader:
         self._heard_at: dict[str, float] = {}
         self._echo: dict[str, tuple[float, float]] = {}
         self._phases: list[Phase] = []
+        self._plan: CooperativePlan | None = None
         self._ordered_at = 0.0
 
     def lead(self, kind: str, expansion: Expansion) -> MissionReport:
         """To the end; what goes wrong is in the report."""
-        began, plan, result, reason = time.time(), None, "done", ""
+        began, result, reason = time.time(), "done", ""
         try:
             plan = self._agree(expansion)
             for step in range(len(plan.phases)):
@@ -110,8 +115,8 @@ class Leader:
             result, reason = "failed", str(wrong) or type(wrong).__name__
             if not isinstance(wrong, MissionFailed):
                 _log.warning("mission %s: %s: %s", self._mission, type(wrong).__name__, wrong)
-            if plan:
-                self._end(plan, "aborted", reason)
+            if self._plan:
+                self._end(self._plan, "aborted", reason)
         records = {name: state.record for name, state in self._states.items() if state.record}
         heard = [came for came in list(self._transport.heard) if came.message.mission.startswith(self._mission)]
         return MissionReport(
@@ -122,7 +127,7 @@ class Leader:
             reason,
             began,
             time.time(),
-            plan,
+            self._plan,
             self._phases,
             records,
             heard,
@@ -136,14 +141,15 @@ class Leader:
         for attempt in range(MOST_ATTEMPTS):
             mission = f"{self._mission}.{attempt + 1}"
             robots = self._called(mission, expansion, refused)
-            plan = expansion.plan(mission, self._name, robots)
+            self._plan = plan = expansion.plan(mission, self._name, robots)
+            self._order = Order(mission=mission, leader=self._name)
             self._tell(plan, "asking")
             answers = self._asked(plan)
             refusing = {name: reason for name, reason in answers.items() if reason}
             if not refusing:
                 return plan
-            self._order = Order(mission=mission, leader=self._name)
-            self._end(plan, "aborted", f"{', '.join(refusing)} did not accept")
+            self._end(plan, "aborted", f"{', '.join(refusing)} did not accept", set(refusing))
+            self._plan = None
             if self._name in refusing:
                 raise MissionFailed(f"{self._name} can't do its own part: {refusing[self._name]}")
             refused.update(refusing)
@@ -160,7 +166,8 @@ class Leader:
         while needed:
             now = time.monotonic()
             began = began or now
-            if now - began > OFFER_S or (len(robots) > needed and now - began > ENOUGH_S):
+            enough = len(robots) > needed and expansion.wanted <= robots.keys()
+            if now - began > OFFER_S or (enough and now - began > ENOUGH_S):
                 break
             if now - said > AGAIN_S:
                 self._transport.say(call, 1.0)
@@ -171,9 +178,12 @@ class Leader:
                 if offer.mission == mission and offer.leader == self._name and offer.robot not in refused:
                     robots[offer.robot] = Place(offer.floor, offer.x, offer.y)
             self._check_interruption()
+        if lost := sorted(expansion.wanted & refused.keys()):
+            raise MissionFailed("; ".join(f"{name}: {refused[name]}" for name in lost))
         if len(robots) <= needed:
             free = ", ".join(name for name in robots if name != self._name) or "nobody"
-            raise MissionFailed(f"{needed} helpers are needed; {free} offered to help")
+            why = "".join(f"; {name}: {reason}" for name, reason in refused.items())
+            raise MissionFailed(f"{needed} helpers are needed; {free} offered to help{why}")
         return robots
 
     def _asked(self, plan: CooperativePlan) -> dict[str, str]:
@@ -247,7 +257,7 @@ class Leader:
         return 0.0 if worst > STOP_M else 0.5 if worst > SLOW_M else 1.0
 
     def _check_members(self, names: list[str], phase: str) -> None:
-        self._check_interruption()
+        self._check_interruption(f"{phase}: {self._name}: ")
         now = time.monotonic()
         for name in names:
             state = self._states.get(name)
@@ -258,15 +268,15 @@ class Leader:
             if now - self._heard_at.get(name, now) > SILENT_S:
                 raise MissionFailed(f"{phase}: {name} is silent")
 
-    def _check_interruption(self) -> None:
+    def _check_interruption(self, who: str = "") -> None:
         if reason := self._is_interrupted():
-            raise MissionFailed(reason)
+            raise MissionFailed(who + reason)
 
     # ---- the end ----
 
-    def _end(self, plan: CooperativePlan, end: str, reason: str) -> None:
-        """Say it until all members have ended, those that still can."""
-        names = {subplan.robot for subplan in plan.subplans}
+    def _end(self, plan: CooperativePlan, end: str, reason: str, never_began: Collection[str] = ()) -> None:
+        """Say it until all members have ended, those that still can; without those that never began."""
+        names = {subplan.robot for subplan in plan.subplans}.difference(never_began)
         self._tell(plan, "done" if end == "done" else "ending safely")
         self._order = Order(
             mission=plan.mission, leader=self._name, step=self._order.step, at=self._order.at, end=end, reason=reason

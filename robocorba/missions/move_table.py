@@ -9,7 +9,7 @@ from typing import NamedTuple
 from shapely import Polygon
 from shapely.affinity import rotate, translate
 
-from robocorba.errors import PathError
+from robocorba.errors import MissionFailed, PathError
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry import CarryPlan, Leg, plan_carry
@@ -33,6 +33,7 @@ from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import World
 from robocorba.planning.request import PathRequest, Place
 from robocorba.programs.icons import Destination
+from robocorba.simulation.elevator import BOARDING_LIMIT_S
 
 #: Helpers gather so far behind their places, m, and back off as far.
 BACK_M = 0.3
@@ -41,6 +42,8 @@ BOARD_M = 0.02
 #: A cabin is called from where everything is clear of its doors by so much, m.
 CLEAR_M = 0.15
 LOOK_S = 0.1
+#: Through its doors, at most: m/s, rad/s, m/s²; and what is left of the time that they stay open, s.
+HURRY, SPARE_S = (0.4, 0.5, 0.6), 4.0
 GATHER_LIMIT_S, NEAR_LIMIT_S, CABIN_LIMIT_S = 240.0, 30.0, 300.0
 #: A carry may take so many times as long as planned, and some more, s.
 CARRY_TIMES, CARRY_MORE_S = 3.0, 20.0
@@ -71,6 +74,7 @@ class MoveTable:
             blocked=world.others(table),
         )
         self.helpers = count - 1
+        self.wanted: frozenset[str] = frozenset()
         self.meeting_point = Place(thing.floor, thing.x, thing.y)
 
     def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
@@ -86,8 +90,9 @@ class MoveTable:
             _Turn("approaching", [_approach(_placed(place, at)) for place in formation.places()]),
             _Turn("gripping", [self._hold(_placed((grip.x, grip.y, 0.0), at)) for grip in formation.grips]),
         ]
-        for leg, after in zip(self._carry.legs, [*self._carry.legs[1:], None], strict=True):
-            turns += self._leg(leg, after)
+        legs = self._carry.legs
+        for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
+            turns += self._leg(leg, before.elevator_after if before else "", after.floor if after else "")
         turns.append(_Turn("putting down", [PutDown(limit_s=NEAR_LIMIT_S) for _ in names]))
         turns.append(_Turn("backing off", [BackOff(distance_m=BACK_M, limit_s=NEAR_LIMIT_S) for _ in names]))
         subplans = tuple(
@@ -106,30 +111,50 @@ class MoveTable:
         height_m = self._thing.height_m - BOARD_M
         return TakeHold(thing=self._thing.name, x=at[0], y=at[1], height_m=height_m, limit_s=NEAR_LIMIT_S)
 
-    def _leg(self, leg: Leg, after: Leg | None) -> list[_Turn]:
-        """On one floor; with the ride at its end."""
-        poses = [tuple(pose) for pose in leg.poses]
-        if not leg.elevator_after or after is None:
-            return self._carried("carrying", poses)
-        outside, inside = self._at_doors(poses, leg.elevator_after)
+    def _leg(self, leg: Leg, came_by: str, next_floor: str) -> list[_Turn]:
+        """On one floor: out of the elevator that they came by, to the goal or into the next one, and the ride."""
+        turns, way, elevator = [], _poses(leg), leg.elevator_after
+        if came_by:
+            outside, inside = self._at_doors(way[::-1], came_by)
+            turns += self._through_doors("driving out", inside[::-1], came_by)
+            way = outside[::-1]
+        if not elevator:
+            return [*turns, *self._carried("carrying", way)]
+        outside, inside = self._at_doors(way, elevator)
         count = len(self._carry.formation.grips)
-        call = CallCabin(elevator=leg.elevator_after, destination=after.floor, limit_s=CABIN_LIMIT_S)
-        ride = Ride(elevator=leg.elevator_after, destination=after.floor, limit_s=CABIN_LIMIT_S)
+        call = CallCabin(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
+        ride = Ride(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
         return [
+            *turns,
             *self._carried("carrying", outside),
             _Turn("waiting for the cabin", [call] * count),
-            *self._carried("driving in", inside),
+            *self._through_doors("driving in", inside, elevator),
             _Turn("riding", [ride] * count),
         ]
 
-    def _carried(self, phase: str, poses: Sequence[Pose]) -> list[_Turn]:
+    def _carried(self, phase: str, poses: Sequence[Pose], *limits: float) -> list[_Turn]:
         places = self._carry.formation.places()
-        trajectory = Trajectory(poses, places)
+        trajectory = Trajectory(poses, places, *limits)
         if trajectory.duration == 0.0:
             return []
         limit_s = CARRY_TIMES * trajectory.duration + CARRY_MORE_S
         rows = trajectory.to_rows()
         return [_Turn(phase, [Carry(rows=rows, place=place, limit_s=limit_s) for place in places])]
+
+    def _through_doors(self, phase: str, poses: Sequence[Pose], elevator: str) -> list[_Turn]:
+        """Doors don't wait for long: no faster than all have to be. Raises MissionFailed where that is too slow."""
+        places = self._carry.formation.places()
+        needed_s = Trajectory(poses, places).duration
+        most_s = BOARDING_LIMIT_S - SPARE_S
+        if needed_s <= most_s:
+            return self._carried(phase, poses)
+        needed_s = Trajectory(poses, places, *HURRY).duration
+        if needed_s > most_s:
+            raise MissionFailed(
+                f"the doors of {elevator} stay open for {BOARDING_LIMIT_S:g} s; "
+                f"{needed_s + SPARE_S:.0f} s are needed for {phase}"
+            )
+        return self._carried(phase, poses, *HURRY)
 
     def _at_doors(self, poses: list[Pose], elevator: str) -> tuple[list[Pose], list[Pose]]:
         """A way into a cabin: as far as everything is clear of its doors, and from there on."""
@@ -145,6 +170,10 @@ class MoveTable:
         before = [(x, y, heading) for time, x, y, heading, _ in rows if time < clear_until]
         after = [(x, y, heading) for time, x, y, heading, _ in rows if time > clear_until]
         return [*before, last], [last, *after]
+
+
+def _poses(leg: Leg) -> list[Pose]:
+    return [(float(x), float(y), float(heading)) for x, y, heading in leg.poses]
 
 
 def _approach(at: Pose) -> Approach:

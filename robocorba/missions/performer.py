@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
-from collections.abc import Callable
+import random
+from collections.abc import Callable, Sequence
 from functools import singledispatchmethod
 from typing import Any
 
 from robocorba.control.robot import Robot
-from robocorba.control.robot_state import RobotState
-from robocorba.errors import RoboCorbaError, Unreachable
+from robocorba.errors import MotionFailed, PathError, RoboCorbaError, Unreachable
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, SHUT_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
@@ -18,19 +19,30 @@ from robocorba.missions import subplan
 from robocorba.missions.carrying import CarryMotion
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.rhythm import Rhythm
+from robocorba.missions.standing import Area
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import Phase
 
 #: Slow near others, m/s; and how far apart two hands hold an edge, m.
 NEAR_SPEED, HANDS_APART_M = 0.2, 0.4
+#: Where an object is in the frame of the robot, x, y and heading; None where nobody knows it.
 Places = Callable[[str], tuple[float, float, float] | None]
+#: Robots that stand, and objects where they are now: polygons of floors, m.
+Standing = Callable[[], Sequence[Area]]
+#: Who gets stuck on the way to the others goes back a bit, m, waits, s, and tries again: so often in all.
+ASIDE_M, LONGEST_PAUSE_S, MOST_ATTEMPTS = 0.3, 2.0, 4
+
+_log = logging.getLogger(__name__)
 
 
 class Performer:
-    """Does steps on a robot. where: an object's x, y and heading on the robot's floor, None where nobody knows it."""
+    """Does steps on a robot. where: as far as it is known, what is as old of both. around: what is not on the map."""
 
-    def __init__(self, robot: Robot, rhythm: Rhythm, clock: LeaderClock, where: Places) -> None:
+    def __init__(
+        self, robot: Robot, rhythm: Rhythm, clock: LeaderClock, where: Places, around: Standing = lambda: ()
+    ) -> None:
         self._robot, self._rhythm, self._clock, self._where = robot, rhythm, clock, where
+        self._around = around
         self.carry: CarryMotion | None = None
         #: Where the grip is in the frame of the object, and ahead of the base, m.
         self._grip_in_thing: tuple[float, float] | None = None
@@ -54,7 +66,25 @@ class Performer:
     @do.register
     def _(self, step: subplan.Gather) -> None:
         self._posture("tuck")
-        self._robot.drive_path(step.floor, step.x, step.y, step.heading)
+        for attempt in range(1, MOST_ATTEMPTS + 1):
+            try:
+                self._gather(step)
+                return
+            except MotionFailed as stuck:  # in others who gather too, most likely
+                if attempt == MOST_ATTEMPTS:
+                    raise
+                _log.info("%s", stuck)
+                with contextlib.suppress(MotionFailed):
+                    self._robot.drive_by(-ASIDE_M, 0.0, 0.0, NEAR_SPEED)
+                self._robot.wait(random.uniform(0.0, LONGEST_PAUSE_S))
+
+    def _gather(self, step: subplan.Gather) -> None:
+        """Around who and what stands in the way now, if there is a way around."""
+        where = (step.floor, step.x, step.y, step.heading)
+        try:
+            self._robot.drive_path(*where, around=self._around())
+        except PathError:
+            self._robot.drive_path(*where)
 
     @do.register
     def _(self, step: subplan.Approach) -> None:
@@ -144,14 +174,19 @@ class Performer:
         """Where the object is held, in its own frame and in the robot's: they must stay together."""
         at, state = self._where(step.thing), self._robot.controller.state
         self._hand_m = _into(step.x, step.y, state.x, state.y, state.heading)
-        self._grip_in_thing = _into(step.x, step.y, *at) if at else None
+        self._grip_in_thing = _into(*self._hand_m, *at) if at else None
 
-    def _slipped_m(self, state: RobotState) -> float:
+    def _slipped_m(self) -> float:
         """How far the object is from the hand that holds it, by what is known of it now."""
         at = self._where(self._thing) if self._thing else None
         if at is None or self._grip_in_thing is None:
             return 0.0
-        return math.dist(_out_of(*self._grip_in_thing, *at), _out_of(*self._hand_m, state.x, state.y, state.heading))
+        return math.dist(_out_of(*self._grip_in_thing, *at), self._hand_m)
+
+
+def seen_from(thing: tuple[float, float, float], robot: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A pose of the building in the frame of a robot."""
+    return *_into(thing[0], thing[1], *robot), math.remainder(thing[2] - robot[2], math.tau)
 
 
 def _into(x: float, y: float, ox: float, oy: float, heading: float) -> tuple[float, float]:

@@ -81,7 +81,13 @@ def as_json(report: MissionReport) -> dict[str, Any]:
             for origin, latencies in latencies_s(report.heard, report.records).items()
         },
         "events": [
-            {"at_s": came.came - began, "type": type_of(came.message), "source": came.source, "origin": came.origin}
+            {
+                "at_s": came.came - began,
+                "type": type_of(came.message),
+                "source": came.source,
+                "origin": came.origin,
+                "latency_ms": 1000 * latency_s(came, report.records),
+            }
             for came in report.heard
         ],
     }
@@ -116,12 +122,15 @@ def tick_skews_s(records: Mapping[str, Record]) -> Floats:
     return skews
 
 
+def latency_s(came: Came, records: Mapping[str, Record]) -> float:
+    """From saying to hearing, with the clocks' difference taken off where it is known."""
+    record = records.get(came.source)
+    return came.came - (came.message.sent + (record.offset_s if record else 0.0))
+
+
 def latencies_s(heard: Sequence[Came], records: Mapping[str, Record]) -> dict[str, list[float]]:
-    """From saying to hearing, of the messages that the leader got, by the channel where each came in; with the clocks'
-    difference taken off."""
+    """Of the messages that the leader got, by the channel where each came in."""
     found: dict[str, list[float]] = {}
     for came in heard:
-        record = records.get(came.source)
-        offset_s = record.offset_s if record else 0.0
-        found.setdefault(came.origin, []).append(came.came - (came.message.sent + offset_s))
+        found.setdefault(came.origin, []).append(latency_s(came, records))
     return found

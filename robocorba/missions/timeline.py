@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+PICTURE, SHOWS = "timeline.png", "Who waited for whom"
 WIDTH_IN, ROW_IN = 11.0, 0.55
 WORKS, WAITS = "#3b7dd8", "#e8c46a"
 

@@ -21,6 +21,8 @@ from robocorba.missions.formation import Pose
 SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
 #: Poses of a way at most.
 MOST_POSES = 2000
+#: Shorter ways, m, and turns, rad, are none.
+LEAST = 1e-9
 #: A smooth step is this much steeper in its middle than a straight one.
 _STEEPEST = 1.5
 Row = tuple[float, ...]
@@ -118,18 +120,18 @@ def _times(here: Pose, there: Pose, reach: float, limits: tuple[float, float, fl
     speed, turn_speed, acceleration = limits
     turn = abs(there[2] - here[2])
     way = math.hypot(there[0] - here[0], there[1] - here[1]) + turn * reach  # of the fastest carrier, or more
-    if max(way, turn) < 1e-9:
+    if max(way, turn) < LEAST:
         return 0.0, 0.0
     # In ways a second. A carrier that swings round is drawn inwards besides: that gets half of the acceleration.
     most = [math.inf]
-    if way > 0.0:
+    if way > LEAST:
         most.append(speed / way)
-    if turn > 0.0:
+    if turn > LEAST:
         most.append(turn_speed / turn)
         if reach > 0.0:
             most.append(math.sqrt(acceleration / 2 / (turn * turn * reach)))
     rate = min(most)
-    if way > 0.0:
+    if way > LEAST:
         along = acceleration - turn * turn * reach * rate * rate
         rate = min(rate, math.sqrt(along / way / _STEEPEST))
         ramp = _STEEPEST * rate * way / along

@@ -15,19 +15,32 @@ from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors import MissionFailed, NotReachable, StalePlan
 from robocorba.missions import carry
-from robocorba.missions.leader import Leader, MissionReport
+from robocorba.missions.hand_over import HandOver
+from robocorba.missions.leader import Expansion, Leader, MissionReport
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTable
+from robocorba.missions.performer import seen_from
 from robocorba.missions.record import as_content, save
+from robocorba.missions.standing import Area, standing
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Transport
+from robocorba.missions.world import World
 from robocorba.orb import Orb
 from robocorba.planning.request import Place
+from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
-from robocorba.programs.icons import MoveTable as MoveTableIcon
 from robocorba.remote.mission_channel import MissionChannel
 from robocorba.remote.others import RobotChannel
 from robocorba.remote.world import RemoteWorld
+
+Expand = Callable[[Any, World, str, Place], Expansion]
+#: What each cooperative icon becomes, from the icon, the world, the leader's name and where it is.
+EXPANSIONS: dict[type[Icon], Expand] = {
+    icons.MoveTable: lambda icon, world, leader, here: MoveTable(world, icon.table, icon.to),
+    icons.HandOver: lambda icon, world, leader, here: HandOver(
+        world, icon.object, icon.giver or leader, icon.taker, leader, here
+    ),
+}
 
 
 class Cooperation:
@@ -56,11 +69,18 @@ class Cooperation:
 
         def where(thing: str) -> tuple[float, float, float] | None:
             with contextlib.suppress(NotReachable):
-                found = pool.snapshot().object(thing)
-                return (found.x, found.y, found.heading) if found else None
+                seen = pool.snapshot()  # both at the same moment
+                found, own = seen.object(thing), seen.robot(self._name)
+                if found and own:
+                    return seen_from((found.x, found.y, found.heading), (own.x, own.y, own.heading))
             return None
 
-        self._missions = MissionAgent(Transport(channel, self._name), agent, where).start()
+        def around() -> list[Area]:
+            with contextlib.suppress(NotReachable):
+                return standing(pool.snapshot(), self._name)
+            return []
+
+        self._missions = MissionAgent(Transport(channel, self._name), agent, where, around).start()
         self._closing.callback(self._missions.close)
 
     def close(self) -> None:
@@ -81,9 +101,10 @@ class Cooperation:
         agent = self._agent
         if agent is None or self._missions is None:
             raise MissionFailed("the robot was given no event channel, and can't talk to others")
-        if not isinstance(icon, MoveTableIcon):
+        if type(icon) not in EXPANSIONS:
             raise MissionFailed(f"nobody knows how to do {kind(icon)} together")
-        expansion = MoveTable(self._world, icon.table, icon.to)
+        here = Place(*agent.place[:3])
+        expansion = EXPANSIONS[type(icon)](icon, self._world, self._name, here)
         mission = f"{self._name}-{time.strftime('%H%M%S')}-{uuid.uuid4().hex[:6]}"
         course = agent.robot.course
         with contextlib.closing(MissionChannel(self._orb, self._channel_name, self._name)) as channel:
@@ -94,7 +115,7 @@ class Cooperation:
                 self._keep,
                 lambda: str(course.interruption or ""),
             )
-            report = leader.lead("move table", expansion)
+            report = leader.lead(kind(icon).replace("_", " "), expansion)
         self._finish(report)
         if report.result != "done":
             raise MissionFailed(report.reason)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,16 +16,19 @@ from robocorba.control.robot_state import Velocity
 from robocorba.control.session import SessionState
 from robocorba.conversion import scans, simulation
 from robocorba.conversion.errors import domain_error
-from robocorba.errors import NotReachable, RobotLost
+from robocorba.errors import NotReachable, PlaceTaken, RobotLost
 from robocorba.grids import Floats
 from robocorba.orb import Orb, describe, limit_calls
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.registry import Description, Pose
 from robocorba.stubs import RoboCorba
 
-#: Of what is called with every tick, and of what the server keeps on disk before it answers, s.
-CALL_LIMIT_S, CHANGE_LIMIT_S = 0.3, 3.0
+#: Of what is called with every tick, and of what the server keeps on disk before it answers, s. A robot stands long
+#: before a call of a tick is given up: its last command has ended.
+CALL_LIMIT_S, CHANGE_LIMIT_S = 1.0, 3.0
 FIND_LIMIT_S = 5.0
+#: A robot that was lost is put so far from where it was where it does not fit there any more, m.
+ASIDE_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
 Answer = TypeVar("Answer")
 
 
@@ -50,9 +55,10 @@ class RemoteSession:
         with self._lock:
             if self._session is not None and self._is_known():
                 return
-            place = at or (self._latest.at if self._latest else self.about.pose)
-            about = Description(self.about.name, place, self.about.radius_m, self.about.mass_kg, self.about.limits)
-            self._register(about)
+            if at is None and self._latest:
+                self._register_near(self._latest.at)
+            else:
+                self._register(replace(self.about, pose=at or self.about.pose))
 
     def log_off(self) -> None:
         with self._lock, contextlib.suppress(RobotLost, CORBA.Exception):
@@ -100,6 +106,17 @@ class RemoteSession:
         except CORBA.SystemException as wrong:
             raise self._lost(wrong) from None
         return True
+
+    def _register_near(self, place: Pose) -> None:
+        """Where it was before it was lost; just beside it where somebody else has come so near meanwhile."""
+        for aside_m in ASIDE_M:
+            for turn in range(DIRECTIONS if aside_m else 1):
+                x = place.x + aside_m * math.cos(math.tau * turn / DIRECTIONS)
+                y = place.y + aside_m * math.sin(math.tau * turn / DIRECTIONS)
+                with contextlib.suppress(PlaceTaken):
+                    self._register(replace(self.about, pose=place._replace(x=x, y=y)))
+                    return
+        self._register(replace(self.about, pose=place))
 
     def _register(self, about: Description) -> None:
         try:

@@ -6,6 +6,7 @@ import fnmatch
 import itertools
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import msgpack
@@ -15,6 +16,7 @@ from robocorba.control.agent import ControlAgent
 from robocorba.errors import NotReachable
 from robocorba.missions.leader import Leader
 from robocorba.missions.mission_agent import MissionAgent
+from robocorba.missions.standing import Area
 from robocorba.missions.subplan import CooperativePlan, Step, SubPlan, Wait
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place as Spot
@@ -80,7 +82,15 @@ class Crew:
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(bus.end(name), name)
-            self._missions.append(MissionAgent(transport, agent, lambda thing: None).start())
+            self._missions.append(
+                MissionAgent(transport, agent, lambda thing: None, partial(self._around, name)).start()
+            )
+
+    def _around(self, name: str) -> list[Area]:
+        """The other robots, as squares."""
+        places = [agent.place for other, agent in self.agents.items() if other != name]
+        corners = ((-0.4, 0.0), (0.0, -0.4), (0.4, 0.0), (0.0, 0.4))
+        return [(at.floor, tuple((at.x + dx, at.y + dy) for dx, dy in corners)) for at in places]
 
     def leader(self, name: str) -> Leader:
         agent = self.agents[name]
@@ -106,7 +116,7 @@ class Given:
 
     def __init__(self, own: Sequence[Step | Wait], *others: Sequence[Step | Wait]) -> None:
         self._steps = [own, *others]
-        self.helpers = len(others)
+        self.helpers, self.wanted = len(others), frozenset[str]()
         self.meeting_point = Spot("L1", 5.0, 2.0)
 
     def plan(self, mission: str, leader: str, robots: dict[str, Spot]) -> CooperativePlan:

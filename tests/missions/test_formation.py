@@ -37,7 +37,7 @@ def outlines(draw: st.DrawFn) -> Polygon:
     return Polygon([(end * math.cos(turn), end * math.sin(turn)) for end, turn in zip(ends, turns, strict=True)])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(outlines(), st.integers(1, 6), st.sampled_from((0.3, 0.4)))
 def test_carriers_overlap_neither_each_other_nor_the_object(outline: Polygon, count: int, radius_m: float) -> None:
     try:
@@ -56,7 +56,7 @@ def test_carriers_overlap_neither_each_other_nor_the_object(outline: Polygon, co
             assert outline.exterior.distance(Point(grip[:2])) < 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(outlines(), st.integers(2, 6))
 def test_what_is_carried_does_not_tip_over(outline: Polygon, count: int) -> None:
     try:

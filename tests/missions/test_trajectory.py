@@ -18,7 +18,7 @@ poses = st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-7,
 limits = st.tuples(st.floats(0.05, 1.0), st.floats(0.1, 1.0), st.floats(0.1, 1.0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(poses, limits)
 def test_no_carrier_goes_or_turns_or_accelerates_too_much(
     way: list[tuple[float, float, float]], limits: tuple[float, float, float]
@@ -36,7 +36,7 @@ def test_no_carrier_goes_or_turns_or_accelerates_too_much(
             assert math.hypot(wx - vx, wy - vy) / step <= acceleration * 1.01 + 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(poses)
 def test_velocities_are_those_of_the_poses(way: list[tuple[float, float, float]]) -> None:
     trajectory = Trajectory(way, PLACES)
@@ -48,7 +48,7 @@ def test_velocities_are_those_of_the_poses(way: list[tuple[float, float, float]]
         assert (np.subtract(after, before) / (2 * step)).tolist() == pytest.approx(velocity, abs=1e-3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(poses)
 def test_it_is_the_same_for_every_robot(way: list[tuple[float, float, float]]) -> None:
     trajectory = Trajectory(way, PLACES)
@@ -59,7 +59,7 @@ def test_it_is_the_same_for_every_robot(way: list[tuple[float, float, float]]) -
         assert received.at(t) == trajectory.at(t)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(poses)
 def test_it_rests_at_each_pose(way: list[tuple[float, float, float]]) -> None:
     trajectory = Trajectory(way, PLACES)

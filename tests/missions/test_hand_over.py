@@ -1,0 +1,159 @@
+"""What hand_over becomes, and two robots that do it."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+import pytest
+
+from robocorba.errors import MissionFailed
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD
+from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
+from robocorba.maps.model import Building, Floor
+from robocorba.maps.topology import topological_map
+from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOver
+from robocorba.missions.subplan import CooperativePlan, Gather, Grip
+from robocorba.planning.request import Place as Spot
+from robocorba.programs import icons
+from robocorba.remote.cooperation import EXPANSIONS
+from robocorba.simulation.registry import Pose
+from tests.control.places import Place
+from tests.missions.places import Bus, Crew
+from tests.missions.worlds import MapWorld, two_storeys
+
+ROBOTS = {"A": Spot("L1", 2.0, 1.5), "B": Spot("L1", 2.0, 5.5), "C": Spot("L2", 2.0, 5.5)}
+
+
+@pytest.fixture(scope="module")
+def world() -> MapWorld:
+    return MapWorld(two_storeys())
+
+
+def planned(world: MapWorld, giver: str, taker: str, leader: str = "A") -> CooperativePlan:
+    return HandOver(world, "sheet", giver, taker, leader, ROBOTS[leader]).plan("m", leader, ROBOTS)
+
+
+def meeting(plan: CooperativePlan) -> tuple[Gather, Gather]:
+    giver, taker = (subplan.steps[0] for subplan in plan.subplans)
+    assert isinstance(giver, Gather) and isinstance(taker, Gather)
+    return giver, taker
+
+
+@pytest.mark.parametrize(("giver", "taker"), [("A", "B"), ("B", "A"), ("A", "C"), ("C", "B")])
+def test_they_meet_face_to_face(world: MapWorld, giver: str, taker: str) -> None:
+    plan = planned(world, giver, taker)
+    assert {subplan.robot: subplan.role for subplan in plan.subplans} == {giver: "giver", taker: "taker"}
+    here, there = meeting(plan)
+    assert here.floor == there.floor
+    assert math.dist((here.x, here.y), (there.x, there.y)) == pytest.approx(BETWEEN_M)
+    for one, other in ((here, there), (there, here)):
+        facing = math.atan2(other.y - one.y, other.x - one.x)
+        assert math.remainder(facing - one.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_they_meet_half_way(world: MapWorld) -> None:
+    here, there = meeting(planned(world, "A", "B"))
+    assert ((here.x + there.x) / 2, (here.y + there.y) / 2) == pytest.approx((2.0, 3.5), abs=0.8)
+    assert math.dist((here.x, here.y), ROBOTS["A"][1:]) < math.dist((here.x, here.y), ROBOTS["B"][1:])
+
+
+def test_one_of_both_always_holds_it(world: MapWorld) -> None:
+    plan = planned(world, "A", "B")
+    shut = {"A": True, "B": False}
+    seen = []
+    for steps in zip(*(subplan.steps for subplan in plan.subplans), strict=True):
+        for subplan, step in zip(plan.subplans, steps, strict=True):
+            if isinstance(step, Grip):
+                shut[subplan.robot] = step.closes
+        seen.append((shut["A"], shut["B"]))
+    assert [now for before, now in pairwise([None, *seen]) if now != before] == [
+        *((True, False), (True, True), (False, True)),
+    ]
+
+
+def test_whoever_leads_others_take_part(world: MapWorld) -> None:
+    own = HandOver(world, "sheet", "A", "B", "A", ROBOTS["A"])
+    assert (own.wanted, own.helpers) == ({"B"}, 1)
+    others = HandOver(world, "sheet", "B", "C", "A", ROBOTS["A"])
+    assert (others.wanted, others.helpers) == ({"B", "C"}, 2)
+    assert [subplan.robot for subplan in others.plan("m", "A", ROBOTS).subplans] == ["B", "C"]
+
+
+def test_the_icon_becomes_one(world: MapWorld) -> None:
+    for icon, wanted in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
+        found = EXPANSIONS[type(icon)](icon, world, "A", ROBOTS["A"])
+        assert isinstance(found, HandOver) and found.wanted == wanted
+
+
+def test_what_can_not_be_handed_over(world: MapWorld) -> None:
+    with pytest.raises(MissionFailed, match="box stands in the building"):
+        HandOver(world, "box", "A", "B", "A", ROBOTS["A"])
+    with pytest.raises(MissionFailed, match="B can't hand sheet over to itself"):
+        HandOver(world, "sheet", "B", "B", "A", ROBOTS["A"])
+    with pytest.raises(MissionFailed, match="D did not offer to help"):
+        HandOver(world, "sheet", "A", "D", "A", ROBOTS["A"]).plan("m", "A", ROBOTS)
+
+
+def test_rooms_that_are_too_small_for_both_are_told() -> None:
+    outline = ((0.0, 0.0), (2.4, 0.0), (2.4, 2.0), (0.0, 2.0))
+    building = Building("box room").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
+    building.floors["L1"] = msgspec.structs.replace(building.floors["L1"], topological=topological_map(building, "L1"))
+    here, there = Spot("L1", 0.6, 1.0), Spot("L1", 1.6, 1.0)
+    with pytest.raises(MissionFailed, match=r"nowhere on the way from A to B is room for both, face to face: 2\.6 m"):
+        HandOver(MapWorld(building), "sheet", "A", "B", "A", here).plan("m", "A", {"A": here, "B": there})
+
+
+# ---- two robots ----
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    yield place
+    place.close()
+
+
+@pytest.fixture
+def crew(place: Place) -> Iterator[Crew]:
+    crew = Crew(place, Bus(), {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)})
+    yield crew
+    crew.close()
+
+
+def test_two_robots_hand_a_sheet_over(crew: Crew, place: Place) -> None:
+    at = crew.agents["A"].place
+    expansion = HandOver(MapWorld(place.building), "sheet", "A", "B", "A", Spot(at.floor, at.x, at.y))
+    kinematics, ended = InverseKinematics(), threading.Event()
+    apart: list[float] = []
+    touching: list[list[tuple[str, str]]] = []
+
+    def look() -> None:
+        while not ended.wait(0.05):
+            giver, taker = (crew.agents[name].state.actor for name in ("A", "B"))
+            touching.extend(found for each in (giver, taker) if (found := kinematics.body.collisions(each.joints)))
+            shut = [abs(each.joints[GRIP[side]] - SHUT_RAD) < 0.01 for each, side in ((giver, GIVING), (taker, TAKING))]
+            if all(shut):
+                hands = []
+                for each, side in ((giver, GIVING), (taker, TAKING)):
+                    hand, c, s = kinematics.body.hand(side, each.joints), math.cos(each.heading), math.sin(each.heading)
+                    hands.append((each.x + c * hand.x - s * hand.y, each.y + s * hand.x + c * hand.y, hand.z))
+                apart.append(math.dist(*hands))
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    report = crew.leader("A").lead("hand over", expansion)
+    ended.set()
+    thread.join()
+    assert (report.result, report.reason) == ("done", "")
+    assert not touching
+    assert apart == pytest.approx([SHEET_M - 2 * GRIP_DEPTH_M] * len(apart), abs=0.01) and apart
+    joints = {name: np.array(crew.agents[name].state.actor.joints) for name in ("A", "B")}
+    assert len(joints["A"]) == len(JOINTS)
+    assert joints["A"][GRIP[GIVING]] == pytest.approx(OPEN_RAD, abs=0.01)
+    assert joints["B"][GRIP[TAKING]] == pytest.approx(SHUT_RAD, abs=0.01)

@@ -1,0 +1,102 @@
+"""What move_table becomes: who stands where, on one floor and through an elevator whose doors don't wait."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from shapely.affinity import rotate, translate
+
+from robocorba.errors import ImpossibleCarry, MissionFailed
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.geometry import shaft_polygon
+from robocorba.missions.move_table import BACK_M, SPARE_S, MoveTable
+from robocorba.missions.subplan import Approach, CallCabin, Carry, CooperativePlan, Gather, Ride, TakeHold
+from robocorba.missions.trajectory import Trajectory
+from robocorba.planning.request import Place
+from robocorba.programs.icons import Destination
+from robocorba.simulation.elevator import BOARDING_LIMIT_S
+from tests.missions.worlds import MapWorld, two_storeys
+
+ROBOTS = {"A": Place("L1", 3.8, 1.8), "B": Place("L1", 3.8, 5.2), "C": Place("L2", 2.0, 2.0)}
+GOAL = Destination("L2", 6.0, 3.5)
+
+
+@pytest.fixture(scope="module")
+def world() -> MapWorld:
+    return MapWorld(two_storeys())
+
+
+@pytest.fixture(scope="module")
+def up(world: MapWorld) -> CooperativePlan:
+    return MoveTable(world, "box", GOAL).plan("m", "A", ROBOTS)
+
+
+def test_who_takes_part_and_where(up: CooperativePlan) -> None:
+    assert {subplan.robot: subplan.role for subplan in up.subplans} == {"A": "leader", "B": "helper"}
+    assert len({len(subplan.steps) for subplan in up.subplans} | {len(up.phases)}) == 1
+    for subplan in up.subplans:
+        gather, approach, hold = subplan.steps[:3]
+        assert isinstance(gather, Gather) and isinstance(approach, Approach) and isinstance(hold, TakeHold)
+        assert math.dist((gather.x, gather.y), (approach.x, approach.y)) == pytest.approx(BACK_M)
+        faces = math.atan2(hold.y - approach.y, hold.x - approach.x)
+        assert math.remainder(faces - approach.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
+        assert math.dist((hold.x, hold.y), (approach.x, approach.y)) > RADIUS_M
+    a, b = (subplan.steps[0] for subplan in up.subplans)
+    assert isinstance(a, Gather) and isinstance(b, Gather)
+    assert up.subplans[0].robot == ("A" if a.y < b.y else "B")  # each from its own side
+
+
+def test_the_way_goes_on_where_it_stopped(up: CooperativePlan) -> None:
+    carries = [Trajectory.from_rows(step.rows) for step in up.of("A").steps if isinstance(step, Carry)]
+    assert carries[0].start == pytest.approx((5.4, 3.5, -0.785))
+    assert carries[-1].goal == pytest.approx((GOAL.x, GOAL.y, GOAL.heading))
+    for before, after in pairwise(carries):
+        assert after.start == pytest.approx(before.goal)
+
+
+def test_all_are_clear_of_the_doors_before_and_in_time_through_them(world: MapWorld, up: CooperativePlan) -> None:
+    steps = up.of("A").steps
+    called = next(number for number, step in enumerate(steps) if isinstance(step, CallCabin))
+    assert up.phases[called - 1 : called + 4] == (
+        *("carrying", "waiting for the cabin", "driving in", "riding", "driving out"),
+    )
+    assert isinstance(steps[called + 2], Ride) and steps[called + 2].destination == "L2"
+    shaft = shaft_polygon(world.building().elevators["E1"])
+    footprint = MoveTable(world, "box", GOAL)._carry.footprint()
+
+    def at(pose: tuple[float, float, float]) -> bool:
+        return bool(translate(rotate(footprint, pose[2], (0, 0), use_radians=True), *pose[:2]).intersects(shaft))
+
+    way_in, way_out = (steps[called + 1], steps[called + 3])
+    assert isinstance(way_in, Carry) and isinstance(way_out, Carry)
+    for step in (way_in, way_out):
+        trajectory = Trajectory.from_rows(step.rows)
+        assert trajectory.duration <= BOARDING_LIMIT_S - SPARE_S
+        ends = trajectory.start, trajectory.goal
+        inside, outside = ends if step is way_out else ends[::-1]
+        assert at(inside) and not at(outside)
+
+
+def test_elevators_that_are_too_small_are_named() -> None:
+    with pytest.raises(ImpossibleCarry, match="E1"):
+        MoveTable(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
+
+
+def test_doors_that_can_not_be_passed_in_time_are_told(world: MapWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robocorba.missions.move_table.BOARDING_LIMIT_S", 8.0)
+    with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 8 s; 1\d s are needed for driving in"):
+        MoveTable(world, "box", GOAL).plan("m", "A", ROBOTS)
+
+
+def test_how_many_carry_follows_the_weight(world: MapWorld) -> None:
+    assert MoveTable(world, "box", GOAL).helpers == 1
+    assert MoveTable(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
+
+
+def test_what_is_not_there_is_told(world: MapWorld) -> None:
+    with pytest.raises(MissionFailed, match="no object 'piano'"):
+        MoveTable(world, "piano", GOAL)
+    with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
+        MoveTable(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})

@@ -1,0 +1,139 @@
+"""Two robots carry a box up one floor: real processes, one command, and the elevator that they all ride together.
+
+It is the example of docs/mission.md."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import threading
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from robocorba.control.agent import Condition
+from robocorba.errors import NotReachable
+from robocorba.maps import native
+from robocorba.missions.formation import HAND_M
+from robocorba.orb import Orb
+from robocorba.remote.agents import RemoteAgent
+from robocorba.remote.data_pool import RemotePool
+from robocorba.remote.floors import RemoteDatabase
+from robocorba.repeating import Repeating
+from robocorba.simulation.floor_update import WHOLE
+from robocorba.simulation.registry import Pose
+from tests.missions.worlds import two_storeys
+from tests.system.processes import ROBOCORBA, Launcher, Running, claimed_ports, real_system
+
+pytestmark = pytest.mark.system
+
+PATIENCE_S = 170.0
+START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)
+#: The box at its goal, m and rad; its grips from the hands, m; how far from start and goal it is certainly carried, m.
+NEAR_M, NEAR_RAD, SLIPPED_M, AWAY_M = 0.05, math.radians(3.0), 0.02, 0.1
+LOOK_S = 0.2
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> Iterator[Running]:
+    native.save(two_storeys(), tmp_path / "two-storeys.yaml")
+    with claimed_ports() as port, Launcher(tmp_path) as launch:
+        running = real_system(launch, tmp_path / "state", port, "--building", "two-storeys.yaml").wait_ready()
+        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
+        yield running
+
+
+class Seen(NamedTuple):
+    """Where all are at one moment."""
+
+    floor: str
+    poses: dict[str, Pose]
+
+    def is_carried(self) -> bool:
+        """Whether the box is on its way for certain."""
+        box = self.poses["box"]
+        return all(box.floor != there.floor or math.dist(box[1:3], there[1:3]) > AWAY_M for there in (START, GOAL))
+
+    def hand(self, robot: str) -> tuple[float, float]:
+        """In the frame of the box, m."""
+        box, base = self.poses["box"], self.poses[robot]
+        x = base.x + HAND_M * math.cos(base.heading) - box.x
+        y = base.y + HAND_M * math.sin(base.heading) - box.y
+        c, s = math.cos(box.heading), math.sin(box.heading)
+        return c * x + s * y, c * y - s * x
+
+
+class Watch:
+    """Looks at both floors again and again. `seen`: what was together on one of them."""
+
+    def __init__(self, orb: Orb) -> None:
+        self._database = RemoteDatabase(orb, 5.0)
+        self.seen: list[Seen] = []
+
+    def look(self) -> None:
+        for floor in ("L1", "L2"):
+            with contextlib.suppress(NotReachable):
+                update = self._database.changes(floor, WHOLE)
+                names = {body.number: body.name for body in update.came}
+                poses = {
+                    names[int(row["number"])]: Pose(floor, float(row["x"]), float(row["y"]), float(row["heading"]))
+                    for row in update.motions
+                }
+                if poses.keys() >= {"A", "B", "box"}:
+                    self.seen.append(Seen(floor, poses))
+
+
+def test_two_robots_carry_a_box_up_one_floor(system: Running, launch: Launcher, tmp_path: Path) -> None:
+    place = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "robots")}
+    robots = [
+        launch(ROBOCORBA, "robot", name, "--floor", "L1", "--at", at, "--channel", "main", **place)
+        for name, at in (("A", "4.2,2.2,0.785"), ("B", "6.6,4.8,-2.36"))
+    ]
+    for robot in robots:
+        assert robot.stdout is not None and robot.stderr is not None
+        assert robot.stdout.readline() == "ready\n", robot.stderr.read()
+        threading.Thread(target=deque, args=(robot.stderr, 0), daemon=True).start()
+    with Orb(system.naming) as orb:
+        watch = Watch(orb)
+        to = f"L2:{GOAL.x},{GOAL.y},{GOAL.heading}"
+        command = ("mission", "start", "move-table", "--table", "box", "--to", to, "--leader", "A")
+        with contextlib.closing(Repeating("watch", watch.look, LOOK_S).start()):
+            out, err = launch(ROBOCORBA, *command, **place).communicate(timeout=PATIENCE_S)
+        assert (out.splitlines()[-1].split("\t")[0], err) == ("done", ""), out
+        watch.look()
+        for name in ("A", "B"):
+            state = RemoteAgent(orb, name).state()
+            assert (state.at.floor, state.condition) == ("L2", Condition.IDLE)
+            assert [body.name for body in RemotePool.of_robot(orb, name).content().came if body.name == "box"]
+    check_box(watch.seen)
+    check_report(tmp_path / "robots")
+
+
+def check_box(seen: list[Seen]) -> None:
+    """It was never let go of on its way, and stands at its goal."""
+    carried = [moment for moment in seen if moment.is_carried()]
+    assert {moment.floor for moment in carried} == {"L1", "L2"}
+    assert len(carried) > 30
+    for robot in ("A", "B"):
+        grip = carried[0].hand(robot)
+        assert max(math.dist(moment.hand(robot), grip) for moment in carried) < SLIPPED_M
+    box = seen[-1].poses["box"]
+    assert box.floor == GOAL.floor
+    assert math.dist(box[1:3], GOAL[1:3]) < NEAR_M
+    assert abs(math.remainder(box.heading - GOAL.heading, math.tau)) < NEAR_RAD
+
+
+def check_report(state: Path) -> None:
+    """That the leader left."""
+    (file,) = state.glob("missions/*/report.json")
+    report = json.loads(file.read_text())
+    assert (report["result"], report["robots"]) == ("done", {"A": "leader", "B": "helper"})
+    assert [phase["name"] for phase in report["phases"]] == [
+        *("gathering", "approaching", "gripping", "carrying", "waiting for the cabin", "driving in", "riding"),
+        *("driving out", "carrying", "putting down", "backing off"),
+    ]
+    assert 0.0 < report["farthest_grip_m"] < SLIPPED_M
