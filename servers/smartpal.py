@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 
 from robocorba import logs
+from robocorba.control.priority import be_punctual
 from robocorba.kinematics.smartpal import Side
 from robocorba.orb import Orb
 from robocorba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
@@ -18,6 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.setup("smartpal", settings.server.state / "logs")
     robot = SmartPal(settings.seed, settings.start)
     robot.warm_up()
+    be_punctual()  # a robot's own computers do nothing else: threads that begin from here on have priority, too
     faults = robot.faults
     with (
         Orb(settings.server.naming, settings.server.endpoint, context="", with_kinds=True) as orb,

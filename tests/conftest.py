@@ -19,6 +19,11 @@ hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.
 hypothesis.settings.load_profile("suite")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that wait for real processes come first, so that no worker is left alone with one of them at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("system") is None)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def sigint() -> None:
     """Shells let what they start in the background ignore Ctrl-C, and it would be ignored by all that tests start."""

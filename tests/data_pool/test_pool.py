@@ -60,7 +60,7 @@ def test_things_by_name() -> None:
     table, shelf = pool.object("T1"), pool.object("S1")
     assert table and shelf
     assert (table.x, table.y, table.heading, table.vx) == (2.0, 2.0, 0.3, 0.0)
-    assert (table.mass_kg, shelf.mass_kg) == (pytest.approx(12.0), 0.0)
+    assert (table.mass_kg, shelf.mass_kg) == (pytest.approx(5.4), 0.0)
     assert np.sort(shelf.corners, axis=0) == pytest.approx(np.array([(7.5, 7.7), (7.5, 7.7), (8.5, 8.3), (8.5, 8.3)]))
     assert [pool.object(name) for name in ("A", "plate", "W1", "")] == [None] * 4
     assert [pool.robot(name) for name in ("T1", "")] == [None] * 2
