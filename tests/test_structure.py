@@ -23,6 +23,7 @@ DOMAIN = (
     "robocorba/sensing/",
     "robocorba/simulation/",
     "robocorba/errors.py",
+    "robocorba/frames.py",
 )
 SERVANTS = "robocorba/servants/"
 #: What knows the classes that omniidl made: to translate, to derive from them, or to narrow to them.

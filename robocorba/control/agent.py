@@ -28,6 +28,7 @@ from robocorba.errors import (
     SimulationError,
     UnknownFloor,
 )
+from robocorba.frames import into, turned
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
 from robocorba.programs.base_checks import Planner
@@ -356,13 +357,11 @@ class ControlAgent:
 
 def _towards(robot: RobotState, body: Pose) -> Velocity:
     """The velocity of a body that follows a robot, in the body's frame."""
-    turned = math.remainder(robot.heading - body.heading, math.tau)
-    c, s = math.cos(turned), math.sin(turned)
-    ahead, left, turn = robot.velocity
-    dx, dy = robot.x - body.x, robot.y - body.y
-    cb, sb = math.cos(body.heading), math.sin(body.heading)
+    beside = math.remainder(robot.heading - body.heading, math.tau)
+    ahead, left = turned(robot.velocity[0], robot.velocity[1], beside)
+    missing_ahead, missing_left = into(robot.x, robot.y, body[1:])
     return (
-        c * ahead - s * left + FOLLOW_GAIN * (cb * dx + sb * dy),
-        s * ahead + c * left + FOLLOW_GAIN * (cb * dy - sb * dx),
-        turn + FOLLOW_GAIN * turned,
+        ahead + FOLLOW_GAIN * missing_ahead,
+        left + FOLLOW_GAIN * missing_left,
+        robot.velocity[2] + FOLLOW_GAIN * beside,
     )

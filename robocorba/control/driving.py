@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from robocorba.control.motion import Wish
 from robocorba.control.robot_state import STANDING, RobotState, Velocity
 from robocorba.errors import MotionFailed
+from robocorba.frames import out_of, turned
 from robocorba.simulation.physics import Limits
 
 #: How near is there, m and rad; and how slow is standing, m/s and rad/s.
@@ -59,13 +60,10 @@ class Drive:
         vx, vy = self._velocity(here, missing, state)
         wanted = self._wanted_heading(state, remaining, vx, vy)
         beside = math.remainder(wanted - state.heading, math.tau)
-        if self._next == len(self._points) - 1 and missing <= THERE_M and abs(beside) <= THERE_RAD:
-            ahead, left, turn = state.velocity
-            if math.hypot(ahead, left) <= STILL_M_S and abs(turn) <= STILL_RAD_S:
-                return None
+        if self._next == len(self._points) - 1 and missing <= THERE_M and abs(beside) <= THERE_RAD and is_still(state):
+            return None
         self._check_progress(state, remaining, abs(beside), elapsed_s)
-        c, s = math.cos(state.heading), math.sin(state.heading)
-        return Wish((c * vx + s * vy, c * vy - s * vx, self._turn(beside)))
+        return Wish((*turned(vx, vy, -state.heading), self._turn(beside)))
 
     def _pass_corners(self, here: tuple[float, float]) -> None:
         assert self._line_from is not None
@@ -100,9 +98,8 @@ class Drive:
         if is_last:
             speed = min(speed, GAIN * missing)
         # What the wheels can is for the new direction first, then for the speed.
-        c, s = math.cos(state.heading), math.sin(state.heading)
         ahead, left, _ = state.velocity
-        along = ((c * ahead - s * left) * way[0] + (s * ahead + c * left) * way[1]) / far
+        along = _dot(turned(ahead, left, state.heading), way) / far
         speed = min(speed, max(0.0, along) + MORE_M_S)
         return way[0] / far * speed, way[1] / far * speed
 
@@ -113,10 +110,10 @@ class Drive:
         lengths = math.hypot(*line) * math.hypot(*after)
         if lengths == 0.0:
             return most
-        turned = math.acos(max(-1.0, min(1.0, _dot(line, after) / lengths)))
-        if turned < 1e-3:
+        corner_rad = math.acos(max(-1.0, min(1.0, _dot(line, after) / lengths)))
+        if corner_rad < 1e-3:
             return most
-        return min(most, math.sqrt(self._limits.acceleration * PASS_M) / math.sin(turned / 2.0))
+        return min(most, math.sqrt(self._limits.acceleration * PASS_M) / math.sin(corner_rad / 2.0))
 
     def _wanted_heading(self, state: RobotState, remaining: float, vx: float, vy: float) -> float:
         if remaining > TURN_AT_M and math.hypot(vx, vy) > 0.0:
@@ -155,8 +152,7 @@ class DriveBy:
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
         if self._drive is None:
             ahead, left, turn = self._by
-            c, s = math.cos(state.heading), math.sin(state.heading)
-            goal = state.x + c * ahead - s * left, state.y + s * ahead + c * left
+            goal = out_of(ahead, left, (state.x, state.y, state.heading))
             self._drive = _Straight(goal, state.heading + turn, self._speed, self._limits)
         return self._drive.wish(state, elapsed_s)
 

@@ -19,6 +19,7 @@ from robocorba.control.motion import Motion, Wish
 from robocorba.control.priority import be_punctual
 from robocorba.control.robot_state import STANDING, ActorCommand, RobotState, Velocity
 from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
+from robocorba.frames import turned
 from robocorba.grids import Floats
 from robocorba.simulation.physics import Limits
 
@@ -77,7 +78,6 @@ class HighController:
         #: As it was last; replaced, never changed.
         self.state = RobotState(joints=self._targets)
         self.late_s: deque[float] = deque(maxlen=JITTER_TICKS)
-        self.ticks = 0
         self._ticked_at = 0.0
 
     # ---- its life ----
@@ -161,7 +161,7 @@ class HighController:
     @property
     def jitter_s(self) -> float:
         """How late the latest tick of the last ten seconds was."""
-        return max(self.late_s, default=0.0)
+        return max(list(self.late_s), default=0.0)
 
     # ---- in the thread of the ticks ----
 
@@ -173,7 +173,7 @@ class HighController:
             raise AdaptorFailed("the robot was started and can't be read")
         with self._lock:
             ahead, left, turn = state.velocity
-            self._velocity = *_turned(ahead, left, state.heading), turn
+            self._velocity = *turned(ahead, left, state.heading), turn
             self._targets = state.joints.copy()
             self.state = state
             self._ticked_at = time.monotonic()
@@ -211,7 +211,6 @@ class HighController:
             self.state = state
             command = self._command(state)
             self._adaptor.write(command)
-            self.ticks += 1
             self._told(state, command)
         except AdaptorFailed as wrong:
             self._fail(str(wrong), isinstance(wrong, RobotLost))
@@ -283,12 +282,13 @@ class HighController:
             ahead, left = ahead * self.speed_cap / speed, left * self.speed_cap / speed
         turn = min(max(turn, -self._limits.turn), self._limits.turn)
         vx, vy, turning = self._velocity
-        dx, dy = _minus(_turned(ahead, left, heading), (vx, vy))
+        wanted_x, wanted_y = turned(ahead, left, heading)
+        dx, dy = wanted_x - vx, wanted_y - vy
         share = min(1.0, self._limits.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
         most = self._limits.turn_acceleration * TICK_S
         turning += min(max(turn - turning, -most), most)
         self._velocity = vx + dx * share, vy + dy * share, turning
-        return *_turned(self._velocity[0], self._velocity[1], -heading), turning
+        return *turned(self._velocity[0], self._velocity[1], -heading), turning
 
     def _end_motion(self, error: RobotError | None) -> None:
         with self._lock:
@@ -325,12 +325,3 @@ class _Running:
 
 def _stopped(reason: str, is_lost: bool) -> RobotError:
     return RobotLost(reason) if is_lost else IllegalOrder("go on", f"is stopped: {reason}")
-
-
-def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
-    c, s = math.cos(angle), math.sin(angle)
-    return c * x - s * y, s * x + c * y
-
-
-def _minus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    return a[0] - b[0], a[1] - b[1]

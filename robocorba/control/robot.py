@@ -19,7 +19,8 @@ from robocorba.control.motion import Motion
 from robocorba.control.robot_state import Velocity
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
-from robocorba.errors import MotionFailed, RobotLost
+from robocorba.errors import MotionFailed, RoboCorbaError, RobotLost
+from robocorba.frames import out_of
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
@@ -122,7 +123,7 @@ class Robot:
             self.call_elevator(entry.elevator, exit.floor)
             self._drive([(entry.x, entry.y)], None, speed)
             self.wait_for_ride(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
-        except BaseException:
+        except RoboCorbaError:
             with contextlib.suppress(RobotLost):
                 self.session.give_up_elevator()
             raise
@@ -156,8 +157,7 @@ class Robot:
         if thing:
             state = self.controller.state
             hand = self.kinematics.body.hand(sides[0], state.joints)
-            c, s = math.cos(state.heading), math.sin(state.heading)
-            self.hold(thing, state.x + c * hand.x - s * hand.y, state.y + s * hand.x + c * hand.y)
+            self.hold(thing, *out_of(hand.x, hand.y, (state.x, state.y, state.heading)))
             self._held.update(dict.fromkeys(sides, thing))
 
     def hold(self, thing: str, x: float, y: float) -> None:

@@ -81,14 +81,10 @@ class Others(Protocol):
 
 
 class Runner:
-    """One run of a program on a robot, by one thread.
+    """One run of a program on a robot, by one thread; how it gets on may be asked by any."""
 
-    changed: is told after each change of the report; must not wait."""
-
-    def __init__(
-        self, program: Program, robot: Robot, others: Others, changed: Callable[[Report], None] = lambda report: None
-    ) -> None:
-        self._program, self._robot, self._others, self._changed = program, robot, others, changed
+    def __init__(self, program: Program, robot: Robot, others: Others) -> None:
+        self._program, self._robot, self._others = program, robot, others
         self._began = time.monotonic()
         self._report_so_far = Report(program.name)
         self._begun: deque[Begun] = deque(maxlen=MOST_BEGUN)
@@ -267,7 +263,6 @@ class Runner:
 
     def _report(self, **changes: Any) -> None:
         self._report_so_far = self.report._replace(seconds=time.monotonic() - self._began, **changes)
-        self._changed(self._report_so_far)
 
 
 def _awaited(program: Program) -> list[tuple[str, str]]:

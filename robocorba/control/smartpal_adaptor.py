@@ -20,6 +20,7 @@ import numpy as np
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.errors import AdaptorFailed, RoboCorbaError
+from robocorba.frames import turned
 from robocorba.grids import Floats
 from robocorba.kinematics.smartpal import ACCELERATION, ARM, BASE, GRIP, JOINTS, LOWER, LUMBAR, SPEED, UPPER, Side
 
@@ -230,8 +231,7 @@ class SmartPalAdaptor(RobotAdaptor):
         self._place = float(place[0]), float(place[1]), float(place[2])
         state.time, (state.x, state.y, state.heading) = now, self._place
         x, y, turn = self._velocities[:3].tolist()
-        cosine, sine = math.cos(state.heading), math.sin(state.heading)
-        state.velocity = x * cosine + y * sine, y * cosine - x * sine, turn
+        state.velocity = *turned(x, y, -state.heading), turn
         state.joints, state.joint_velocities = joints, self._velocities[3:].copy()
 
     # ---- write ----

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from robocorba.frames import out_of
 from robocorba.maps.model import XY, MapObject
 from robocorba.maps.movable import outline
 from robocorba.simulation.floor_update import Body, BodyKind
@@ -36,8 +37,7 @@ class Thing(NamedTuple):
     @property
     def corners(self) -> tuple[XY, ...]:
         """The outline in the floor's frame, m."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        return tuple((self.x + c * x - s * y, self.y + s * x + c * y) for x, y in self.outline)
+        return tuple(out_of(x, y, (self.x, self.y, self.heading)) for x, y in self.outline)
 
 
 def moving(body: Body, motion: np.void) -> Thing:

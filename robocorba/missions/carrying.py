@@ -9,6 +9,7 @@ from collections.abc import Callable
 from robocorba.control.motion import Wish
 from robocorba.control.robot_state import RobotState
 from robocorba.errors import MotionFailed
+from robocorba.frames import turned
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.rhythm import Rhythm
 from robocorba.missions.trajectory import Trajectory
@@ -55,5 +56,4 @@ class CarryMotion:
         if self.error_m > LOST_M:
             raise MotionFailed(f"{self.error_m:.2f} m away from its place beside what it carries")
         vx, vy = vx * rate + GAIN * dx, vy * rate + GAIN * dy
-        c, s = math.cos(state.heading), math.sin(state.heading)
-        return Wish((c * vx + s * vy, c * vy - s * vx, turn * rate + GAIN * beside))
+        return Wish((*turned(vx, vy, -state.heading), turn * rate + GAIN * beside))

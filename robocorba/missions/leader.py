@@ -64,7 +64,7 @@ class Phase(NamedTuple):
 
 
 class MissionReport(NamedTuple):
-    """How a mission went. result: done, aborted or failed; reason: why not done. heard: every message that came."""
+    """How a mission went. result: done or failed; reason: why not done. heard: every message that came."""
 
     mission: str
     kind: str

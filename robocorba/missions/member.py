@@ -55,6 +55,8 @@ class Member:
         if self._subplan.robot in order.heard:
             sent, heard = order.heard[self._subplan.robot]
             self.clock.measure(sent, heard, order.sent, came)
+        if order.step > self._order.step:
+            self._rhythm.reset()  # here, not when the step begins: its first orders come before that
         self._rhythm.follow(order.since, order.along_s, order.rate, order.sent)
         with self._changed:
             is_end = bool(order.end and not self._order.end)
@@ -135,7 +137,6 @@ class Member:
 
     def _perform(self, number: int) -> None:
         step = self._subplan.steps[number]
-        self._rhythm.reset()
         self._step, self._is_done, self._began_at = number, False, self.clock.now()
         self._late_at = time.monotonic() + step.limit_s
         self._begun.append(Begun(number, f"steps[{number}]", self._phase(), time.monotonic() - self._began))

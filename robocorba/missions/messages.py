@@ -41,7 +41,6 @@ class Offer(_Message, frozen=True, kw_only=True):
     floor: str
     x: float
     y: float
-    payload_kg: float
 
 
 class Proposal(_Message, frozen=True, kw_only=True):

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from robocorba.control.robot import Robot
-from robocorba.errors import EventError, IllegalOrder, NotReachable, RobotError
+from robocorba.errors import EventError, NotReachable, RobotError
 from robocorba.missions.member import Member
 from robocorba.missions.messages import Answer, Call, Offer, Order, Proposal
 from robocorba.missions.performer import Places, Standing
@@ -20,8 +20,6 @@ from robocorba.simulation.registry import Pose
 EVERY_S = 0.1
 #: A member that has ended says so for so long, in case it was not heard, s.
 FAREWELL_S = 3.0
-#: What a SmartPal carries with both hands, kg.
-PAYLOAD_KG = 4.0
 RETRY_S = 1.0
 
 _log = logging.getLogger(__name__)
@@ -49,7 +47,6 @@ class MissionAgent:
         self._transport, self._owner = transport, owner
         self._where, self._around = where, around
         self._member: Member | None = None
-        self._refused: dict[str, str] = {}
         self._ended_at: float | None = None
         self._told_at = 0.0
         self._told: object = None
@@ -64,11 +61,6 @@ class MissionAgent:
     def close(self) -> None:
         self._closing.set()
         self._thread.join()
-
-    @property
-    def member(self) -> Member | None:
-        """The part that the robot has now."""
-        return self._member
 
     def _run(self) -> None:
         while not self._closing.is_set():
@@ -113,7 +105,6 @@ class MissionAgent:
                     floor=at.floor,
                     x=at.x,
                     y=at.y,
-                    payload_kg=PAYLOAD_KG,
                 ),
                 RETRY_S,
             )
@@ -139,7 +130,7 @@ class MissionAgent:
         is_own = proposal.leader == self._transport.name
         try:
             member = self._owner.begin_part(lambda robot: Member(proposal, robot, self._where, self._around), is_own)
-        except (IllegalOrder, RobotError) as wrong:
+        except RobotError as wrong:
             return str(wrong)
         self._member, self._ended_at, self._is_listening = member, None, False
         self._listen()

@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from shapely import Polygon
-from shapely.affinity import rotate, translate
 
 from robocorba.errors import MissionFailed, PathError
+from robocorba.frames import out_of
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry import CarryPlan, Leg, plan_carry
 from robocorba.missions.formation import Pose
 from robocorba.missions.helpers import assigned
-from robocorba.missions.mission_agent import PAYLOAD_KG
 from robocorba.missions.subplan import (
     Approach,
     BackOff,
@@ -29,10 +28,12 @@ from robocorba.missions.subplan import (
     SubPlan,
     TakeHold,
 )
+from robocorba.missions.surroundings import placed
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import World
 from robocorba.planning.request import PathRequest, Place
 from robocorba.programs.icons import Destination
+from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
 
 #: Helpers gather so far behind their places, m, and back off as far.
@@ -163,7 +164,7 @@ class MoveTable:
         trajectory = Trajectory(poses, self._carry.formation.places())
         clear_until = 0.0
         while clear_until + LOOK_S < trajectory.duration:
-            if _at(footprint, trajectory.at(clear_until + LOOK_S)[0]).intersects(shaft):
+            if placed(footprint, trajectory.at(clear_until + LOOK_S)[0]).intersects(shaft):
                 break
             clear_until += LOOK_S
         rows, last = trajectory.to_rows(), trajectory.at(clear_until)[0]
@@ -182,9 +183,4 @@ def _approach(at: Pose) -> Approach:
 
 def _placed(place: Pose, at: Pose) -> Pose:
     """A place of a frame that is at a pose, in the building's."""
-    c, s = math.cos(at[2]), math.sin(at[2])
-    return at[0] + c * place[0] - s * place[1], at[1] + s * place[0] + c * place[1], at[2] + place[2]
-
-
-def _at(shape: Polygon, pose: Pose) -> Polygon:
-    return translate(rotate(shape, pose[2], (0.0, 0.0), use_radians=True), pose[0], pose[1])
+    return *out_of(place[0], place[1], at), at[2] + place[2]

@@ -16,7 +16,7 @@ _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; }
 td, th { padding: .2rem .8rem; border-bottom: 1px solid #ddd; text-align: left; }
-img, video { max-width: 100%; border: 1px solid #ddd; } .done { color: #1a7f37; } .failed, .aborted { color: #b42318; }
+img, video { max-width: 100%; border: 1px solid #ddd; } .done { color: #1a7f37; } .failed { color: #b42318; }
 figure { margin: 1rem 0; } details { margin: 1rem 0; } summary { cursor: pointer; }
 """
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from robocorba.control.robot import Robot
 from robocorba.errors import MotionFailed, PathError, RoboCorbaError, Unreachable
+from robocorba.frames import Frame, into, out_of
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, SHUT_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
@@ -26,7 +27,7 @@ from robocorba.simulation.elevator import Phase
 #: Slow near others, m/s; and how far apart two hands hold an edge, m.
 NEAR_SPEED, HANDS_APART_M = 0.2, 0.4
 #: Where an object is in the frame of the robot, x, y and heading; None where nobody knows it.
-Places = Callable[[str], tuple[float, float, float] | None]
+Places = Callable[[str], Frame | None]
 #: Robots that stand, and objects where they are now: polygons of floors, m.
 Standing = Callable[[], Sequence[Area]]
 #: Who gets stuck on the way to the others goes back a bit, m, waits, s, and tries again: so often in all.
@@ -173,29 +174,17 @@ class Performer:
     def _remember_grip(self, step: subplan.TakeHold) -> None:
         """Where the object is held, in its own frame and in the robot's: they must stay together."""
         at, state = self._where(step.thing), self._robot.controller.state
-        self._hand_m = _into(step.x, step.y, state.x, state.y, state.heading)
-        self._grip_in_thing = _into(*self._hand_m, *at) if at else None
+        self._hand_m = into(step.x, step.y, (state.x, state.y, state.heading))
+        self._grip_in_thing = into(*self._hand_m, at) if at else None
 
     def _slipped_m(self) -> float:
         """How far the object is from the hand that holds it, by what is known of it now."""
         at = self._where(self._thing) if self._thing else None
         if at is None or self._grip_in_thing is None:
             return 0.0
-        return math.dist(_out_of(*self._grip_in_thing, *at), self._hand_m)
+        return math.dist(out_of(*self._grip_in_thing, at), self._hand_m)
 
 
-def seen_from(thing: tuple[float, float, float], robot: tuple[float, float, float]) -> tuple[float, float, float]:
+def seen_from(thing: Frame, robot: Frame) -> Frame:
     """A pose of the building in the frame of a robot."""
-    return *_into(thing[0], thing[1], *robot), math.remainder(thing[2] - robot[2], math.tau)
-
-
-def _into(x: float, y: float, ox: float, oy: float, heading: float) -> tuple[float, float]:
-    """A point of the building in a frame."""
-    c, s = math.cos(heading), math.sin(heading)
-    return c * (x - ox) + s * (y - oy), c * (y - oy) - s * (x - ox)
-
-
-def _out_of(x: float, y: float, ox: float, oy: float, heading: float) -> tuple[float, float]:
-    """A point of a frame in the building."""
-    c, s = math.cos(heading), math.sin(heading)
-    return ox + c * x - s * y, oy + s * x + c * y
+    return *into(thing[0], thing[1], robot), math.remainder(thing[2] - robot[2], math.tau)

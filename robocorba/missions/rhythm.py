@@ -18,7 +18,7 @@ class Rhythm:
         self._heard = 0.0
 
     def reset(self) -> None:
-        """Before a trajectory begins."""
+        """Another trajectory begins: what was said of the last one counts no more."""
         with self._lock:
             self._now = self._next = (0.0, 0.0, 0.0)
 

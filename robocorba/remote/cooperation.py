@@ -29,10 +29,11 @@ from robocorba.orb import Orb
 from robocorba.planning.request import Place
 from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
-from robocorba.remote.mission_channel import MissionChannel
-from robocorba.remote.others import RobotChannel
+from robocorba.remote.robot_channel import RobotChannel
 from robocorba.remote.world import RemoteWorld
 
+#: How long a program waits for the channel to take what it says, s.
+SAY_LIMIT_S = 5.0
 Expand = Callable[[Any, World, str, Place], Expansion]
 #: What each cooperative icon becomes, from the icon, the world, the leader's name and where it is.
 EXPANSIONS: dict[type[Icon], Expand] = {
@@ -64,7 +65,7 @@ class Cooperation:
         if not self._channel_name:
             return
         carry.warm_up()
-        channel = MissionChannel(self._orb, self._channel_name, self._name)
+        channel = RobotChannel(self._orb, self._channel_name, self._name)
         self._closing.callback(channel.close)
 
         def where(thing: str) -> tuple[float, float, float] | None:
@@ -90,11 +91,11 @@ class Cooperation:
 
     def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
         """Raises EventError, NotReachable."""
-        self._channel.listen(patterns, hear)
+        self._channel.listen(patterns, lambda type, source, payload, origin: hear(Heard(type, source, payload)))
 
     def say(self, type: str, payload: Any) -> None:
         """Raises EventError, NotReachable."""
-        self._channel.say(type, payload)
+        self._channel.say(type, payload, SAY_LIMIT_S)
 
     def cooperate(self, icon: Icon) -> None:
         """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
@@ -105,9 +106,9 @@ class Cooperation:
             raise MissionFailed(f"nobody knows how to do {kind(icon)} together")
         here = Place(*agent.place[:3])
         expansion = EXPANSIONS[type(icon)](icon, self._world, self._name, here)
-        mission = f"{self._name}-{time.strftime('%H%M%S')}-{uuid.uuid4().hex[:6]}"
+        mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
         course = agent.robot.course
-        with contextlib.closing(MissionChannel(self._orb, self._channel_name, self._name)) as channel:
+        with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
             leader = Leader(
                 mission,
                 Transport(channel, self._name),

@@ -42,7 +42,6 @@ class RemoteSession:
         self._slow: Any = None
         self._sensor: Any = None
         self._latest: SessionState | None = None
-        self.lease_s = 0.0
 
     @property
     def latest(self) -> SessionState:
@@ -126,7 +125,6 @@ class RemoteSession:
             self._session, self._slow = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
             limit_calls(self._session, CALL_LIMIT_S)
             limit_calls(self._slow, CHANGE_LIMIT_S)
-            self.lease_s = self._slow._get_lease()
             self._sensor = self._slow._get_sensor()
             limit_calls(self._sensor, CHANGE_LIMIT_S)  # the first call may have to wait for a sensor process
         except NotReachable as wrong:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import shapely
 from shapely import Polygon
-from shapely.affinity import rotate, translate
 
 from robocorba.errors import MissionFailed
 from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
 from robocorba.maps.movable import movables
+from robocorba.missions.surroundings import placed
 from robocorba.missions.world import Thing
 from robocorba.orb import Orb
 from robocorba.planning.request import Path, PathRequest
@@ -54,8 +54,7 @@ class RemoteWorld:
         found: dict[str, list[Obstacle]] = {}
         for other in self._things():
             if other.name != thing:
-                turned = rotate(other.outline, other.heading, (0.0, 0.0), use_radians=True)
-                shape = translate(turned, other.x, other.y)
+                shape = placed(other.outline, (other.x, other.y, other.heading))
                 found.setdefault(other.floor, []).append(Obstacle("object", other.name, shape))
         return found
 
