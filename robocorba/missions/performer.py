@@ -14,8 +14,8 @@ from robocorba.control.robot import Robot
 from robocorba.errors import MotionFailed, PathError, RoboCorbaError, Unreachable
 from robocorba.frames import Frame, into, out_of
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, SHUT_RAD, Side
-from robocorba.kinematics.tasks import POSTURES
+from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
+from robocorba.kinematics.tasks import POSTURES, grip_table
 from robocorba.missions import subplan
 from robocorba.missions.carrying import CarryMotion
 from robocorba.missions.clock import LeaderClock
@@ -162,13 +162,13 @@ class Performer:
         """Both hands level at an edge; as near to it as they get where they can't reach it so."""
         joints = self._robot.joints
         joints[[GRIP[side] for side in Side]] = OPEN_RAD
-        left = HandPose(ahead_m, HANDS_APART_M / 2, height_m)
+        hands = grip_table(height_m, ahead_m, HANDS_APART_M)
         try:
-            joints = self._robot.kinematics.solve_both(left, left.mirrored(), joints, lumbar_helps=True)
-        except Unreachable:
+            joints = self._robot.kinematics.solve_both(*hands, joints, lumbar_helps=True)
+        except Unreachable as too_far:
+            _log.warning("the hands don't reach the edge at %.2f m: %s", height_m, too_far)
             for side in Side:
                 joints[ARM[side]] = POSTURES["reach"]
-        assert len(joints) == len(JOINTS)
         self._robot.joints_along([joints])
 
     def _remember_grip(self, step: subplan.TakeHold) -> None:
