@@ -23,7 +23,7 @@ from pathlib import Path
 import platformdirs
 
 from robocorba.errors import ServiceError
-from robocorba.simulation.registry import Pose
+from robocorba.simulation.pose import Pose
 
 DEFAULT_HOST = "127.0.0.1"
 #: The port that CORBA reserves for naming services.

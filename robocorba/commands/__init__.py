@@ -1,62 +1,73 @@
-"""The robocorba command: one module a subcommand."""
+"""The robocorba command: one module a subcommand, loaded when it is asked for."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import sys
+from collections.abc import Iterable
+from importlib import import_module
 
 import typer
 
 from robocorba import __version__
-from robocorba.commands.events import app as events_app
-from robocorba.commands.map import app as map_app
-from robocorba.commands.mission import app as mission_app
-from robocorba.commands.path import path
-from robocorba.commands.program_run import app as program_app
-from robocorba.commands.record import record
-from robocorba.commands.replay import replay
-from robocorba.commands.robot import robot, stop, switch
-from robocorba.commands.simulation import app as simulation_app
-from robocorba.commands.status import status
-from robocorba.commands.up import up
-from robocorba.commands.watch import watch
 
-app = typer.Typer(
-    help="A CORBA-based cooperative mobile robot system.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command()(up)
-app.command()(status)
-app.command()(path)
-app.command()(watch)
-app.command()(record)
-app.command()(replay)
-# All of its arguments are the robot process's, the -- among them too: without interspersed ones it stays where it is.
-_AS_GIVEN = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
-app.command(context_settings={**_AS_GIVEN, "help_option_names": []})(robot)
-app.command()(stop)
-app.command()(switch)
-app.add_typer(simulation_app, name="simulation")
-app.add_typer(map_app, name="map")
-app.add_typer(program_app, name="program")
-app.add_typer(mission_app, name="mission")
-app.add_typer(events_app, name="events")
+#: Of each subcommand: its module here, and what of it is the command; an `app` has subcommands of its own.
+SUBCOMMANDS = {
+    "up": ("up", "up"),
+    "status": ("status", "status"),
+    "path": ("path", "path"),
+    "watch": ("watch", "watch"),
+    "record": ("record", "record"),
+    "replay": ("replay", "replay"),
+    "robot": ("robot", "robot"),
+    "stop": ("robot", "stop"),
+    "switch": ("robot", "switch"),
+    "simulation": ("simulation", "app"),
+    "map": ("map", "app"),
+    "program": ("program_run", "app"),
+    "mission": ("mission", "app"),
+    "events": ("events", "app"),
+}
+#: All arguments of `robot` are the robot process's, the -- among them too: without interspersed ones it stays.
+_AS_GIVEN = {
+    "allow_extra_args": True,
+    "ignore_unknown_options": True,
+    "allow_interspersed_args": False,
+    "help_option_names": [],
+}
 
 
-@app.command()
-def version() -> None:
-    """Print the version."""
-    typer.echo(__version__)
+def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
+    """The command with these subcommands; their modules are loaded."""
+    app = typer.Typer(
+        help="A CORBA-based cooperative mobile robot system.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    for name in names:
+        module, what = SUBCOMMANDS[name]
+        found = getattr(import_module(f"robocorba.commands.{module}"), what)
+        if what == "app":
+            app.add_typer(found, name=name)
+        else:
+            app.command(name, context_settings=_AS_GIVEN if name == "robot" else None)(found)
+
+    @app.command()
+    def version() -> None:
+        """Print the version."""
+        typer.echo(__version__)
+
+    return app
 
 
 def main() -> None:
     """Entry point of the command."""
+    asked = sys.argv[1] if len(sys.argv) > 1 else ""
     code = 0
     try:
-        app()
+        command([asked] if asked in SUBCOMMANDS else SUBCOMMANDS)()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     # Without the interpreter's own end: threads of the ORB that are just ending themselves would find it gone, and

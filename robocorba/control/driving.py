@@ -9,7 +9,7 @@ from robocorba.control.motion import Wish
 from robocorba.control.robot_state import STANDING, RobotState, Velocity
 from robocorba.errors import MotionFailed
 from robocorba.frames import out_of, turned
-from robocorba.simulation.physics import Limits
+from robocorba.simulation.pose import Limits
 
 #: How near is there, m and rad; and how slow is standing, m/s and rad/s.
 THERE_M, THERE_RAD = 0.002, math.radians(0.05)

@@ -21,7 +21,7 @@ from robocorba.control.robot_state import STANDING, ActorCommand, RobotState, Ve
 from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.frames import turned
 from robocorba.grids import Floats
-from robocorba.simulation.physics import Limits
+from robocorba.simulation.pose import Limits
 
 TICK_S = 0.02
 #: How long the robot goes on without a new command, s.

@@ -12,7 +12,7 @@ from robocorba.control.session import SessionState
 from robocorba.simulation.elevator import Phase, Ride
 from robocorba.simulation.load_balance import Load, Sensor
 from robocorba.simulation.management_agent import ServerState
-from robocorba.simulation.physics import Limits
+from robocorba.simulation.pose import Limits
 from robocorba.simulation.registry import Client, Description
 from robocorba.simulation.seen import Pose, State
 from robocorba.stubs import RoboCorba

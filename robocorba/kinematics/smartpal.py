@@ -12,7 +12,7 @@ from enum import Enum
 import numpy as np
 
 from robocorba.grids import Floats
-from robocorba.simulation.physics import Limits
+from robocorba.simulation.pose import Limits
 
 
 class Side(Enum):

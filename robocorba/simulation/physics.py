@@ -23,6 +23,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.grids import Floats, segments_of
 from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
+from robocorba.simulation.pose import Limits
 from robocorba.simulation.seen import Seen, in_own_frames
 
 #: The time of a step, s.
@@ -32,15 +33,6 @@ GROUND_FRICTION, GRAVITY_M_S2 = 0.5, 9.81
 _SLOP_M = 0.001
 #: Of an order: velocities, and until when they hold, s.
 _pack_order = Struct("4d").pack
-
-
-class Limits(NamedTuple):
-    """Of a robot's base: m/s, rad/s, m/s^2, rad/s^2."""
-
-    speed: float = 1.0
-    turn: float = math.radians(100)
-    acceleration: float = 1.0
-    turn_acceleration: float = math.radians(100)
 
 
 #: What is not a robot slows down by friction, or stands.

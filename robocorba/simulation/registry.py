@@ -13,8 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from robocorba.errors import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
-from robocorba.simulation.physics import Limits
-from robocorba.simulation.seen import Pose
+from robocorba.simulation.pose import Limits, Pose
 
 #: A robot that was not heard of for so long is logged off, s.
 LEASE_S = 2.0

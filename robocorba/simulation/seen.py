@@ -5,22 +5,13 @@ from __future__ import annotations
 import math
 from functools import cached_property, partial
 from itertools import repeat
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from robocorba.grids import Floats
 from robocorba.kernels import kernel
-
-
-class Pose(NamedTuple):
-    """Where a robot stands: x, y in m, heading in rad."""
-
-    floor: str
-    x: float
-    y: float
-    heading: float = 0.0
+from robocorba.simulation.pose import Pose
 
 
 class State(msgspec.Struct, frozen=True, gc=False):

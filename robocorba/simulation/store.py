@@ -13,7 +13,7 @@ import msgspec
 
 from robocorba.errors import InvalidMission, StaleMission, UnknownMission
 from robocorba.record_file import RecordFile
-from robocorba.simulation.physics import Limits
+from robocorba.simulation.pose import Limits
 from robocorba.simulation.registry import Description
 from robocorba.simulation.seen import Pose
 from robocorba.simulation.world import WorldRecord

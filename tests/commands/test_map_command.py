@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
 
-from robocorba.commands import app
+from robocorba.commands import command
 from robocorba.maps import native
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, TopologicalMap
@@ -25,7 +25,7 @@ def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def robocorba_map(*arguments: str) -> Result:
-    return CliRunner().invoke(app, ["map", *arguments])
+    return CliRunner().invoke(command(), ["map", *arguments])
 
 
 def lines(result: Result) -> list[str]:

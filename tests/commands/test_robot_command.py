@@ -8,7 +8,7 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from robocorba.commands import app
+from robocorba.commands import command
 
 
 @pytest.mark.parametrize(
@@ -24,5 +24,5 @@ from robocorba.commands import app
 def test_arguments_of_the_adaptor_stay_apart(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
     given: list[list[str]] = []
     monkeypatch.setattr(os, "execv", lambda program, words: given.append(words))
-    assert CliRunner().invoke(app, ["robot", *arguments]).exit_code == 0
+    assert CliRunner().invoke(command(), ["robot", *arguments]).exit_code == 0
     assert given == [[sys.executable, "-m", "clients.robot", *arguments]]

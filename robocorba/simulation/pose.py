@@ -1,0 +1,24 @@
+"""Where a robot stands, and what its base can do: types that everybody uses, and that load nothing else."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Pose(NamedTuple):
+    """Where a robot stands: x, y in m, heading in rad."""
+
+    floor: str
+    x: float
+    y: float
+    heading: float = 0.0
+
+
+class Limits(NamedTuple):
+    """Of a robot's base: m/s, rad/s, m/s^2, rad/s^2."""
+
+    speed: float = 1.0
+    turn: float = math.radians(100)
+    acceleration: float = 1.0
+    turn_acceleration: float = math.radians(100)
