@@ -49,7 +49,7 @@ MOST_MS = 100.0
 PATIENCE_S = 60.0
 #: A robot that moves like this goes around a circle of 1.5 m, m/s and rad/s.
 CIRCLE = SPEED_CAP, 0.0, SPEED_CAP / 1.5
-FULL_SPEED_M_S, ARM_SPEED_RAD_S = 0.97 * SPEED_CAP, 0.8
+FULL_SPEED_M_S, ARM_SPEED_RAD_S = 0.97 * SPEED_CAP, 0.65
 #: How long a stop is watched, a process hangs, s; and what an arm still moves that stands, rad.
 WATCH_S, PAUSE_S, ARM_STANDS_RAD = 0.8, 2.5, math.radians(0.1)
 #: Cases that take a start of the robot process each have a part of the rounds.

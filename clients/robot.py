@@ -11,6 +11,7 @@ from omniORB import CORBA
 from robocorba import logs
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.agent import AgentState, ControlAgent
+from robocorba.control.priority import be_prompt
 from robocorba.control.tick_file import TickFile
 from robocorba.conversion.errors import error_of
 from robocorba.data_pool.plans import Plans
@@ -66,6 +67,7 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = RobotSettings.read(arguments, __doc__ or "")
     logs.setup(f"robot_{settings.name}", settings.common.state / "logs")
+    be_prompt()
     wanted = program.load(settings.program) if settings.program else None
     start = settings.at or Pose(settings.floor, 0.0, 0.0)
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:

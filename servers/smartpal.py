@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Sequence
 
 from robocorba import logs
-from robocorba.control.priority import be_punctual
+from robocorba.control.priority import be_prompt, be_punctual
 from robocorba.kinematics.smartpal import Side
 from robocorba.orb import Orb
 from robocorba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
@@ -17,6 +17,7 @@ from robocorba.smartpal.robot import RealTime, SmartPal
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SmartPalSettings.read(arguments, __doc__ or "")
     logs.setup("smartpal", settings.server.state / "logs")
+    be_prompt()
     robot = SmartPal(settings.seed, settings.start)
     robot.warm_up()
     be_punctual()  # a robot's own computers do nothing else: threads that begin from here on have priority, too

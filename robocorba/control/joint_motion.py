@@ -20,9 +20,9 @@ THERE_RAD = math.radians(0.1)
 SETTLE_S, NEAR_RAD = 3.0, math.radians(0.3)
 #: A finger that moves slower for so long has met something, rad/s and s; then it presses on it for so long, s.
 STILL_RAD_S, MET_S, HOLD_S = 0.05, 0.15, 0.1
-#: Of joints' speed and acceleration a motion uses so much: what is left makes up for what lags, and arms that move no
-#: faster stand within 0.1 s.
-SHARE = 0.7
+#: Of joints' acceleration and speed a motion uses so much: what is left makes up for what lags, and arms that move no
+#: faster than this, 40 deg/s, stand within 0.1 s of a stop.
+STRENGTH, PACE = 0.7, 0.45
 #: Greatest first and second derivative of the quintic that goes from 0 to 1 in 1 s.
 _FASTEST, _STRONGEST = 1.875, 10.0 / math.sqrt(3.0)
 
@@ -49,8 +49,8 @@ class JointMotion:
         steepest = slopes.max(axis=0) if steps else np.zeros(len(names))
         self.seconds = max(
             seconds,
-            float((_FASTEST * steepest / (SHARE * speed)).max()),
-            float(np.sqrt(_STRONGEST * steepest / (SHARE * acceleration)).max()),
+            float((_FASTEST * steepest / (PACE * speed)).max()),
+            float(np.sqrt(_STRONGEST * steepest / (STRENGTH * acceleration)).max()),
         )
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
