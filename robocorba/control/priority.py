@@ -29,7 +29,8 @@ def be_punctual() -> bool:
 
 def be_prompt() -> None:
     """Let a punctual thread of this process not wait for long for one that has the interpreter's lock, and that has to
-    be run to hand it on. For a process to call before it starts threads; without the right to, they stay as they are."""
+    be run to hand it on. For a process to call before it starts threads; without the right to it, they stay as they
+    are."""
     sys.setswitchinterval(SWITCH_S)
     try:
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
