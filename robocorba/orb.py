@@ -19,9 +19,11 @@ naming context RoboCorba, and bound again when the naming service comes back wit
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import gc
 import logging
 import signal
+import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -66,6 +68,9 @@ OPTIONS: dict[str, str] = {
     # A call that arrives while a process starts waits this long (ms) rather than for good.
     "poaHoldRequestTimeout": "5000",
 }
+
+#: A process that was told to end and has not done so within this time tells where its threads are, and ends, s.
+END_LIMIT_S = 30.0
 
 _log = logging.getLogger(__name__)
 _one_orb = threading.Lock()
@@ -159,6 +164,7 @@ class Orb:
                 orb.shutdown(True)  # waits for calls in progress
                 orb.destroy()
         finally:
+            faulthandler.cancel_dump_traceback_later()
             _one_orb.release()
 
     # ---- serving ----
@@ -221,7 +227,8 @@ class Orb:
         self._unbind({name: reference})
 
     def run(self) -> None:
-        """Serve until SIGTERM, SIGINT or `stop`. Only in the main thread."""
+        """Serve until SIGTERM, SIGINT or `stop`; the `with` has to end within END_LIMIT_S after that. Only in the main
+        thread."""
         gc.freeze()  # what a server has loaded by now stays: collecting it again and again would delay calls
         self._let_calls_in()
         signals = (signal.SIGTERM, signal.SIGINT)
@@ -229,6 +236,7 @@ class Orb:
         try:
             self._stop.get()
         finally:
+            faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=sys.__stderr__)
             for number, handler in zip(signals, before, strict=True):
                 signal.signal(number, handler)
 

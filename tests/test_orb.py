@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -81,6 +83,17 @@ def test_serving_does_not_wait_for_the_naming_service(nowhere: Address) -> None:
         orb.serve({"PathPlanner": Planner()})
         orb.stop()
         orb.run()
+
+
+def test_a_process_that_does_not_come_to_its_end_tells_where_it_hangs_and_ends(nowhere: Address) -> None:
+    hangs = (
+        "import threading, robocorba.orb; from robocorba.orb import Orb; from robocorba.settings import Address;"
+        "robocorba.orb.END_LIMIT_S = 0.5\n"
+        f"with Orb(Address.parse('{nowhere}')) as orb:\n    orb.stop()\n    orb.run()\n    threading.Event().wait()"
+    )
+    ended = subprocess.run((sys.executable, "-c", hangs), capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == 1
+    assert 'File "<string>", line 5 in <module>' in ended.stderr
 
 
 def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address) -> None:
