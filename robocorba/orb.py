@@ -236,7 +236,7 @@ class Orb:
         try:
             self._stop.get()
         finally:
-            faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=sys.__stderr__)
+            faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=sys.__stderr__ or 2)
             for number, handler in zip(signals, before, strict=True):
                 signal.signal(number, handler)
 
