@@ -1,11 +1,18 @@
-"""The monitor: how a floor of the running simulation looks, for the 2D simulator."""
+"""The monitor: how a floor of the running simulation looks, for the 2D simulator.
+
+What draws is loaded with the first picture: a server that comes back after a crash must not wait for it."""
 
 from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 from robocorba.maps.model import Building
 from robocorba.simulation.floor_update import BodyKind, FloorView
 from robocorba.simulation.management_agent import ManagementAgent
-from robocorba.simulation.picture import FloorPainter, SightFan
+
+if TYPE_CHECKING:
+    from robocorba.simulation.picture import FloorPainter
 
 #: Scans that are older are not shown, simulated s.
 OLD_S = 1.0
@@ -16,10 +23,17 @@ class Monitor:
 
     def __init__(self, agent: ManagementAgent, building: Building) -> None:
         self._agent, self._building = agent, building
-        self._painter = FloorPainter(building)
+
+    @cached_property
+    def _painter(self) -> FloorPainter:
+        from robocorba.simulation.picture import FloorPainter
+
+        return FloorPainter(self._building)
 
     def png(self, floor: str, width_px: int) -> bytes:
         """A floor as it is now. Raises UnknownFloor, InvalidPicture."""
+        from robocorba.simulation.picture import SightFan
+
         database = self._agent.database
         view = FloorView(floor)
         view.apply(database.floor(floor))
