@@ -1,7 +1,7 @@
 """The paper's Figure 11: a robot hands a sheet of paper to another one, both virtual or both actual, by the same two
 programs.
 
-    python -m clients.hand_over [FOLDER] [--actual] [--naming HOST:PORT] [--channel C]
+    python -m clients.hand_over [FOLDER] [--actual] [--no-film] [--naming HOST:PORT] [--channel C]
     python -m clients.hand_over FOLDER --write-programs
 
 Without --naming it starts servers of its own; else those at HOST:PORT must serve the building `paper-scene`. Leaves in
@@ -137,14 +137,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         moments = play(agents, programs())
     seen = facts(moments)
     write_moments(folder / f"{name}.csv", moments)
-    film(folder / f"{name}.mp4", moments, seen.let_go_s)
+    wrote = [mcap.name, f"{name}.csv"]
+    if given.film:
+        film(folder / f"{name}.mp4", moments, seen.let_go_s)
+        wrote.append(f"{name}.mp4")
     wrong = faults(seen)
     print(
         f"The taker's gripper was shut after {seen.gripped_s:.2f} s, the giver's opened after {seen.let_go_s:.2f} s; "
         f"between that the hands were within {1000 * seen.off_m:.1f} mm of the sheet's ends, "
         f"one {1000 * seen.uneven_m:.1f} mm over the other, {math.degrees(seen.crooked_rad):.2f} deg askew."
     )
-    print(f"wrote {mcap}, {name}.csv and {name}.mp4")
+    print(f"wrote {', '.join(wrote)} in {folder}")
     for fault in wrong:
         print(f"wrong: {fault}")
     return 1 if wrong else 0
@@ -249,6 +252,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--actual", action="store_true", help="by the stand-ins of two actual robots")
     parser.add_argument("--naming", metavar="HOST:PORT", help="of servers that run already")
     parser.add_argument("--channel", default=CHANNEL, metavar="C", help="the event channel that both use")
+    parser.add_argument("--no-film", dest="film", action="store_false", help="leave the film out, which takes a while")
     parser.add_argument("--write-programs", action="store_true", help="only write the two programs into FOLDER")
     return parser.parse_args(arguments)
 

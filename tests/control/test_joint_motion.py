@@ -52,7 +52,7 @@ def moving(waypoints: list[Floats], seconds: float = 0.0) -> JointMotion:
     return JointMotion(np.array(waypoints), JOINTS, SPEED, ACCELERATION, seconds)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(POSTURES, some.lists(POSTURES, min_size=1, max_size=4))
 def test_any_way_is_gone_within_limits(begin: Floats, way: list[Floats]) -> None:
     arms = Arms(begin)

@@ -26,7 +26,7 @@ from tests.system.test_up import answers
 pytestmark = pytest.mark.system
 
 #: Between two kills in a row the supervisor waits longer each time, so the whole is started anew now and then.
-ROUNDS, KILLS_EACH = 4, 5
+ROUNDS, KILLS_EACH = 2, 3
 #: What a call says whose server died, or is not back yet.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT)
 
