@@ -183,8 +183,8 @@ def squares(found: Sequence[tuple[int, int, int, int, str]]) -> Squares:
 
 
 def squares_of(areas: Sequence[tuple[str, tuple[XY, ...]]]) -> Squares:
-    corners = [(floor, *map(min, zip(*polygon)), *map(max, zip(*polygon))) for floor, polygon in areas]
-    return squares([(int(x), int(y), int(far - x), int(top - y), floor) for floor, x, y, far, top in corners])
+    ends = [(floor, min(polygon), max(polygon)) for floor, polygon in areas]
+    return squares([(int(x), int(y), int(far - x), int(top - y), floor) for floor, (x, y), (far, top) in ends])
 
 
 @settings(deadline=None, max_examples=150)
