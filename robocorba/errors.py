@@ -31,6 +31,8 @@ RoboCorbaError
 │   ├── CannotGrip            the object is out of reach, or can't be moved
 │   ├── InvalidRide           a field of a call for an elevator can't be
 │   ├── ElevatorFull          too many robots wait for it
+│   ├── InvalidReservation    a field of a reservation of areas can't be
+│   ├── ReservationsFull      too many robots have reserved areas
 │   ├── NoRide                a robot has no ride, or not in this phase
 │   ├── InvalidChoice         an administrator set what can't be
 │   ├── InvalidMission, StaleMission, UnknownMission
@@ -306,6 +308,18 @@ class ElevatorFull(SimulationError):
     def __init__(self, elevator: str, limit: int) -> None:
         self.elevator, self.limit = elevator, limit
         super().__init__(f"{limit} robots wait for {elevator}")
+
+
+class InvalidReservation(FieldError, SimulationError):
+    """A field of a reservation of areas can't be: `field` says which, `reason` says why."""
+
+
+class ReservationsFull(SimulationError):
+    """`limit` robots have reserved areas, or wait for them."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        super().__init__(f"{limit} robots have reserved areas already")
 
 
 class InvalidCommand(FieldError, SimulationError):

@@ -4,6 +4,7 @@ A virtual robot is that body. An actual one has it too: it goes where the robot 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from robocorba.control.robot_state import Velocity
@@ -11,6 +12,7 @@ from robocorba.grids import Floats
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Pose
+from robocorba.simulation.reservations import Area, Reservation
 
 
 class SessionState(NamedTuple):
@@ -61,8 +63,24 @@ class BuildingSession(Protocol):
     def release(self) -> None:
         """Let go of it."""
 
-    def call_elevator(self, elevator: str, destination: str) -> None:
-        """Reserve a ride. Raises InvalidRide, ElevatorFull."""
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        """Reserve a ride; with a party of so many robots that have the cabin for themselves, where it is named.
+
+        Raises InvalidRide, ElevatorFull."""
 
     def give_up_elevator(self) -> None:
         """Not ride any more."""
+
+    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+        """Ask for areas (floor, corners in m), all of them or none, for so much simulated time after they are granted.
+
+        Raises InvalidReservation, UnknownFloor, ReservationsFull."""
+
+    def reservation(self) -> Reservation | None:
+        """How far the request has come; None where there is none, or its grant has ended."""
+
+    def keep_areas(self, areas: Sequence[Area]) -> None:
+        """Give back all but these. Raises InvalidReservation."""
+
+    def release_areas(self) -> None:
+        """Give back all, or don't wait for them any more."""

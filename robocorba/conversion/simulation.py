@@ -4,16 +4,19 @@ Structs are named tuples with the members' names, which omniORBpy sends as well 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
 from robocorba.control.session import SessionState
+from robocorba.conversion.maps import xy, xy_of
 from robocorba.simulation.elevator import Phase, Ride
 from robocorba.simulation.load_balance import Load, Sensor
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.pose import Limits
 from robocorba.simulation.registry import Client, Description
+from robocorba.simulation.reservations import Area, Reservation, check_sizes
 from robocorba.simulation.seen import Pose, State
 from robocorba.stubs import RoboCorba
 
@@ -25,6 +28,8 @@ _PHASES = {
 }
 _PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
 _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
+
+_NO_RESERVATION = RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
 
 
 class _Velocity(NamedTuple):
@@ -91,6 +96,30 @@ def ride(found: Ride | None) -> Any:
     if found is None:
         return _NO_RIDE
     return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
+
+
+def areas(found: Sequence[Area]) -> list[Any]:
+    return [RoboCorba.FloorArea(floor, [xy(corner) for corner in polygon]) for floor, polygon in found]
+
+
+def areas_of(structs: Sequence[Any]) -> list[Area]:
+    """Raises InvalidReservation where there are too many, or too many corners: before each of them costs time."""
+    check_sizes([struct.polygon for struct in structs])
+    return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]
+
+
+def reservation(found: Reservation | None) -> Any:
+    if found is None:
+        return _NO_RESERVATION
+    phase = RoboCorba.AREAS_GRANTED if found.granted else RoboCorba.WAITING_FOR_AREAS
+    return RoboCorba.ReservationState(phase, found.ahead, found.longest_wait_s, found.left_s)
+
+
+def reservation_of(struct: Any) -> Reservation | None:
+    if struct.phase == RoboCorba.NO_RESERVATION:
+        return None
+    granted = struct.phase == RoboCorba.AREAS_GRANTED
+    return Reservation(granted, struct.ahead, struct.longestWait, struct.left)
 
 
 def server_state(state: ServerState) -> Any:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
-import shapely
-
 from robocorba.errors import InvalidPoint, InvalidRequest, UnknownFloor
 from robocorba.maps.model import XY, Building
+from robocorba.maps.polygons import FARTHEST_M, check_polygon
 
 #: Planners in SmartPal's laboratory take its base for a disc of this radius, m.
 SMARTPAL_RADIUS_M = 0.40
@@ -21,8 +19,6 @@ SMARTPAL_SPEED = 1.0
 LARGEST_RADIUS_M = 3.0
 MOST_ALTERNATIVES = 9
 MOST_AREAS = 64
-MOST_CORNERS = 1000
-FARTHEST_M = 1e6
 
 
 class PointKind(Enum):
@@ -167,19 +163,8 @@ def check_request(building: Building, request: PathRequest) -> None:
     for i, (floor, polygon) in enumerate(request.forbidden_areas):
         if floor not in building.floors:
             raise UnknownFloor(f"forbiddenAreas[{i}]", floor[:200], tuple(building.floors))
-        _check_polygon(f"forbiddenAreas[{i}].polygon", polygon)
+        check_polygon(f"forbiddenAreas[{i}].polygon", polygon, InvalidRequest)
     if request.graph and not any(
         request.graph in edge.graphs for entry in building.floors.values() for edge in entry.topological.edges.values()
     ):
         raise InvalidRequest("navigationGraph", f"no edge belongs to a graph {request.graph[:80]!r}")
-
-
-def _check_polygon(field: str, polygon: Sequence[XY]) -> None:
-    if not 3 <= len(polygon) <= MOST_CORNERS:
-        raise InvalidRequest(field, f"{len(polygon)} corners are not between 3 and {MOST_CORNERS}")
-    for i, corner in enumerate(polygon):
-        if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in corner):
-            raise InvalidRequest(f"{field}[{i}]", f"{corner} is not a point within {FARTHEST_M:g} m")
-    shape = shapely.Polygon(polygon)
-    if not shape.is_valid or shape.area == 0:
-        raise InvalidRequest(field, f"not a simple polygon: {shapely.is_valid_reason(shape)}")

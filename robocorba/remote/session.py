@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -21,6 +21,7 @@ from robocorba.grids import Floats
 from robocorba.orb import Orb, describe, limit_calls
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.reservations import Area, Reservation
 from robocorba.stubs import RoboCorba
 
 #: Of what is called with every tick, and of what the server keeps on disk before it answers, s. A robot stands long
@@ -88,11 +89,26 @@ class RemoteSession:
     def release(self) -> None:
         self._call(lambda: self._slow.release())
 
-    def call_elevator(self, elevator: str, destination: str) -> None:
-        self._call(lambda: self._slow.callElevator(elevator, destination))
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        if party:
+            self._call(lambda: self._slow.callElevatorTogether(elevator, destination, party, size))
+        else:
+            self._call(lambda: self._slow.callElevator(elevator, destination))
 
     def give_up_elevator(self) -> None:
         self._call(lambda: self._slow.giveUpElevator())
+
+    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+        self._call(lambda: self._slow.reserveAreas(simulation.areas(areas), limit_s))
+
+    def reservation(self) -> Reservation | None:
+        return simulation.reservation_of(self._call(lambda: self._session.reservation()))
+
+    def keep_areas(self, areas: Sequence[Area]) -> None:
+        self._call(lambda: self._slow.keepAreas(simulation.areas(areas)))
+
+    def release_areas(self) -> None:
+        self._call(lambda: self._slow.releaseAreas())
 
     # ---- inside ----
 

@@ -126,8 +126,28 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.call_elevator(elevator, destination)
 
     @_answering
+    def callElevatorTogether(self, elevator: str, destination: str, party: str, size: int) -> None:
+        self.session.call_elevator_together(elevator, destination, party, size)
+
+    @_answering
     def giveUpElevator(self) -> None:
         self.session.give_up_elevator()
+
+    @_answering
+    def reserveAreas(self, areas: list[Any], limit: float) -> None:
+        self.session.reserve(simulation.areas_of(areas), limit)
+
+    @_answering
+    def reservation(self) -> Any:
+        return simulation.reservation(self.session.reservation())
+
+    @_answering
+    def keepAreas(self, areas: list[Any]) -> None:
+        self.session.keep_areas(simulation.areas_of(areas))
+
+    @_answering
+    def releaseAreas(self) -> None:
+        self.session.release_areas()
 
     @_answering
     def deregister(self) -> None:

@@ -20,6 +20,7 @@ from robocorba.simulation.elevator import Cabin, Doors, Moment, Phase, Ride
 from robocorba.simulation.floor_update import Body, BodyKind
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
+from robocorba.simulation.reservations import Reservations, Wanted
 from robocorba.simulation.seen import Pose, State
 from robocorba.simulation.world import RobotRecord, WorldRecord
 
@@ -78,7 +79,8 @@ class Robot:
 
 
 class Happening(NamedTuple):
-    """Something that robots and the monitor are told: "collision", "grip lost" or "ride lost"."""
+    """Something that robots and the monitor are told: "collision", "grip lost", "ride lost" or
+    "reservation over"."""
 
     time: float
     floor: str
@@ -105,6 +107,8 @@ class SimulatedBuilding:
         self.objects: dict[str, tuple[MapObject, str]] = {}
         #: Robots and objects by the name of their body.
         self.bodies: dict[str, Body] = {}
+        #: Areas that robots keep for themselves; a floor that is gone keeps nobody out.
+        self.reservations = Reservations()
         self._steps = self._numbers = 0
         self._where: dict[str, tuple[str, Doors]] = {}
         self._shafts: dict[str, shapely.Polygon] = {}
@@ -178,11 +182,12 @@ class SimulatedBuilding:
         return self._add_new(description, description.pose)
 
     def remove(self, name: str) -> None:
-        """Take a robot away, with its rides and what it held. Raises UnknownRobot."""
+        """Take a robot away, with its rides, what it held and what it reserved. Raises UnknownRobot."""
         robot = self._robot(name)
         robot.physics.remove(robot.body)
         del self.robots[name], self.bodies[robot.body]
         self.give_up_elevator(name)
+        self.reservations.release(name)
 
     def pose(self, name: str) -> Pose:
         """Where a robot is. Raises UnknownRobot."""
@@ -210,15 +215,17 @@ class SimulatedBuilding:
         robot = self._robot(name)
         robot.physics.release(robot.body)
 
-    def call_elevator(self, name: str, elevator: str, destination: str) -> None:
-        """Reserve a ride from the floor where a robot is. Raises UnknownRobot, InvalidRide, ElevatorFull."""
+    def call_elevator(self, name: str, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        """Reserve a ride from the floor where a robot is, alone or in a party of so many.
+
+        Raises UnknownRobot, InvalidRide, ElevatorFull."""
         robot = self._robot(name)
         if elevator not in self.cabins:
             raise InvalidRide("elevator", f"there is no {elevator[:80]!r}")
         called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
         if called:
             raise InvalidRide("elevator", f"{name} has called {called} already")
-        self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m)
+        self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size)
         self._look_at_cabins()
 
     def give_up_elevator(self, name: str) -> None:
@@ -227,6 +234,11 @@ class SimulatedBuilding:
             if name in cabin.sessions:
                 cabin.give_up(name)
         self._look_at_cabins()
+
+    def reserve(self, name: str, wanted: Wanted) -> None:
+        """Ask for areas. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
+        self._robot(name)
+        self.reservations.reserve(name, wanted)
 
     # ---- time ----
 
@@ -251,6 +263,9 @@ class SimulatedBuilding:
             for rider, why in cabin.ended:
                 happened.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
             cabin.ended.clear()
+        for over in self.reservations.advance(self.time):
+            why = f"its limit of {over.limit_s:g} s is over"
+            happened.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
         self._look_at_cabins()
         return happened
 
@@ -292,9 +307,21 @@ class SimulatedBuilding:
             inside = shaft.exterior.distance(shapely.Point(pose.x, pose.y))
             is_in = shaft.contains(shapely.Point(pose.x, pose.y))
             if session.phase is Phase.BOARDING and is_in and inside >= session.radius_m:
-                cabin.enter(session.robot)
+                if not (session.party and self._is_shared(name, cabin, session.party)):
+                    cabin.enter(session.robot)
             elif session.phase is Phase.ALIGHTING and not is_in and inside >= session.radius_m:
                 cabin.leave(session.robot)
+
+    def _is_shared(self, name: str, cabin: Cabin, party: str) -> bool:
+        """Whether a robot that is not of a party stands in the cabin."""
+        of_party = {_robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
+        return any(body.startswith(_ROBOT) and body not in of_party for body in self._inside(name, cabin.floor))
+
+    def _inside(self, elevator: str, floor: str) -> list[str]:
+        """The bodies in an elevator's shaft on a floor."""
+        rows = self.floors[floor].state()
+        shaft = self._shafts[elevator]
+        return [body for body, row in rows.items() if shaft.contains(shapely.Point(row[0], row[1]))]
 
     def _follow(self, name: str, cabin: Cabin) -> None:
         """Open and close the landing doors, and take along who is inside."""
@@ -312,8 +339,7 @@ class SimulatedBuilding:
     def _move(self, elevator: str, origin: str, destination: str) -> None:
         """What is in the cabin goes along, and what holds goes on holding."""
         before, after = self.floors[origin], self.floors[destination]
-        shaft = self._shafts[elevator]
-        inside = [body for body, row in before.state().items() if shaft.contains(shapely.Point(row[0], row[1]))]
+        inside = self._inside(elevator, origin)
         poses = {body: before.pose(body) for body in inside}
         grips = {body: held for body in inside if (held := before.held(body))}
         for body, pose in poses.items():
@@ -385,7 +411,8 @@ class SimulatedBuilding:
         objects = {
             name: (floor, *self.floors[floor].pose(_object_body(name))) for name, (_, floor) in self.objects.items()
         }
-        return WorldRecord(self._steps, robots, objects, {name: cabin.record() for name, cabin in self.cabins.items()})
+        cabins = {name: cabin.record() for name, cabin in self.cabins.items()}
+        return WorldRecord(self._steps, robots, objects, cabins, reservations=self.reservations.record())
 
     def restore(self, world: WorldRecord, robots: list[Description]) -> None:
         """Go on from a record with these robots, in a building that is as its map says; everything stands still.
@@ -415,6 +442,8 @@ class SimulatedBuilding:
                 self._where[name] = (cabin.floor, Doors.CLOSED)
             else:
                 cabin.now = self.time
+        known_here = world.robots.keys() & self.robots.keys()
+        self.reservations.restore(world.reservations, self.time, known_here)
         self.refresh()
 
 

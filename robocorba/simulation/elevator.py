@@ -3,6 +3,9 @@
 The call that has waited longest leads: the cabin fetches it, takes it to its floor, and then turns to the next. On the
 way it stops for whoever goes the same way and still fits in. So nobody is passed over for good, and `longest_wait`
 says for how long at most. A robot that does not come, or does not leave in time, loses its session: the doors close.
+
+Robots that call as a party have the cabin for themselves. The party counts as one that called with its first: the
+others may call as long as the doors are open for it, and these stay open until all of it are in, or the limit is over.
 """
 
 from __future__ import annotations
@@ -19,8 +22,12 @@ from robocorba.simulation.world import CabinRecord, RideRecord
 
 #: A robot has so long to drive in, and so long to drive out, while the doors are open, s.
 BOARDING_LIMIT_S = 15.0
+#: Nobody begins to drive in when the doors have been open for so long, s: others wait elsewhere.
+OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
 #: Robots that wait at most.
 MOST_CALLS = 200
+#: Characters of a party's name, at most.
+MOST_PARTY_NAME = 200
 _TOUCH_M = 1e-9
 
 
@@ -46,11 +53,21 @@ _INSIDE = (Phase.RIDING, Phase.ALIGHTING)
 
 
 class Session:
-    """A robot's ride."""
+    """A robot's ride; with `party`, that of `size` robots who ride together, if it is not empty."""
 
-    def __init__(self, robot: str, origin: str, destination: str, radius_m: float, called_at: float) -> None:
+    def __init__(
+        self,
+        robot: str,
+        origin: str,
+        destination: str,
+        radius_m: float,
+        called_at: float,
+        party: str = "",
+        size: int = 1,
+    ) -> None:
         self.robot, self.origin, self.destination = robot, origin, destination
         self.radius_m, self.called_at = radius_m, called_at
+        self.party, self.size = party, size
         self.phase = Phase.WAITING
         self.since = called_at
 
@@ -91,14 +108,18 @@ class Cabin:
         #: Where it goes, empty where it stands.
         self._target = ""
         self._since = now
+        #: When a party began to drive in.
+        self._party_since = now
         self.sessions: dict[str, Session] = {}
         #: Of the sessions that ended before the robot was out: the robot, and why.
         self.ended: list[tuple[str, str]] = []
 
     # ---- what robots do ----
 
-    def call(self, robot: str, origin: str, destination: str, radius_m: float) -> Session:
-        """Reserve a ride. Raises InvalidRide, ElevatorFull."""
+    def call(
+        self, robot: str, origin: str, destination: str, radius_m: float, party: str = "", size: int = 1
+    ) -> Session:
+        """Reserve a ride, alone or in a party of so many. Raises InvalidRide, ElevatorFull."""
         for field, floor in (("origin", origin), ("destination", destination)):
             if floor not in self.heights:
                 raise InvalidRide(field, f"{self.elevator.name} does not serve {floor}")
@@ -108,10 +129,36 @@ class Cabin:
             raise InvalidRide("robot", f"{robot} has called already")
         if not radius_m > 0.0 or not fits(self.elevator, [radius_m]):
             raise InvalidRide("radius", f"a robot of {radius_m} m does not fit into {self.elevator.name}")
+        if party:
+            self._check_party(party, size, origin, destination, radius_m)
         if len(self.sessions) >= MOST_CALLS:
             raise ElevatorFull(self.elevator.name, MOST_CALLS)
-        session = self.sessions[robot] = Session(robot, origin, destination, radius_m, self.now)
+        session = Session(robot, origin, destination, radius_m, self.now, party, size if party else 1)
+        self.sessions[robot] = session
+        if party and self.doors is Doors.OPEN:
+            self._let_out_and_in()
         return session
+
+    def _check_party(self, party: str, size: int, origin: str, destination: str, radius_m: float) -> None:
+        """Whether one more robot may ride with a party. Raises InvalidRide."""
+        if len(party) > MOST_PARTY_NAME:
+            raise InvalidRide("party", f"has {len(party)} characters, more than {MOST_PARTY_NAME}")
+        if not 1 <= size <= MOST_CALLS:
+            raise InvalidRide("partySize", f"{size} is not 1 to {MOST_CALLS}")
+        others = self._party(party)
+        radii = [radius_m] * (size - len(others)) + [other.radius_m for other in others]
+        if radii and not fits(self.elevator, radii):
+            raise InvalidRide("partySize", f"{size} robots of {max(radii):g} m don't fit into {self.elevator.name}")
+        for other in others:
+            if (other.origin, other.destination) != (origin, destination):
+                raise InvalidRide("party", f"{party[:80]} rides from {other.origin} to {other.destination}")
+            if other.size != size:
+                raise InvalidRide("partySize", f"{size} is not {other.size}, which {other.robot} said")
+        if len(others) >= size:
+            raise InvalidRide("party", f"all {size} of {party[:80]} have called already")
+        is_in_time = origin == self.floor and self._is_party_in_time()
+        if any(other.phase in _INSIDE for other in others) and not is_in_time:
+            raise InvalidRide("party", f"{party[:80]} has left already")
 
     def enter(self, robot: str) -> None:
         """It stands in the cabin. Raises NoRide where its doors are not open for it."""
@@ -141,19 +188,24 @@ class Cabin:
     def record(self) -> CabinRecord:
         """To go on from."""
         rides = [
-            RideRecord(s.robot, s.origin, s.destination, s.radius_m, s.called_at, s.phase in _INSIDE)
+            RideRecord(s.robot, s.origin, s.destination, s.radius_m, s.called_at, s.phase in _INSIDE, s.party, s.size)
             for s in self.sessions.values()
         ]
         return CabinRecord(self.floor, rides)
 
     def restore(self, record: CabinRecord, now: float, robots: Container[str]) -> None:
-        """Go on from a record, with the rides of these robots: the cabin stands, its doors are shut."""
+        """Go on from a record, with the rides of these robots: the cabin stands, its doors are shut.
+
+        They open at once for the rest of a party that has not left yet."""
         self.floor, self.now, self._since = record.floor, now, now
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
-                session = Session(ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
+                about = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
+                session = self.sessions[ride.robot] = Session(*about, ride.party, ride.size)
                 session.phase = Phase.RIDING if ride.inside else Phase.WAITING
-                self.sessions[ride.robot] = session
+        if any(self._is_parted(session) for session in self.sessions.values()):
+            self._turn(Doors.OPENING)
+            self._party_since = now + self.elevator.door_time
 
     # ---- time ----
 
@@ -203,7 +255,8 @@ class Cabin:
         """How long a robot may have to wait, at most, for doors that open for it, with so many calls before it, s."""
         span = max(self.heights.values()) - min(self.heights.values())
         stops = len(self.heights) + 1
-        at_a_stop = 2 * self.elevator.door_time + 2 * BOARDING_LIMIT_S
+        # Out, then in: who begins to drive in last has the limit still.
+        at_a_stop = 2 * self.elevator.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
         # Each call before it may lead once: there and back over the whole height, with a stop at every floor.
         return (ahead + 1) * 2 * (travel_time(self.elevator, span) * stops + stops * at_a_stop)
 
@@ -215,6 +268,8 @@ class Cabin:
             return self._since + self.elevator.door_time
         if self.doors is Doors.OPEN:
             waits = [s.since + BOARDING_LIMIT_S for s in self._at_the_doors()]
+            if self._is_party_awaited():
+                waits.append(self._party_since + BOARDING_LIMIT_S)
             return min(waits, default=self.now)
         return self.now
 
@@ -256,24 +311,60 @@ class Cabin:
         for session in self.sessions.values():
             if session.phase is Phase.RIDING and session.destination == self.floor:
                 session.turn_to(Phase.ALIGHTING, self.now)
-        if not any(s.phase is Phase.ALIGHTING for s in self.sessions.values()):
+        is_anybody_leaving = any(s.phase is Phase.ALIGHTING for s in self.sessions.values())
+        if not is_anybody_leaving and self.now < self._since + OPEN_LIMIT_S:
             for session in self._boarding_here():
-                session.turn_to(Phase.BOARDING, self.now)
-        return bool(self._at_the_doors())
+                if session.party and not self._aboard():
+                    self._party_since = self.now
+                session.turn_to(Phase.BOARDING, self._party_since if session.party else self.now)
+        return bool(self._at_the_doors()) or self._is_party_awaited()
 
     def _boarding_here(self) -> list[Session]:
         """Those who wait here, go where the cabin goes, and fit in, longest waiting first."""
-        inside = [s.radius_m for s in self.sessions.values() if s.phase not in (Phase.WAITING, Phase.ALIGHTING)]
+        aboard = self._aboard()
         leader = self._leader()
         chosen: list[Session] = []
         for session in self.sessions.values():
             if session.phase is not Phase.WAITING or session.origin != self.floor:
                 continue
             is_taken = leader is None or session is leader or self._is_on_the_way(session, leader)
-            if is_taken and fits(self.elevator, [*inside, session.radius_m]):
-                inside.append(session.radius_m)
+            if is_taken and self._has_room(session, aboard):
+                aboard.append(session)
                 chosen.append(session)
         return chosen
+
+    def _aboard(self) -> list[Session]:
+        """Those who are in the cabin, or drive in now, and stay."""
+        return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.RIDING)]
+
+    def _has_room(self, session: Session, aboard: list[Session]) -> bool:
+        """Whether a robot fits in with these: a party rides without others."""
+        if any(other.party != session.party for other in aboard):
+            return False
+        return fits(self.elevator, [session.radius_m, *(other.radius_m for other in aboard)])
+
+    # ---- parties ----
+
+    def _party(self, name: str) -> list[Session]:
+        return [s for s in self.sessions.values() if s.party == name]
+
+    def _is_parted(self, session: Session) -> bool:
+        """Whether a robot is in where its party boards, and others of it are not."""
+        is_in_here = session.phase is Phase.RIDING and session.origin == self.floor
+        return is_in_here and bool(session.party) and not self._is_whole(self._party(session.party))
+
+    @staticmethod
+    def _is_whole(party: list[Session]) -> bool:
+        """Whether all of a party are in the cabin."""
+        return sum(s.phase in _INSIDE for s in party) >= party[0].size
+
+    def _is_party_in_time(self) -> bool:
+        """Whether the doors are open for the rest of a party, some of which are in, or about to be."""
+        return self.doors in (Doors.OPENING, Doors.OPEN) and self.now < self._party_since + BOARDING_LIMIT_S
+
+    def _is_party_awaited(self) -> bool:
+        """Whether some of a party are in, and the doors stay open for the others."""
+        return self._is_party_in_time() and any(map(self._is_parted, self.sessions.values()))
 
     def _leader(self) -> Session | None:
         """Whose ride decides where the cabin goes: of those inside, then of those who wait, the first to call."""
@@ -298,12 +389,12 @@ class Cabin:
         here, there = self.heights[self.floor], self.heights[goal]
         stops = {s.destination for s in self.sessions.values() if s.phase is Phase.RIDING} | {goal}
         if leader.phase is not Phase.WAITING:
-            inside = [s.radius_m for s in self.sessions.values() if s.phase is not Phase.WAITING]
+            aboard = self._aboard()
             stops |= {
                 s.origin
                 for s in self.sessions.values()
                 if s.phase is Phase.WAITING
-                and fits(self.elevator, [*inside, s.radius_m])
+                and self._has_room(s, aboard)
                 and (self.heights[s.destination] - self.heights[s.origin]) * (there - here) > 0
                 and abs(self.heights[s.destination] - here) <= abs(there - here) + _TOUCH_M
             }

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from robocorba.errors import InvalidRide
 from robocorba.simulation.building import Robot, SimulatedBuilding
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Client
+from robocorba.simulation.reservations import Area, Reservation, kept_of, wanted_of
 from robocorba.simulation.seen import State
 
 
@@ -63,13 +65,43 @@ class Session:
         """Let go of what the robot holds, if it does. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.release(self.name))
 
-    def call_elevator(self, elevator: str, destination: str) -> None:
-        """Reserve a ride from where the robot is. Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.call_elevator(self.name, elevator, destination))
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        """Reserve a ride from where the robot is, alone or in a party of so many.
+
+        Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
+        self._do(lambda: self._building.call_elevator(self.name, elevator, destination, party, size))
+
+    def call_elevator_together(self, elevator: str, destination: str, party: str, size: int) -> None:
+        """The same for a party that has a name, and the cabin for itself. Raises what `call_elevator` does."""
+        if not party:
+            raise InvalidRide("party", "has no name")
+        self.call_elevator(elevator, destination, party, size)
 
     def give_up_elevator(self) -> None:
         """Not ride any more. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.give_up_elevator(self.name))
+
+    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+        """Ask for areas for so much simulated time after they are granted.
+
+        Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
+        self.client.heard(time.monotonic())
+        wanted = wanted_of(areas, limit_s, self._building.building.floors)
+        self._do(lambda: self._building.reserve(self.name, wanted))
+
+    def reservation(self) -> Reservation | None:
+        """How far the request for areas has come; None where there is none, or its grant has ended."""
+        self.client.heard(time.monotonic())
+        return self._building.reservations.find(self.name, self._building.time)
+
+    def keep_areas(self, areas: Sequence[Area]) -> None:
+        """Give back all but these of the areas. Raises InvalidReservation, SimulationBusy, ServiceError."""
+        kept = kept_of(areas)
+        self._do(lambda: self._building.reservations.keep(self.name, kept))
+
+    def release_areas(self) -> None:
+        """Give back all areas, or don't wait for them any more. Raises SimulationBusy, ServiceError."""
+        self._do(lambda: self._building.reservations.release(self.name))
 
     def deregister(self) -> None:
         """Log off. Raises SimulationBusy, ServiceError."""

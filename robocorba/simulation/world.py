@@ -1,4 +1,5 @@
-"""What is kept of the simulated building: where everything is that is not where the map says, and who rides."""
+"""What is kept of the simulated building: where everything is that is not where the map says, who rides, and who has
+reserved what."""
 
 from __future__ import annotations
 
@@ -25,6 +26,9 @@ class RideRecord(msgspec.Struct, frozen=True, array_like=True):
     radius_m: float
     called_at: float
     inside: bool
+    #: Who ride together, and how many; empty and 1 for a robot alone.
+    party: str = ""
+    size: int = 1
 
 
 class CabinRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -32,6 +36,15 @@ class CabinRecord(msgspec.Struct, frozen=True, array_like=True):
 
     floor: str
     rides: list[RideRecord]
+
+
+class ReservationRecord(msgspec.Struct, frozen=True, array_like=True):
+    """Areas (floor, corners) that a robot asked for; granted_at: simulated s, None while it waits."""
+
+    owner: str
+    areas: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
+    limit_s: float
+    granted_at: float | None
 
 
 class WorldRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -43,3 +56,5 @@ class WorldRecord(msgspec.Struct, frozen=True, array_like=True):
     cabins: dict[str, CabinRecord]
     #: Whose robots these are: the sessions' keys, by name.
     keys: dict[str, str] = {}
+    #: First request first.
+    reservations: list[ReservationRecord] = []

@@ -31,6 +31,7 @@ from robocorba.programs.icons import Icon
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.reservations import Area, Reservation
 from robocorba.simulation.store import SimulationStore
 from tests.simulation.places import tower
 
@@ -137,11 +138,23 @@ class InProcessSession:
     def release(self) -> None:
         self._answer().release()
 
-    def call_elevator(self, elevator: str, destination: str) -> None:
-        self._answer().call_elevator(elevator, destination)
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        self._answer().call_elevator(elevator, destination, party, size)
 
     def give_up_elevator(self) -> None:
         self._answer().give_up_elevator()
+
+    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+        self._answer().reserve(areas, limit_s)
+
+    def reservation(self) -> Reservation | None:
+        return self._answer().reservation()
+
+    def keep_areas(self, areas: Sequence[Area]) -> None:
+        self._answer().keep_areas(areas)
+
+    def release_areas(self) -> None:
+        self._answer().release_areas()
 
     def _answer(self) -> Any:
         if self.is_away:

@@ -14,6 +14,7 @@ from robocorba.simulation.building import Happening, SimulatedBuilding
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
+from robocorba.simulation.reservations import wanted_of
 from robocorba.simulation.seen import Pose
 from robocorba.simulation.world import WorldRecord
 from tests.simulation.places import robot, tower
@@ -95,6 +96,61 @@ def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
     assert "robot/A" not in world.floors["L2"].state()
     with pytest.raises(InvalidRide):
         world.call_elevator("A", "E9", "L2")
+
+
+def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
+    """Drive a robot that faces the doors of E1 straight in."""
+    while world.rides[name].phase is Phase.WAITING:
+        world.step()
+    while world.pose(name).y < y - 0.05:
+        world.robots[name].command(max(0.1, min(0.5, y - world.pose(name).y)), 0.0, 0.0, 0.2)
+        world.step()
+    world.robots[name].brake()
+
+
+def test_a_party_rides_with_nobody_else(world: SimulatedBuilding) -> None:
+    for name, y in (("A", 3.0), ("B", 2.0), ("X", 1.0)):
+        enter(world, name, "L1", 5.0, y, math.pi / 2)
+    for name in "AB":
+        world.call_elevator(name, "E1", "L2", "table", 2)
+    world.call_elevator("X", "E1", "L2")
+    into_the_cabin(world, "A", 5.55)
+    assert [world.rides[name].phase for name in "ABX"] == [Phase.RIDING, Phase.BOARDING, Phase.WAITING]
+    into_the_cabin(world, "B", 4.5)
+    while world.pose("A").floor == "L1":
+        world.step()
+    assert (world.pose("B").floor, world.pose("X").floor) == ("L2", "L1")
+
+
+def test_a_party_does_not_leave_while_somebody_else_stands_in_the_cabin(world: SimulatedBuilding) -> None:
+    enter(world, "X", "L1", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("X", "E1", "L2")
+    into_the_cabin(world, "X", 5.55)
+    world.give_up_elevator("X")  # and it stays where it is
+    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("A", "E1", "L2", "table", 1)
+    into_the_cabin(world, "A", 4.5)
+    run(world, 1.0)
+    assert (world.rides["A"].phase, world.pose("A").y > 4.41) == (Phase.BOARDING, True)
+    world.remove("X")
+    world.step()
+    assert world.rides["A"].phase is Phase.RIDING
+
+
+def test_areas_of_who_is_gone_or_late_are_free(world: SimulatedBuilding) -> None:
+    for number, name in enumerate("ABC"):
+        enter(world, name, "L1", 1.0 + 2 * number, 9.0)
+        passage = wanted_of([("L1", ((0, 0), (1, 0), (1, 1)))], 1.0, world.floors)
+        world.reserve(name, passage)
+    world.remove("A")
+    assert world.reservations.find("B", world.time) == (True, 0, 0.0, 1.0)
+    record = msgspec.msgpack.decode(msgspec.msgpack.encode(world.record()), type=WorldRecord)
+    again = SimulatedBuilding(tower())
+    again.restore(record, [about.description for about in world.robots.values()])
+    assert again.reservations.record() == world.reservations.record()
+    told = run(again, 1.1)
+    assert [(one.kind, one.who, one.floor) for one in told] == [("reservation over", ("B",), "L1")]
+    assert again.reservations.find("C", again.time) == (True, 0, 0.0, pytest.approx(0.9))
 
 
 def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -> None:

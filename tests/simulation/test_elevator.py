@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -127,50 +130,235 @@ def test_whoever_does_not_come_or_leave_loses_the_ride_and_the_others_go_on() ->
     assert lift.doors is Doors.CLOSED
 
 
+# ---- parties ----
+
+
+def phases(lift: Cabin, robots: str) -> list[Phase]:
+    return [lift.sessions[name].phase for name in robots]
+
+
+def pass_time(lift: Cabin, seconds: float) -> None:
+    end = lift.now + seconds
+    while lift.now < end - 1e-9:
+        lift.advance(STEP_S)
+
+
+def test_a_party_has_the_cabin_for_itself() -> None:
+    lift = cabin()
+    lift.call("X", "L1", "L4", 0.4)
+    for name in "ABC":
+        lift.call(name, "L1", "L3", 0.4, "table", 3)
+    lift.call("Y", "L1", "L3", 0.4)
+    until(lift, "X", Phase.BOARDING)
+    assert phases(lift, "ABCY") == [Phase.WAITING] * 3 + [Phase.BOARDING]  # Y goes along with X
+    lift.enter("X")
+    lift.enter("Y")
+    until(lift, "Y", Phase.ALIGHTING)
+    lift.leave("Y")
+    until(lift, "X", Phase.ALIGHTING)
+    lift.leave("X")
+    until(lift, "A", Phase.BOARDING)
+    assert phases(lift, "ABC") == [Phase.BOARDING] * 3
+    lift.call("W", "L1", "L3", 0.4)
+    for name in "AB":
+        lift.enter(name)
+    pass_time(lift, 10.0)
+    assert (lift.floor, lift.doors) == ("L1", Doors.OPEN)  # for C
+    lift.enter("C")
+    until(lift, "C", Phase.ALIGHTING)
+    assert lift.floor == "L3"
+    assert phases(lift, "ABCW") == [Phase.ALIGHTING] * 3 + [Phase.WAITING]
+    for name in "ABC":
+        lift.leave(name)
+    until(lift, "W", Phase.BOARDING)
+    assert not lift.ended
+
+
+def test_the_doors_are_open_for_who_of_a_party_calls_late_until_the_limit_is_over() -> None:
+    lift = cabin()
+    lift.call("A", "L1", "L2", 0.4, "table", 3)
+    until(lift, "A", Phase.BOARDING)
+    opened = lift.now
+    lift.enter("A")
+    pass_time(lift, 10.0)
+    lift.call("B", "L1", "L2", 0.4, "table", 3)
+    assert lift.sessions["B"].phase is Phase.BOARDING
+    lift.call("X", "L1", "L2", 0.4)
+    pass_time(lift, 4.8)
+    assert lift.doors is Doors.OPEN
+    pass_time(lift, 0.5)
+    assert lift.ended == [("B", f"did not drive in within {BOARDING_LIMIT_S:g} s")]
+    assert (lift.doors, lift.now - opened < 16.0) == (Doors.CLOSING, True)
+    with pytest.raises(InvalidRide) as refused:
+        lift.call("B", "L1", "L2", 0.4, "table", 3)
+    assert refused.value.field == "party"
+    assert phases(lift, "AX") == [Phase.RIDING, Phase.WAITING]
+    until(lift, "A", Phase.ALIGHTING)
+
+
+def test_one_of_a_party_that_dies_frees_its_place() -> None:
+    lift = cabin()
+    for name in "AB":
+        lift.call(name, "L1", "L2", 0.4, "table", 2)
+    with pytest.raises(InvalidRide):
+        lift.call("C", "L1", "L2", 0.4, "table", 2)
+    until(lift, "B", Phase.BOARDING)
+    lift.enter("A")
+    lift.give_up("B")
+    pass_time(lift, 5.0)
+    lift.call("C", "L1", "L2", 0.4, "table", 2)
+    lift.enter("C")
+    lift.advance(STEP_S)
+    assert lift.doors is Doors.CLOSING
+    lift.give_up("C")
+    until(lift, "A", Phase.ALIGHTING)
+    lift.leave("A")
+    lift.call("D", "L2", "L1", 0.4, "table", 1)  # the name is free again
+    until(lift, "D", Phase.BOARDING)
+
+
+def test_a_party_that_nobody_is_left_of_holds_nobody_up() -> None:
+    lift = cabin()
+    lift.call("A", "L1", "L2", 0.4, "table", 2)
+    lift.call("X", "L1", "L2", 0.4)
+    until(lift, "A", Phase.BOARDING)
+    lift.enter("A")
+    lift.give_up("A")
+    assert until(lift, "X", Phase.BOARDING) < 1.0
+
+
+def test_a_party_is_whole_again_after_a_restart() -> None:
+    lift = cabin()
+    for name in "AB":
+        lift.call(name, "L1", "L2", 0.4, "table", 3)
+    until(lift, "A", Phase.BOARDING)
+    lift.enter("A")
+    again = cabin()
+    again.restore(lift.record(), lift.now, {"A", "B"})
+    assert phases(again, "AB") == [Phase.RIDING, Phase.WAITING]
+    until(again, "B", Phase.BOARDING)
+    again.call("C", "L1", "L2", 0.4, "table", 3)
+    for name in "BC":
+        again.enter(name)
+    again.advance(STEP_S)
+    assert again.doors is Doors.CLOSING
+    later = cabin()
+    later.restore(again.record(), again.now, {"A", "B", "C"})
+    until(later, "C", Phase.ALIGHTING)
+    assert (later.floor, later.doors) == ("L2", Doors.OPEN)
+
+
+def test_a_party_that_can_not_be_is_refused_by_name() -> None:
+    lift = cabin()
+    lift.call("A", "L1", "L2", 0.4, "table", 2)
+    for field, call in (
+        ("party", ("B", "L1", "L2", 0.4, "x" * 201, 2)),
+        ("partySize", ("B", "L1", "L2", 0.4, "other", 0)),
+        ("partySize", ("B", "L1", "L2", 0.4, "other", 5)),
+        ("partySize", ("B", "L1", "L2", 0.4, "other", 2**32 - 1)),
+        ("partySize", ("B", "L1", "L2", 0.8, "table", 2)),
+        ("partySize", ("B", "L1", "L2", 0.4, "table", 3)),
+        ("party", ("B", "L1", "L3", 0.4, "table", 2)),
+        ("party", ("B", "L2", "L1", 0.4, "table", 2)),
+    ):
+        with pytest.raises(InvalidRide) as refused:
+            lift.call(*call)
+        assert refused.value.field == field, call
+    assert list(lift.sessions) == ["A"]
+
+
+# ---- whatever robots do ----
+
 floors = st.sampled_from(list(HEIGHTS))
 behaviours = st.sampled_from(["goes", "no", "stays"])
+#: When, from where, to where, and the radius, behaviour and delay (s) of each robot: more than one are a party.
 calls = st.lists(
     st.tuples(
-        st.floats(0, 120), floors, floors, st.sampled_from([0.3, 0.4, 0.6]), st.sampled_from(["goes", "no", "stays"])
+        st.floats(0, 120),
+        floors,
+        floors,
+        st.lists(
+            st.tuples(st.sampled_from([0.3, 0.4]), behaviours, st.sampled_from([0.0, 1.0, 20.0])),
+            min_size=1,
+            max_size=3,
+        ),
+        st.sampled_from([0, 0, 1]),
     ).filter(lambda call: call[1] != call[2]),
     min_size=1,
-    max_size=25,
+    max_size=16,
 )
+
+
+class Behaving:
+    """Robots that call a lift, and then do what they do, each as it is told; what has to hold is looked at."""
+
+    def __init__(self, lift: Cabin) -> None:
+        self.lift = lift
+        self.bounds: dict[str, float] = {}
+        self.does: dict[str, str] = {}
+        self.arrived = 0
+
+    def call(self, does: str, *arguments: Any) -> None:
+        name = f"R{len(self.does)}"
+        bound = self.lift.now + self.lift.longest_wait(len(self.lift.sessions))
+        try:
+            self.lift.call(name, *arguments)
+        except InvalidRide:  # its party has left
+            return
+        self.does[name], self.bounds[name] = does, bound
+
+    def step(self) -> None:
+        lift = self.lift
+        lift.advance(STEP_S)
+        inside = [s for s in lift.sessions.values() if s.phase is not Phase.WAITING]
+        assert not inside or fits(LIFT, [s.radius_m for s in inside])
+        aboard = [s for s in inside if s.phase is not Phase.ALIGHTING]
+        assert len({s.party for s in aboard}) <= 1, "a party rides alone"
+        assert not any(s.party for s in aboard) or len({s.party for s in inside}) == 1
+        for session in list(lift.sessions.values()):
+            does = self.does[session.robot]
+            if session.phase is Phase.WAITING:
+                assert lift.now <= self.bounds[session.robot]
+            elif session.phase is Phase.BOARDING and does != "no":
+                assert (lift.floor, lift.doors) == (session.origin, Doors.OPEN)
+                lift.enter(session.robot)
+            elif session.phase is Phase.ALIGHTING and does == "goes":
+                assert (lift.floor, lift.doors) == (session.destination, Doors.OPEN)
+                lift.leave(session.robot)
+                self.arrived += 1
 
 
 @settings(deadline=None, max_examples=60)
 @given(calls)
-def test_nobody_waits_longer_than_the_bound_whatever_others_do(
-    calls: list[tuple[float, str, str, float, str]],
-) -> None:
-    lift = cabin()
-    due = sorted(calls)
-    bounds: dict[str, tuple[float, float]] = {}
-    behaviour: dict[str, str] = {}
-    arrived = 0
-    while due or lift.sessions:
-        while due and due[0][0] <= lift.now:
-            _, origin, destination, radius, does = due.pop(0)
-            name = f"R{len(bounds)}"
-            behaviour[name] = does
-            bounds[name] = (lift.now, lift.longest_wait(len(lift.sessions)))
-            lift.call(name, origin, destination, radius)
-        lift.advance(STEP_S)
-        inside = [s.radius_m for s in lift.sessions.values() if s.phase is not Phase.WAITING]
-        assert not inside or fits(LIFT, inside)
-        for session in list(lift.sessions.values()):
-            if session.phase is Phase.WAITING:
-                since, longest = bounds[session.robot]
-                assert lift.now - since <= longest
-            elif session.phase is Phase.BOARDING and behaviour[session.robot] != "no":
-                assert (lift.floor, lift.doors) == (session.origin, Doors.OPEN)
-                lift.enter(session.robot)
-            elif session.phase is Phase.ALIGHTING and behaviour[session.robot] == "goes":
-                assert (lift.floor, lift.doors) == (session.destination, Doors.OPEN)
-                lift.leave(session.robot)
-                arrived += 1
-    assert arrived == list(behaviour.values()).count("goes")
-    assert len(lift.ended) == len(behaviour) - arrived
+def test_nobody_waits_longer_than_the_bound_whatever_others_do(calls: list) -> None:
+    robots = Behaving(cabin())
+    due = [
+        (at + late, does, origin, destination, radius, f"P{number}" if len(who) > 1 else "", len(who) + missing)
+        for number, (at, origin, destination, who, missing) in enumerate(calls)
+        for radius, does, late in who
+    ]
+    due.sort()
+    while due or robots.lift.sessions:
+        while due and due[0][0] <= robots.lift.now:
+            _, *call = due.pop(0)
+            robots.call(*call)
+        robots.step()
+    assert robots.arrived == list(robots.does.values()).count("goes")
+    assert len(robots.lift.ended) == len(robots.does) - robots.arrived
+
+
+@pytest.mark.parametrize("party", ["", "table"])
+def test_nobody_waits_for_those_who_call_again_and_again_and_never_come(party: str) -> None:
+    robots = Behaving(cabin())
+    robots.call("goes", "L1", "L3", 0.4)
+    robots.call("goes", "L5", "L1", 0.4, party, 2)
+    robots.call("goes", "L5", "L1", 0.4, party, 2)
+    numbers = itertools.count()
+    while any(does == "goes" and name in robots.lift.sessions for name, does in robots.does.items()):
+        if sum(session.origin == "L1" for session in robots.lift.sessions.values()) < 8:
+            robots.call("no", "L1", "L2", 0.4, f"{party}{next(numbers)}" if party else "", 3)
+        robots.step()
+    assert robots.arrived == 3
 
 
 def test_what_can_not_be_is_refused_by_name() -> None:

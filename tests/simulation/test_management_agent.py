@@ -12,6 +12,7 @@ import pytest
 
 from robocorba.errors import (
     InvalidChoice,
+    InvalidReservation,
     NameTaken,
     PlaceTaken,
     ServerFull,
@@ -29,6 +30,8 @@ from robocorba.simulation.session import Session
 from robocorba.simulation.store import ClientRecord, SimulationStore
 from tests.simulation.places import robot, tower
 from tests.system.processes import eventually
+
+PASSAGE = ("L1", ((4.0, 0.0), (6.0, 0.0), (6.0, 1.0), (4.0, 1.0)))
 
 
 @pytest.fixture
@@ -62,6 +65,31 @@ def test_a_robot_logs_on_drives_and_logs_off(agent: ManagementAgent) -> None:
             call()
     assert agent.state.robots == 0
     agent.register(robot("A"))
+
+
+def test_areas_are_reserved_and_given_back(agent: ManagementAgent) -> None:
+    first, second = agent.register(robot("A")), agent.register(robot("B", x=4.0))
+    assert first.reservation() is None
+    first.release_areas()
+    for field, areas, limit_s in (("areas", [], 1.0), ("limit", [PASSAGE], -1.0)):
+        with pytest.raises(InvalidReservation) as refused:
+            first.reserve(areas, limit_s)
+        assert refused.value.field == field
+    with pytest.raises(UnknownFloor):
+        first.reserve([("roof", PASSAGE[1])], 1.0)
+    first.reserve([PASSAGE, ("L2", PASSAGE[1])], 60.0)
+    second.reserve([PASSAGE], 60.0)
+    assert (first.reservation(), second.reservation()) == ((True, 0, 0.0, 60.0), (False, 1, 60.0, 60.0))
+    first.keep_areas([("L2", PASSAGE[1])])
+    assert second.reservation() == (True, 0, 0.0, 60.0)
+    second.deregister()
+    for call in (second.reservation, second.release_areas, lambda: second.reserve([PASSAGE], 1.0)):
+        with pytest.raises(SessionExpired):
+            call()
+    with pytest.raises(InvalidReservation):
+        first.keep_areas([PASSAGE])
+    first.release_areas()
+    assert agent.building.reservations.requests == {}
 
 
 def test_who_may_not_log_on_leaves_nothing_behind(agent: ManagementAgent, store: SimulationStore) -> None:
@@ -119,7 +147,9 @@ def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
     killed.start()
     driver, waiter = killed.register(robot("A", x=1.0)), killed.register(robot("B", x=5.0, y=3.0))
     driver.grip("T1", (1.6, 2.0))
-    waiter.call_elevator("E1", "L2")
+    waiter.call_elevator("E1", "L2", "table", 2)
+    driver.reserve([PASSAGE], 100.0)
+    waiter.reserve([PASSAGE], 200.0)
     # Nothing is closed: its thread goes on, but what it keeps from now on goes into a file of its own.
     kept = store.world()
     clients, choices = store.clients(), store.choices()
@@ -139,6 +169,10 @@ def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
     assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
     ride = again.sessions[waiter.client.key].ride
     assert ride is not None and ride.phase is Phase.WAITING
+    assert again.building.cabins["E1"].sessions["B"].party == "table"
+    first, second = session.reservation(), again.sessions[waiter.client.key].reservation()
+    assert first is not None and first.granted and 99.0 < first.left_s <= 100.0
+    assert second == (False, 1, pytest.approx(first.left_s), 200.0)
     with pytest.raises(NameTaken):
         again.register(robot("A", x=4.0))
 

@@ -8,7 +8,7 @@ import pytest
 
 from robocorba.errors import AlreadyRunning, InvalidMission, ServiceError, StaleMission, UnknownMission
 from robocorba.simulation.store import MAX_DOCUMENT, Choices, ClientRecord, Mission, SimulationStore
-from robocorba.simulation.world import CabinRecord, RideRecord, RobotRecord, WorldRecord
+from robocorba.simulation.world import CabinRecord, ReservationRecord, RideRecord, RobotRecord, WorldRecord
 from tests.simulation.places import robot
 
 
@@ -17,7 +17,8 @@ def test_everything_is_there_again(tmp_path: Path) -> None:
         9,
         {"A": RobotRecord("L1", 1.0, 2.0, 0.5, ("T1", 1.1, 2.2), 3)},
         {"T1": ("L1", 0.1, 0.2, 0.3)},
-        {"E1": CabinRecord("L1", [RideRecord("A", "L1", "L2", 0.4, 7.5, True)])},
+        {"E1": CabinRecord("L1", [RideRecord("A", "L1", "L2", 0.4, 7.5, True, "table", 2)])},
+        reservations=[ReservationRecord("A", (("L1", ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0))),), 60.0, None)],
     )
     about = robot("A")
     with SimulationStore(tmp_path / "file") as store:

@@ -2,8 +2,9 @@
 
 Prints `ready` when they are logged on, and then does what lines on stdin say:
 
-    drive   in circles, and scan
-    report  print as JSON what happened since the last report
+    drive         in circles, and scan
+    reserve AREAS the first robot: floors and polygons, as JSON; prints `reserved`
+    report        print as JSON what happened since the last report
 
 Where the server does not answer, it rests until it is told to drive again: it asks for the robots' states, and commands
 nothing. Sessions are those of the beginning, whatever happens. Times are of CLOCK_MONOTONIC."""
@@ -28,6 +29,8 @@ from robocorba.stubs import RoboCorba
 SPEED, TURN, VALID_S = 0.5, 1.0, 0.5
 #: From one command to the next, s; every so many times a robot scans.
 EVERY_S, SCAN_EVERY = 0.1, 3
+#: What is reserved is reserved for so long, s.
+RESERVED_S = 300.0
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 ROUND = RoboCorba.Velocity(SPEED, 0.0, TURN)
 NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
@@ -71,6 +74,10 @@ class Robots:
             self._is_driving = True
             for robot in self._robots:
                 robot.driving, robot.resting = [], []
+
+    def reserve(self, areas: list[tuple[str, list[tuple[float, float]]]]) -> None:
+        found = [RoboCorba.FloorArea(floor, [RoboCorba.XY(*corner) for corner in polygon]) for floor, polygon in areas]
+        self._robots[0].session.reserveAreas(found, RESERVED_S)
 
     def report(self) -> dict[str, Any]:
         with self._lock:
@@ -128,6 +135,9 @@ def main(naming: str) -> None:
         for line in sys.stdin:
             if line == "drive\n":
                 robots.drive()
+            elif line.startswith("reserve "):
+                robots.reserve(msgspec.json.decode(line.removeprefix("reserve ")))
+                print("reserved", flush=True)
             else:
                 print(msgspec.json.encode(robots.report()).decode(), flush=True)
 

@@ -216,6 +216,7 @@ BACK_LIMIT_S = 20.0
 SLACK_M = 0.03
 CHAIR = "room-101-chair-1"
 MISSION = "fetch"
+PASSAGE = [RoboCorba.FloorArea("L1", [RoboCorba.XY(0.0, 0.0), RoboCorba.XY(9.0, 0.0), RoboCorba.XY(9.0, 9.0)])]
 
 
 class Client:
@@ -377,8 +378,11 @@ class Chaos:
         before = place.log_on("newcomer", 80.0, 2.0, floor="L2")
         self._mission = place.database.putMission(RoboCorba.MissionRecord(MISSION, self._mission, b"document"))
         holder.grip(CHAIR, self._grasp)
-        rider.callElevator(self._elevator.name, self._elevator.floors()[1])
+        rider.callElevatorTogether(self._elevator.name, self._elevator.floors()[1], "party", 1)
+        holder.reserveAreas(PASSAGE, 300.0)
+        rider.reserveAreas(PASSAGE, 300.0)
         if not wants:
+            holder.releaseAreas()
             holder.release()
             rider.giveUpElevator()
         before.deregister()
@@ -393,6 +397,8 @@ class Chaos:
         with self._expecting("the robot that rides"):
             is_riding = rider.state().riding.phase != RoboCorba.NO_RIDE
             self._check(is_riding == wants, f"the ride is not as it was ({wants})")
+            is_granted = rider.reservation().phase == RoboCorba.AREAS_GRANTED
+            self._check(is_granted != wants, f"what was reserved is not as it was ({wants})")
         with self._expecting("the robot that had just logged on"):
             at = newcomer.state().at
             self._check((at.floor, at.x, at.y) == ("L1", 82.0, 2.0), f"who had just logged on is at {at}")

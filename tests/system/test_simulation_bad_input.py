@@ -187,6 +187,80 @@ def test_no_ride_goes_anywhere_else(place: Place, elevator: str, destination: st
         assert rider.state().riding.phase == RoboCorba.NO_RIDE
 
 
+@given(texts, counts)
+@MANY
+def test_no_party_is_other_than_may_be(place: Place, party: str, size: int) -> None:
+    with robot(place, "rider") as rider:
+        answer = answer_to(rider.callElevatorTogether, "E1", "L2", party, size, may=(RoboCorba.InvalidRide,))
+        is_party = 1 <= len(party) <= 200
+        assert (answer is None) == (is_party and size == 1)
+        if answer:
+            assert answer.field == ("partySize" if is_party else "party") and answer.reason
+        assert (rider.state().riding.phase == RoboCorba.NO_RIDE) == (answer is not None)
+
+
+SQUARE = [RoboCorba.XY(2.0, 11.0), RoboCorba.XY(3.0, 11.0), RoboCorba.XY(3.0, 12.0), RoboCorba.XY(2.0, 12.0)]
+corners = st.lists(
+    st.one_of(st.sampled_from(SQUARE), st.builds(RoboCorba.XY, numbers, numbers)), min_size=0, max_size=6
+)
+reserved = st.builds(RoboCorba.FloorArea, st.one_of(st.just("L1"), floors), st.one_of(st.just(SQUARE), corners))
+RESERVATION_MAY = (RoboCorba.InvalidReservation, RoboCorba.UnknownFloor)
+
+
+@given(st.lists(reserved, max_size=3), st.one_of(st.just(5.0), numbers))
+@MANY
+def test_what_is_reserved_is_an_area_for_a_while(place: Place, areas: list[Any], limit_s: float) -> None:
+    with robot(place, "owner") as owner:
+        answer = answer_to(owner.reserveAreas, areas, limit_s, may=RESERVATION_MAY)
+        if isinstance(answer, RoboCorba.UnknownFloor):
+            assert any(area.onFloor.startswith(answer.floorName) for area in areas) and answer.which.startswith(
+                "areas["
+            )
+        elif answer:
+            assert answer.field.startswith(("areas", "limit")) and answer.reason
+        else:
+            assert areas and 0.0 < limit_s <= 600.0 and all(area.onFloor == "L1" for area in areas)
+        found = owner.reservation()
+        assert (found.phase == RoboCorba.AREAS_GRANTED) == (answer is None) or limit_s < 1.0
+        assert all(map(math.isfinite, (found.longestWait, found.left)))
+        other = answer_to(owner.keepAreas, [RoboCorba.FloorArea("L2", SQUARE)], may=RESERVATION_MAY)
+        assert isinstance(other, RoboCorba.InvalidReservation)
+        owner.releaseAreas()
+        assert owner.reservation().phase == RoboCorba.NO_RESERVATION
+
+
+@pytest.mark.parametrize(
+    ("field", "areas", "limit_s"),
+    [
+        ("areas", [], 5.0),
+        ("areas", [RoboCorba.FloorArea("L1", SQUARE)] * 33, 5.0),
+        ("areas", [RoboCorba.FloorArea("L1", SQUARE)] * 20_000, 5.0),
+        ("areas", [RoboCorba.FloorArea("L1", SQUARE * 129)], 5.0),
+        ("areas", [RoboCorba.FloorArea("L1", SQUARE * 50_000)], 5.0),
+        ("limit", [RoboCorba.FloorArea("L1", SQUARE)], math.nan),
+        ("limit", [RoboCorba.FloorArea("L1", SQUARE)], math.inf),
+        ("limit", [RoboCorba.FloorArea("L1", SQUARE)], 600.5),
+        ("limit", [RoboCorba.FloorArea("L1", SQUARE)], 0.0),
+        ("areas[1].polygon", [RoboCorba.FloorArea("L1", SQUARE), RoboCorba.FloorArea("L1", SQUARE[:2])], 5.0),
+        ("areas[0].polygon", [RoboCorba.FloorArea("L1", SQUARE[::2] + SQUARE[1::2])], 5.0),
+        ("areas[0].polygon", [RoboCorba.FloorArea("L1", SQUARE[:1] * 4)], 5.0),
+        ("areas[0].polygon[4]", [RoboCorba.FloorArea("L1", [*SQUARE, RoboCorba.XY(math.nan, 0.0)])], 5.0),
+        ("areas[0].polygon[4]", [RoboCorba.FloorArea("L1", [*SQUARE, RoboCorba.XY(0.0, 1e9)])], 5.0),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_wrong_reservation_is_refused_by_the_name_of_its_member(
+    place: Place, field: str, areas: list[Any], limit_s: float
+) -> None:
+    with robot(place, "owner") as owner:
+        began = time.monotonic()
+        with pytest.raises(RoboCorba.InvalidReservation) as refused:
+            owner.reserveAreas(areas, limit_s)
+        assert refused.value.field == field and refused.value.reason
+        assert time.monotonic() - began < 10.0
+        assert owner.reservation().phase == RoboCorba.NO_RESERVATION
+
+
 @given(st.one_of(st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0")), st.just(LONG[:10_000])))
 @MANY
 def test_a_made_up_reference_leads_to_nobody(place: Place, key: str) -> None:
@@ -441,6 +515,10 @@ def test_no_answer_repeats_a_text_that_is_too_long(place: Place) -> None:
             lambda: echo.grip(LONG, RoboCorba.XY(3.0, 12.0)),
             lambda: echo.callElevator(LONG, "L2"),
             lambda: echo.callElevator("E1", LONG),
+            lambda: echo.callElevatorTogether("E1", "L2", LONG, 1),
+            lambda: echo.callElevatorTogether(LONG, LONG, LONG, 1),
+            lambda: echo.reserveAreas([RoboCorba.FloorArea(LONG, SQUARE)], 5.0),
+            lambda: echo.keepAreas([RoboCorba.FloorArea(LONG, SQUARE)]),
             lambda: echo._get_sensor().scan(RoboCorba.Pose(LONG, 3.0, 12.0, 0.0), NO_MOUNT, CROSS),
         ):
             with pytest.raises(CORBA.UserException) as refused:
