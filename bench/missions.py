@@ -1,11 +1,12 @@
 """The paper's scene: three robots of two sub-networks carry a table through a room, from places that chance has chosen.
 
-    python -m bench.missions --seeds 5 [--loaded]
+    python -m bench.missions --seeds 5 [--loaded] [--actual B,...]
 
 For each seed the crew first brings the table to where it starts, turned somehow, the robots go to places of their own,
 and carry it to the paper's destination. Both missions are measured. Grips are seen by the simulation server at the
 same step as the hands; how far carriers and barriers are apart in time is what the mission's report says. --loaded:
-something else keeps a core busy meanwhile."""
+something else keeps a core busy meanwhile. --actual: these robots are actual ones, of which servers/smartpal is the
+stand-in; it is their bodies in the building that are measured, which go where the robots go."""
 
 from __future__ import annotations
 
@@ -33,6 +34,7 @@ from robocorba.maps.samples import load_sample, sample_path
 from robocorba.planning.request import Place
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
+from tests.smartpal.place import robot_place
 from tests.system.mission_place import FLOOR, MissionPlace, Start, Watch, missions
 from tests.system.processes import eventually
 
@@ -152,6 +154,19 @@ def another_load(is_wanted: bool, folder: Path) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def stand_ins(place: MissionPlace, names: Sequence[str]) -> Iterator[dict[str, tuple[str, ...]]]:
+    """An actual robot for each of the names; the adaptors that lead to them."""
+    with contextlib.ExitStack() as stack:
+        found = {}
+        for seed, name in enumerate(names, 1):
+            folder = place.folder / f"actual-{name}"
+            folder.mkdir()
+            robot = stack.enter_context(robot_place(folder, "--seed", str(seed), orb=place.orb))
+            found[name] = ("smartpal", "--naming", str(robot.naming))
+        yield found
+
+
 def marks(outcomes: Sequence[Outcome]) -> list[Mark]:
     skews = [skew for one in outcomes for skew in one.skews_ms]
     return [
@@ -171,13 +186,21 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=5, help="default: %(default)s")
     parser.add_argument("--first", type=int, default=1, help="the first seed (default: %(default)s)")
     parser.add_argument("--loaded", action="store_true", help="keep a core busy meanwhile")
+    parser.add_argument("--actual", default="", metavar="ROBOT,...", help="robots that are actual ones")
     options = parser.parse_args()
     building = load_sample(BUILDING)
+    actual = [name for name in options.actual.split(",") if name]
+    if unknown := sorted(set(actual) - CREW.keys()):
+        parser.error(f"--actual: there is no robot {', '.join(unknown)}; there are {', '.join(CREW)}")
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        with missions(folder, sample_path(BUILDING)) as place, another_load(options.loaded, folder):
-            place.start(CREW)
+        with (
+            missions(folder, sample_path(BUILDING)) as place,
+            another_load(options.loaded, folder),
+            stand_ins(place, actual) as adaptors,
+        ):
+            place.start({name: at._replace(adaptor=adaptors.get(name, ())) for name, at in CREW.items()})
             for seed in range(options.first, options.first + options.seeds):
                 rng = random.Random(seed)
                 x, y, heading = (middle + rng.uniform(-half, half) for middle, half in STARTS)
@@ -187,7 +210,9 @@ def main() -> int:
                         print(*outcomes[-1].row().values(), sep="\t", flush=True)
                         spread_out(place, building, seed)
     title = f"the paper's scene, {options.seeds} seeds, {len(outcomes)} missions{', a core busy' * options.loaded}"
-    is_reached = tell(NAME, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: _draw(axes, outcomes))
+    title += f", actual: {', '.join(actual)}" if actual else ""
+    name = f"{NAME}_actual" if actual else NAME
+    is_reached = tell(name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: _draw(axes, outcomes))
     return 0 if is_reached else 1
 
 

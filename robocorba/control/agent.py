@@ -199,6 +199,12 @@ class ControlAgent:
         return controller is not None and not controller.stopped and not self._is_running
 
     @property
+    def is_busy(self) -> bool:
+        """Whether it does something now, and will be free again."""
+        controller = self._controller
+        return controller is not None and not controller.stopped and self._is_running
+
+    @property
     def place(self) -> Pose:
         """Where the robot is."""
         return self.state.at

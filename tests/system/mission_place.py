@@ -67,12 +67,14 @@ def three_rooms() -> Building:
 
 
 class Start(NamedTuple):
-    """Where a robot begins, on the only floor, and its sub-network."""
+    """Where a robot begins, on the only floor, its sub-network, and its adaptor with its arguments, empty for a virtual
+    robot."""
 
     x: float
     y: float
     heading: float
     channel: str
+    adaptor: tuple[str, ...] = ()
 
 
 class Body(NamedTuple):
@@ -113,7 +115,8 @@ class MissionPlace:
         """All at once, until each is ready."""
         for name, at in starts.items():
             where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
-            self.robots[name] = self._robocorba(name, "robot", name, *where)
+            adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
+            self.robots[name] = self._robocorba(name, "robot", name, *where, *adaptor)
         for name in starts:
             process = self.robots[name]
             assert process.stdout is not None and process.stderr is not None
