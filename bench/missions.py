@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,6 @@ from matplotlib.axes import Axes
 from bench.places import random_places
 from bench.processes import Process
 from bench.report import PROGRESS, Mark, at_least, at_most, quantile, tell
-from robocorba.control.agent import Condition
 from robocorba.errors import InvalidProgram
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building
@@ -137,11 +137,12 @@ def spread_out(place: MissionPlace, building: Building, seed: int) -> None:
     for name, spot in zip(CREW, chosen, strict=True):  # one after the other: they don't see each other
         agent = place.agent(name)
         heading = rng.uniform(-math.pi, math.pi)
+        eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is free")
         program = ProgramBuilder("there").mbase_path(FLOOR, spot.x, spot.y, heading=heading).program()
         with contextlib.suppress(InvalidProgram):  # pushed to a wall it stays where it is
             agent.load(dumps(program))
             agent.run()
-        eventually(lambda agent=agent: agent.state().condition is Condition.IDLE, DRIVE_LIMIT_S, f"{name} is there")
+        eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is there")
 
 
 @contextlib.contextmanager

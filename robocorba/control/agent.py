@@ -331,10 +331,17 @@ class ControlAgent:
         return self._task.report if self._task else Report()
 
     def _log_on(self) -> None:
-        """Before each start of the adaptor: a server that has forgotten the robot learns of it again."""
+        """Before each start of the adaptor: a server that has forgotten the robot learns of it again. A body that was
+        held up far from its robot, which can't get to it, is put where that is."""
         try:
             self.session.log_on()
-            self.session.state()
+            body = self.session.state().at
+            if not self._is_virtual and self._controller:
+                robot = self._controller.state
+                if math.hypot(robot.x - body.x, robot.y - body.y) > BODY_LOST_M:
+                    self.session.log_off()
+                    self.session.log_on(Pose(body.floor, robot.x, robot.y, robot.heading))
+                    self.session.state()
         except (SimulationError, UnknownFloor) as wrong:
             raise RobotLost(f"the simulation server refuses the robot: {wrong}") from None
 

@@ -182,9 +182,15 @@ class Leader:
         began, said = time.monotonic(), 0.0
         while (now := time.monotonic()) - began < (OFFER_S if _missing(expansion, offers.free) else ENOUGH_S):
             if now - said > AGAIN_S:
-                heard = [*offers.free, *offers.busy]
-                place = {"floor": here.floor, "x": here.x, "y": here.y}
-                call = Call(mission=mission, leader=self._name, helpers=needed, heard=heard, **place)
+                call = Call(
+                    mission=mission,
+                    leader=self._name,
+                    floor=here.floor,
+                    x=here.x,
+                    y=here.y,
+                    helpers=needed,
+                    heard=[*offers.free, *offers.busy],
+                )
                 self._transport.say(call, 1.0)
                 said = now
             came = self._transport.get(0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -149,13 +150,7 @@ def test_another_robot_behind_the_same_agent(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The documented adaptor is no body in the building: that follows it."""
-    make = adaptors.make
-
-    def with_disc(name: str, surroundings: Surroundings) -> object:
-        return documented_adaptor()(surroundings) if name == "disc" else make(name, surroundings)
-
-    monkeypatch.setattr(adaptors, "make", with_disc)
-    agent.switch("disc", ())
+    switch_to_disc(agent, monkeypatch)
     began = session.latest.at
     agent.load(ProgramBuilder("drive").mbase_by(ahead=0.5, left=0.3, turn=1.0).program())
     agent.run()
@@ -168,6 +163,37 @@ def test_another_robot_behind_the_same_agent(
         _ = agent.robot.joints
     agent.switch("simulated", ())
     assert agent.state.adaptor == "simulated"
+
+
+def test_a_body_that_is_held_up_is_put_where_its_robot_is(
+    place: Place, agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An actual robot drives on where in the building somebody stands."""
+    switch_to_disc(agent, monkeypatch)
+    began = session.latest.at
+    ahead = began._replace(x=began.x + 1.2 * math.cos(began.heading), y=began.y + 1.2 * math.sin(began.heading))
+    other = place.session("other", ahead)
+    other.log_on()
+    agent.load(ProgramBuilder("through").mbase_by(ahead=3.0).program())
+    agent.run()
+    eventually(lambda: ended(agent), "ended")
+    assert "its body in the building is 1." in agent.state.program.reason
+    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    at, body = agent.state.actor, session.state().at
+    assert math.dist((at.x, at.y), began[1:3]) > 1.2
+    assert (body.x, body.y) == pytest.approx((at.x, at.y), abs=0.05)
+    other.log_off()
+
+
+def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot of docs/adaptors.md."""
+    make = adaptors.make
+
+    def with_disc(name: str, surroundings: Surroundings) -> object:
+        return documented_adaptor()(surroundings) if name == "disc" else make(name, surroundings)
+
+    monkeypatch.setattr(adaptors, "make", with_disc)
+    agent.switch("disc", ())
 
 
 def test_nothing_before_the_start(place: Place, session: InProcessSession) -> None:
