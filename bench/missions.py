@@ -213,11 +213,11 @@ def main() -> int:
     title = f"the paper's scene, {options.seeds} seeds, {len(outcomes)} missions{', a core busy' * options.loaded}"
     title += f", actual: {', '.join(actual)}" if actual else ""
     name = f"{NAME}_actual" if actual else NAME
-    is_reached = tell(name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: _draw(axes, outcomes))
+    is_reached = tell(name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes))
     return 0 if is_reached else 1
 
 
-def _draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:
+def draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:
     axes.plot([1000 * one.off_m for one in outcomes], "o-", label="table from its goal, mm")
     axes.plot([1000 * one.grip_m for one in outcomes], "s-", label="grips from their hands, mm")
     axes.plot([one.tick_ms for one in outcomes], "^-", label="p99 of the skew of ticks, ms")

@@ -165,10 +165,9 @@ def test_another_robot_behind_the_same_agent(
     assert agent.state.adaptor == "simulated"
 
 
-def test_a_body_that_is_held_up_is_put_where_its_robot_is(
+def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
     place: Place, agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An actual robot drives on where in the building somebody stands."""
     switch_to_disc(agent, monkeypatch)
     began = session.latest.at
     ahead = began._replace(x=began.x + 1.2 * math.cos(began.heading), y=began.y + 1.2 * math.sin(began.heading))
@@ -177,12 +176,28 @@ def test_a_body_that_is_held_up_is_put_where_its_robot_is(
     agent.load(ProgramBuilder("through").mbase_by(ahead=3.0).program())
     agent.run()
     eventually(lambda: ended(agent), "ended")
-    assert "its body in the building is 1." in agent.state.program.reason
-    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
-    at, body = agent.state.actor, session.state().at
-    assert math.dist((at.x, at.y), began[1:3]) > 1.2
-    assert (body.x, body.y) == pytest.approx((at.x, at.y), abs=0.05)
+    assert "m away, held by other" in agent.state.program.reason
+    assert agent.state.condition is Condition.IDLE
+    assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.9
+    agent.load(ProgramBuilder("back").mbase_by(ahead=-0.4).program())
+    agent.run()
+    eventually(lambda: ended(agent), "back")
+    assert agent.state.program.result is Result.DONE
+    actor = agent.state.actor
+    eventually(lambda: math.dist(session.state().at[1:3], (actor.x, actor.y)) < 0.02, "the body is back, too")
     other.log_off()
+
+
+def test_a_body_that_is_lost_is_put_where_its_robot_is(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    switch_to_disc(agent, monkeypatch)
+    at = session.latest.at
+    session.log_off()
+    session.log_on(at._replace(x=at.x - 1.5))
+    eventually(lambda: "m away" in agent.state.reason, "lost")
+    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
 
 
 def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
