@@ -18,6 +18,7 @@ from robocorba.missions.leader import MissionReport
 from robocorba.missions.record import as_json
 from robocorba.missions.subplan import Approach, Carry, Gather, Wait
 from robocorba.missions.trajectory import Trajectory
+from robocorba.planning.request import Place as Spot
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from tests.control.places import Place, eventually
@@ -150,6 +151,15 @@ def test_who_is_not_there_is_not_waited_for(crew: Crew) -> None:
     report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()], [Wait()]))
     assert report.reason == "3 helpers are needed; B, C offered to help"
     assert time.monotonic() - begun < leader.AGREE_S
+
+
+def test_only_the_nearest_are_looked_at(crew: Crew, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leader, "MORE_THAN_NEEDED", 0)
+    near_c = Given([Wait()], [Wait()])
+    near_c.meeting_point = Spot(*ROBOTS["C"][:3])
+    report = crew.leader("A").lead("test", near_c)
+    assert report.result == "done"
+    assert set(report.records) == {"A", "C"}
 
 
 def test_leaders_that_want_the_same_robots_have_them_in_turn(crew: Crew) -> None:
