@@ -15,6 +15,7 @@ work: on too few cores, what is late is late because of that, and the figures sa
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -26,12 +27,13 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import msgspec
 import psutil
 from matplotlib.axes import Axes
 
+from bench.processes import Process
 from bench.report import PROGRESS, Mark, at_least, at_most, tell
 from robocorba.control.runner import Report, Result
 from robocorba.errors import RoboCorbaError
@@ -56,8 +58,8 @@ ALONG_M, OUTSIDE_M = 1.2, 1.1
 GOES_OUT = (3, 7)
 #: All missions have ended within, s; then all robots are free within.
 DEADLINE_S, FREE_S = 900.0, 60.0
-#: For how long it is counted what robots cost that wait, s; robots are started so many at a time.
-IDLE_S, AT_ONCE = 10.0, 5
+#: For how long it is counted what robots cost that wait, s; and how long one may take to start.
+IDLE_S, START_LIMIT_S = 10.0, 120.0
 
 
 class Room(NamedTuple):
@@ -294,11 +296,35 @@ def _cpu_s(process: psutil.Process) -> float:
     return float(times.user + times.system)
 
 
-def start(place: MissionPlace, starts: Mapping[str, Start]) -> None:
-    names = list(starts)
-    for first in range(0, len(names), AT_ONCE):
-        with PROGRESS.status(f"robots {first + 1} to {min(first + AT_ONCE, len(names))} of {len(names)} start"):
-            place.start({name: starts[name] for name in names[first : first + AT_ONCE]})
+@contextlib.contextmanager
+def robots(place: MissionPlace, starts: Mapping[str, Start]) -> Iterator[None]:
+    """A process for each, ready."""
+    command = (sys.executable, "-m", "bench.robot_nursery")
+    with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
+        nursery.hear(START_LIMIT_S)
+        for name, at in starts.items():
+            (place.folder / name).mkdir()
+            where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
+            own = ("--naming", str(place.running.naming), "--state", str(place.folder / name))
+            pid = nursery.ask([str(_out(place, name)), name, *where, *own], START_LIMIT_S)
+            place.robots[name] = cast(Any, psutil.Process(pid))
+        try:
+            for name in starts:
+                with PROGRESS.status(f"{len(starts)} robots start, {name} too"):
+                    eventually(partial(_is_ready, place, name), START_LIMIT_S, f"{name} is ready")
+            yield
+        finally:
+            place.end()
+
+
+def _is_ready(place: MissionPlace, name: str) -> bool:
+    out = _out(place, name).read_text() if _out(place, name).exists() else ""
+    assert place.robots[name].is_running(), out  # type: ignore[attr-defined]
+    return "ready\n" in out
+
+
+def _out(place: MissionPlace, name: str) -> Path:
+    return place.folder / name / "out"
 
 
 def aftermath(place: MissionPlace, names: Sequence[str], things: Sequence[str]) -> list[str]:
@@ -346,8 +372,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         native.save(building(of), folder / "many-rooms.yaml")
-        with missions(folder, folder / "many-rooms.yaml", ",".join(SUBNETS)) as place:
-            start(place, starts)
+        with missions(folder, folder / "many-rooms.yaml", ",".join(SUBNETS)) as place, robots(place, starts):
             costs = Costs(place)
             time.sleep(IDLE_S)
             idle = costs.look()
