@@ -19,6 +19,7 @@ import contextlib
 import json
 import math
 import os
+import signal
 import statistics
 import sys
 import tempfile
@@ -341,7 +342,11 @@ def aftermath(place: MissionPlace, names: Sequence[str], things: Sequence[str]) 
         eventually(lambda: not others(), FREE_S)
     except AssertionError:
         states = {name: place.agent(name).state() for name in others()}
-        wrong += [f"{name} is {one.condition.name.lower()}: {one.reason}" for name, one in states.items()]
+        for name, state in states.items():
+            place.robots[name].send_signal(signal.SIGUSR1)
+            time.sleep(1.0)
+            doing = f"{state.condition.name.lower()} {state.program.name} {state.program.kind} {state.reason}"
+            wrong.append(f"{name} is {doing}\n{_out(place, name).read_text()[-4000:]}")
     if held := place.holding():
         wrong.append(f"held: {held}")
     if not place.stands_still((*names, *things)):

@@ -7,6 +7,7 @@ end with it."""
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import gc
 import json
 import os
@@ -50,6 +51,7 @@ def _be_robot(out: str, arguments: Sequence[str]) -> None:
         for descriptor, file, flags in ((0, os.devnull, os.O_RDONLY), (1, out, os.O_CREAT | os.O_WRONLY)):
             os.dup2(os.open(file, flags, 0o600), descriptor)
         os.dup2(1, 2)
+        faulthandler.register(signal.SIGUSR1)  # tells where all its threads are
         robot.main(arguments)
         code = 0
     except BaseException as wrong:
