@@ -67,7 +67,8 @@ bench-simulation: stubs
 	  $(BIN)/python -m bench.$$bench; done
 
 bench-robots: stubs $(VENV)/.peers
-	@for bench in kinematics data_pool virtual_and_actual control stops missions mission_chaos; do \
+	@for bench in kinematics data_pool virtual_and_actual control stops missions missions_network \
+	  many_missions mission_chaos; do \
 	  $(BIN)/python -m bench.$$bench; done
 
 clean:

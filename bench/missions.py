@@ -1,11 +1,12 @@
 """The paper's scene: three robots of two sub-networks carry a table through a room, from places that chance has chosen.
 
-    python -m bench.missions --seeds 5 [--loaded]
+    python -m bench.missions --seeds 5 [--loaded] [--actual B,...]
 
 For each seed the crew first brings the table to where it starts, turned somehow, the robots go to places of their own,
 and carry it to the paper's destination. Both missions are measured. Grips are seen by the simulation server at the
 same step as the hands; how far carriers and barriers are apart in time is what the mission's report says. --loaded:
-something else keeps a core busy meanwhile."""
+something else keeps a core busy meanwhile. --actual: these robots are actual ones, of which servers/smartpal is the
+stand-in; it is their bodies in the building that are measured, which go where the robots go."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +27,6 @@ from matplotlib.axes import Axes
 from bench.places import random_places
 from bench.processes import Process
 from bench.report import PROGRESS, Mark, at_least, at_most, quantile, tell
-from robocorba.control.agent import Condition
 from robocorba.errors import InvalidProgram
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building
@@ -33,6 +34,7 @@ from robocorba.maps.samples import load_sample, sample_path
 from robocorba.planning.request import Place
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
+from tests.smartpal.place import robot_place
 from tests.system.mission_place import FLOOR, MissionPlace, Start, Watch, missions
 from tests.system.processes import eventually
 
@@ -135,11 +137,12 @@ def spread_out(place: MissionPlace, building: Building, seed: int) -> None:
     for name, spot in zip(CREW, chosen, strict=True):  # one after the other: they don't see each other
         agent = place.agent(name)
         heading = rng.uniform(-math.pi, math.pi)
+        eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is free")
         program = ProgramBuilder("there").mbase_path(FLOOR, spot.x, spot.y, heading=heading).program()
         with contextlib.suppress(InvalidProgram):  # pushed to a wall it stays where it is
             agent.load(dumps(program))
             agent.run()
-        eventually(lambda agent=agent: agent.state().condition is Condition.IDLE, DRIVE_LIMIT_S, f"{name} is there")
+        eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is there")
 
 
 @contextlib.contextmanager
@@ -150,6 +153,19 @@ def another_load(is_wanted: bool, folder: Path) -> Iterator[None]:
         return
     with Process((sys.executable, "-c", "while True: pass"), folder / "load.log"):
         yield
+
+
+@contextlib.contextmanager
+def stand_ins(place: MissionPlace, names: Sequence[str]) -> Iterator[dict[str, tuple[str, ...]]]:
+    """An actual robot for each of the names; the adaptors that lead to them."""
+    with contextlib.ExitStack() as stack:
+        found = {}
+        for seed, name in enumerate(names, 1):
+            folder = place.folder / f"actual-{name}"
+            folder.mkdir()
+            robot = stack.enter_context(robot_place(folder, "--seed", str(seed), orb=place.orb))
+            found[name] = ("smartpal", "--naming", str(robot.naming))
+        yield found
 
 
 def marks(outcomes: Sequence[Outcome]) -> list[Mark]:
@@ -171,13 +187,21 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=5, help="default: %(default)s")
     parser.add_argument("--first", type=int, default=1, help="the first seed (default: %(default)s)")
     parser.add_argument("--loaded", action="store_true", help="keep a core busy meanwhile")
+    parser.add_argument("--actual", default="", metavar="ROBOT,...", help="robots that are actual ones")
     options = parser.parse_args()
     building = load_sample(BUILDING)
+    actual = [name for name in options.actual.split(",") if name]
+    if unknown := sorted(set(actual) - CREW.keys()):
+        parser.error(f"--actual: there is no robot {', '.join(unknown)}; there are {', '.join(CREW)}")
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        with missions(folder, sample_path(BUILDING)) as place, another_load(options.loaded, folder):
-            place.start(CREW)
+        with (
+            missions(folder, sample_path(BUILDING)) as place,
+            another_load(options.loaded, folder),
+            stand_ins(place, actual) as adaptors,
+        ):
+            place.start({name: at._replace(adaptor=adaptors.get(name, ())) for name, at in CREW.items()})
             for seed in range(options.first, options.first + options.seeds):
                 rng = random.Random(seed)
                 x, y, heading = (middle + rng.uniform(-half, half) for middle, half in STARTS)
@@ -187,11 +211,13 @@ def main() -> int:
                         print(*outcomes[-1].row().values(), sep="\t", flush=True)
                         spread_out(place, building, seed)
     title = f"the paper's scene, {options.seeds} seeds, {len(outcomes)} missions{', a core busy' * options.loaded}"
-    is_reached = tell(NAME, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: _draw(axes, outcomes))
+    title += f", actual: {', '.join(actual)}" if actual else ""
+    name = f"{NAME}_actual" if actual else NAME
+    is_reached = tell(name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes))
     return 0 if is_reached else 1
 
 
-def _draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:
+def draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:
     axes.plot([1000 * one.off_m for one in outcomes], "o-", label="table from its goal, mm")
     axes.plot([1000 * one.grip_m for one in outcomes], "s-", label="grips from their hands, mm")
     axes.plot([one.tick_ms for one in outcomes], "^-", label="p99 of the skew of ticks, ms")

@@ -58,6 +58,10 @@ class Namespace:
 
         return _in_thread(enter_and_call)
 
+    def enter(self) -> None:
+        """Let the thread that calls be here from now on, and the threads and processes that it starts."""
+        _checked(_libc.setns(self._fd, CLONE_NEWNET))
+
     def command(self, *command: str) -> tuple[str, ...]:
         """A command line that runs `command` in this namespace."""
         return ("nsenter", f"--net={self.path}", "--", *command)

@@ -22,6 +22,7 @@ from robocorba.errors import (
     AdaptorFailed,
     IllegalOrder,
     InvalidChoice,
+    MotionFailed,
     RoboCorbaError,
     RobotError,
     RobotLost,
@@ -39,8 +40,9 @@ from robocorba.simulation.registry import Pose
 #: The robot's body in the building goes where an actual robot goes: so much of what is missing in a second, 1/s, and
 #: how long each command holds, s.
 FOLLOW_GAIN, FOLLOW_VALID_S = 5.0, 0.1
-#: The body is farther away: it can't get there, m.
-BODY_LOST_M = 1.0
+#: A body that is so far behind is held up by who or what stands there in the building: for its robot that is as if it
+#: stood in its own way. One that is still farther away can't get there, m.
+BODY_HELD_M, BODY_LOST_M = 0.1, 1.0
 #: The lease is renewed so often also where no command does it, s.
 LEASE_CHECK_S = 0.5
 #: A program that was told to end has so long for it, s.
@@ -114,6 +116,8 @@ class ControlAgent:
         self._thread: threading.Thread | None = None
         self._cap: float | None = None
         self._is_virtual = False
+        #: How far its body may be behind an actual robot that moves, m.
+        self._held_at_m = BODY_HELD_M
         self._lease = Repeating("lease", self._renew, LEASE_CHECK_S)
 
     # ---- its life ----
@@ -197,6 +201,12 @@ class ControlAgent:
         """Whether it could begin something now."""
         controller = self._controller
         return controller is not None and not controller.stopped and not self._is_running
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it does something now, and will be free again."""
+        controller = self._controller
+        return controller is not None and not controller.stopped and self._is_running
 
     @property
     def place(self) -> Pose:
@@ -325,10 +335,17 @@ class ControlAgent:
         return self._task.report if self._task else Report()
 
     def _log_on(self) -> None:
-        """Before each start of the adaptor: a server that has forgotten the robot learns of it again."""
+        """Before each start of the adaptor: a server that has forgotten the robot learns of it again. A body that was
+        held up far from its robot, which can't get to it, is put where that is."""
         try:
             self.session.log_on()
-            self.session.state()
+            body = self.session.state().at
+            if not self._is_virtual and self._controller:
+                robot = self._controller.state
+                if math.hypot(robot.x - body.x, robot.y - body.y) > BODY_LOST_M:
+                    self.session.log_off()
+                    self.session.log_on(Pose(body.floor, robot.x, robot.y, robot.heading))
+                    self.session.state()
         except (SimulationError, UnknownFloor) as wrong:
             raise RobotLost(f"the simulation server refuses the robot: {wrong}") from None
 
@@ -344,8 +361,15 @@ class ControlAgent:
             return
         body = self.session.state()
         missing = math.hypot(state.x - body.at.x, state.y - body.at.y)
-        if missing > BODY_LOST_M:
-            raise RobotLost(f"its body in the building is {missing:.2f} m away, held by {body.touched or 'a wall'}")
+        if missing < BODY_HELD_M / 2:
+            self._held_at_m = BODY_HELD_M
+        elif missing > self._held_at_m:
+            why = f"its body in the building is {missing:.2f} m away, held by {body.touched or 'a wall'}"
+            if missing > BODY_LOST_M:
+                raise RobotLost(why)
+            self._held_at_m = missing + BODY_HELD_M  # it has to brake, and may go back
+            if self._controller:
+                self._controller.cancel(MotionFailed(why))
         self.session.command(_towards(state, body.at), FOLLOW_VALID_S)
 
     def _told(self, state: RobotState, command: ActorCommand) -> None:

@@ -24,6 +24,9 @@ from robocorba.grids import Floats
 from robocorba.simulation.pose import Limits
 
 TICK_S = 0.02
+#: A body in the building that has stood without a motion for so long is asked and told less often, s: many robots that
+#: wait are no load. The next motion begins as soon as ever.
+IDLE_AFTER_S, IDLE_TICK_S = 1.0, 0.08
 #: How long the robot goes on without a new command, s.
 VALID_S = 0.1
 #: A robot that was lost is asked for again so often, s.
@@ -66,6 +69,9 @@ class HighController:
         self.argv: Sequence[str] = ()
         self._lock = threading.Lock()
         self._motion: _Running | None = None
+        #: That a motion has come; and when something moved last.
+        self._has_come = threading.Event()
+        self._moved_at = 0.0
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         #: That was told last, in the building's frame.
@@ -113,6 +119,7 @@ class HighController:
             if self._closing.is_set():
                 raise IllegalOrder("move", "is switched off")
             self._motion = running
+        self._has_come.set()
         running.ended.wait()  # whatever ends this controller's thread ends the motion
         if running.error:
             raise running.error
@@ -190,6 +197,8 @@ class HighController:
                     due += late
                 elif late < 0.0:
                     time.sleep(-late)
+                if self._rests():
+                    due = time.monotonic()
                 self.late_s.append(max(0.0, time.monotonic() - due))
                 self.watch()  # the whole process may have hung: nothing goes on as if it had not
                 self._ticked_at = time.monotonic()
@@ -221,6 +230,17 @@ class HighController:
     def _fail(self, reason: str, is_lost: bool = False) -> None:
         if not self.stopped:  # whoever is stopping the robot lets its calls fail, and has said why
             self.halt(reason, is_lost)
+
+    def _rests(self) -> bool:
+        """Whether there is nothing to do: then it has waited until a motion came, or for a while."""
+        self._has_come.clear()
+        now = time.monotonic()
+        if self._motion or any(self._velocity) or not self._adaptor.is_in_building:
+            self._moved_at = now
+        if now - self._moved_at < IDLE_AFTER_S:
+            return False
+        self._has_come.wait(IDLE_TICK_S - TICK_S)
+        return True
 
     @property
     def _silent_s(self) -> float:

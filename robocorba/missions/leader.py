@@ -3,9 +3,13 @@ of them do it step by step in the same rhythm, and answers for the result."""
 
 from __future__ import annotations
 
+import itertools
 import logging
+import math
+import random
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Container, Mapping
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 from robocorba.errors import MissionFailed
@@ -17,10 +21,15 @@ from robocorba.planning.request import Place
 
 #: Robots have so long to offer themselves, and to accept, s. Proposals are said again so often, s.
 OFFER_S, ANSWER_S, AGAIN_S = 3.0, 6.0, 0.5
+#: Once one has refused, the others have so long to answer, s.
+REFUSED_S = 1.0
 #: Where enough robots have offered themselves, the leader waits for nearer ones no longer than this, s.
 ENOUGH_S = 1.0
-#: So many plans are made where robots refuse.
-MOST_ATTEMPTS = 3
+#: Where robots refuse, or are busy, a leader tries again for so long, s, with pauses up to this between, which keep
+#: leaders that want the same robots from asking all at once again and again.
+AGREE_S, LONGEST_PAUSE_S = 60.0, 3.0
+#: Of those who offer themselves so many more than are needed are looked at: those who are nearest.
+MORE_THAN_NEEDED = 4
 #: Orders are said so often, s; a step begins so long after the word, and a rhythm changes, s.
 ORDER_S, AHEAD_S, CHANGE_S = 0.1, 0.3, 0.15
 #: A member that was not heard for so long is gone, s; the carry goes on no farther without it after, s.
@@ -77,6 +86,13 @@ class MissionReport(NamedTuple):
     phases: list[Phase]
     records: dict[str, Record]
     heard: list[Came]
+
+
+class _Offers(NamedTuple):
+    """Who has answered a call: where those are who are free, and what the others do meanwhile."""
+
+    free: dict[str, Place]
+    busy: dict[str, str]
 
 
 class Leader:
@@ -137,57 +153,92 @@ class Leader:
 
     def _agree(self, expansion: Expansion) -> CooperativePlan:
         """A plan that all of its robots have accepted."""
-        refused: dict[str, str] = {}
-        for attempt in range(MOST_ATTEMPTS):
-            mission = f"{self._mission}.{attempt + 1}"
-            robots = self._called(mission, expansion, refused)
-            self._plan = plan = expansion.plan(mission, self._name, robots)
-            self._order = Order(mission=mission, leader=self._name)
-            self._tell(plan, "asking")
-            answers = self._asked(plan)
-            refusing = {name: reason for name, reason in answers.items() if reason}
-            if not refusing:
-                return plan
-            self._end(plan, "aborted", f"{', '.join(refusing)} did not accept", set(refusing))
-            self._plan = None
-            if self._name in refusing:
-                raise MissionFailed(f"{self._name} can't do its own part: {refusing[self._name]}")
-            refused.update(refusing)
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
-        raise MissionFailed(f"not enough robots accept: {reasons}")
+        deadline = time.monotonic() + AGREE_S
+        refusing: dict[str, str] = {}
+        for attempt in itertools.count(1):
+            mission = f"{self._mission}.{attempt}"
+            offers = self._called(mission, expansion)
+            if missing := _missing(expansion, offers.free, offers.busy):
+                if not offers.busy or _missing(expansion, [*offers.free, *offers.busy]):
+                    raise MissionFailed(missing)
+            else:
+                plan = expansion.plan(mission, self._name, self._chosen(expansion, offers.free, refusing))
+                refusing = self._refusing(plan)
+                if not refusing:
+                    return plan
+                missing = "not enough robots accept: " + "; ".join(f"{name}: {why}" for name, why in refusing.items())
+            if time.monotonic() > deadline:
+                raise MissionFailed(missing)
+            self._pause(random.uniform(0.0, LONGEST_PAUSE_S))
+        raise AssertionError("attempts don't end")
 
-    def _called(self, mission: str, expansion: Expansion, refused: dict[str, str]) -> dict[str, Place]:
-        """Where the robots are that offer themselves, and we."""
+    def _called(self, mission: str, expansion: Expansion) -> _Offers:
+        """Who answers the call."""
         needed, here = expansion.helpers, expansion.meeting_point
+        offers = _Offers({}, {})
+        if not needed:
+            return offers
         self._transport.listen([(Offer, "*")])
-        call = Call(mission=mission, leader=self._name, floor=here.floor, x=here.x, y=here.y, helpers=needed)
-        robots = {self._name: self._place()}
-        began = said = 0.0
-        while needed:
-            now = time.monotonic()
-            began = began or now
-            enough = len(robots) > needed and expansion.wanted <= robots.keys()
-            if now - began > OFFER_S or (enough and now - began > ENOUGH_S):
-                break
+        began, said = time.monotonic(), 0.0
+        while (now := time.monotonic()) - began < (OFFER_S if _missing(expansion, offers.free) else ENOUGH_S):
             if now - said > AGAIN_S:
+                call = Call(
+                    mission=mission,
+                    leader=self._name,
+                    floor=here.floor,
+                    x=here.x,
+                    y=here.y,
+                    helpers=needed,
+                    heard=[*offers.free, *offers.busy],
+                )
                 self._transport.say(call, 1.0)
                 said = now
             came = self._transport.get(0.05)
-            if came and isinstance(came.message, Offer):
+            if came and isinstance(came.message, Offer) and came.message.mission == mission:
                 offer = came.message
-                if offer.mission == mission and offer.leader == self._name and offer.robot not in refused:
-                    robots[offer.robot] = Place(offer.floor, offer.x, offer.y)
+                if offer.busy:
+                    offers.busy[offer.robot] = offer.busy
+                else:
+                    offers.free[offer.robot] = Place(offer.floor, offer.x, offer.y)
             self._check_interruption()
-        if lost := sorted(expansion.wanted & refused.keys()):
-            raise MissionFailed("; ".join(f"{name}: {refused[name]}" for name in lost))
-        if len(robots) <= needed:
-            free = ", ".join(name for name in robots if name != self._name) or "nobody"
-            why = "".join(f"; {name}: {reason}" for name, reason in refused.items())
-            raise MissionFailed(f"{needed} helpers are needed; {free} offered to help{why}")
-        return robots
+        return offers
+
+    def _chosen(self, expansion: Expansion, free: dict[str, Place], refusing: Container[str]) -> dict[str, Place]:
+        """Us, and the nearest; who refused last only where there are not enough others."""
+        here = expansion.meeting_point
+
+        def order(name: str) -> tuple[bool, bool, bool, float]:
+            at = free[name]
+            is_far = at.floor != here.floor
+            return name not in expansion.wanted, name in refusing, is_far, math.dist(at[1:], here[1:])
+
+        nearest = sorted(free, key=order)
+        willing = [name for name in nearest if name not in refusing]
+        names = (willing if len(willing) >= expansion.helpers else nearest)[: expansion.helpers + MORE_THAN_NEEDED]
+        return {self._name: self._place(), **{name: free[name] for name in names}}
+
+    def _pause(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0:
+            time.sleep(min(left, 0.05))
+            self._check_interruption()
+
+    def _refusing(self, plan: CooperativePlan) -> dict[str, str]:
+        """Who does not accept its part, and why; all others are let go then. Raises MissionFailed where that is us."""
+        self._plan = plan
+        self._order = Order(mission=plan.mission, leader=self._name)
+        self._states, self._heard_at, self._echo = {}, {}, {}  # of an attempt before this one
+        self._tell(plan, "asking")
+        refusing = {name: why for name, why in self._asked(plan).items() if why}
+        if refusing:
+            self._end(plan, "aborted", f"{', '.join(refusing)} did not accept", set(refusing))
+            self._plan = None
+        if self._name in refusing:
+            raise MissionFailed(f"{self._name} can't do its own part: {refusing[self._name]}")
+        return refusing
 
     def _asked(self, plan: CooperativePlan) -> dict[str, str]:
-        """Of each robot: why it does not accept, empty where it does."""
+        """Of each robot: why it does not accept, empty where it does. Who does hears us while others don't answer."""
         names = [subplan.robot for subplan in plan.subplans]
         self._transport.listen([(kind, name) for name in names for kind in (Answer, State)])
         answers: dict[str, str] = {}
@@ -205,8 +256,11 @@ class Leader:
             if came and isinstance(came.message, Answer) and came.message.mission == plan.mission:
                 answer = came.message
                 answers[answer.robot] = "" if answer.accepts else answer.reason or "no"
+                if not answer.accepts:  # nobody is kept for long for what comes to nothing
+                    deadline = min(deadline, time.monotonic() + REFUSED_S)
+            self._say_order(None)
             self._check_interruption()
-        return {name: answers.get(name, f"no answer within {ANSWER_S:g} s") for name in names}
+        return {name: answers.get(name, "no answer in time") for name in names}
 
     # ---- all together ----
 
@@ -330,6 +384,16 @@ class Leader:
             heard=dict(self._echo),
         )
         self._transport.say(order)
+
+
+def _missing(expansion: Expansion, robots: Collection[str], busy: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Why these helpers are not enough, empty where they are."""
+    others = "".join(f"; {name} {does}" for name, does in busy.items())
+    if len(robots) < expansion.helpers:
+        return f"{expansion.helpers} helpers are needed; {', '.join(robots) or 'nobody'} offered to help{others}"
+    if absent := sorted(expansion.wanted.difference(robots)):
+        return f"{' and '.join(absent)} did not offer to help: not there, or not free{others}"
+    return ""
 
 
 class _Baton:

@@ -24,23 +24,26 @@ class _Message(Struct, frozen=True, kw_only=True):
 
 
 class Call(_Message, frozen=True, kw_only=True):
-    """A leader looks for helpers near a place, and how many; robots that are free offer themselves."""
+    """A leader looks for helpers near a place, and how many. Robots answer that are free, or will be some time; not
+    those that it has heard."""
 
     leader: str
     floor: str
     x: float
     y: float
     helpers: int
+    heard: list[str] = []
 
 
 class Offer(_Message, frozen=True, kw_only=True):
-    """A robot is free, and stands there."""
+    """A robot is free, and stands there. busy: what it does meanwhile where it is not free."""
 
     robot: str
     leader: str
     floor: str
     x: float
     y: float
+    busy: str = ""
 
 
 class Proposal(_Message, frozen=True, kw_only=True):

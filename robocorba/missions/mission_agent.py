@@ -18,6 +18,8 @@ from robocorba.simulation.registry import Pose
 
 #: The leader is told how things are so often, and at once where they change, s.
 EVERY_S = 0.1
+#: Who has no part in a mission looks around so often only; a message is heard at once, s.
+IDLE_S = 0.25
 #: A member that has ended says so for so long, in case it was not heard, s.
 FAREWELL_S = 3.0
 RETRY_S = 1.0
@@ -31,6 +33,10 @@ class Owner(Protocol):
     @property
     def is_free(self) -> bool:
         """Whether the robot could begin something now."""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it does something now, and will be free again."""
 
     @property
     def place(self) -> Pose:
@@ -66,7 +72,7 @@ class MissionAgent:
         while not self._closing.is_set():
             try:
                 self._listen()
-                if came := self._transport.get(EVERY_S / 4):
+                if came := self._transport.get(EVERY_S / 4 if self._member else IDLE_S):
                     self._hear(came)
                 self._look()
             except (NotReachable, EventError) as wrong:
@@ -94,20 +100,29 @@ class MissionAgent:
             self._answer(message)
 
     def _offer(self, call: Call) -> None:
-        is_in_none = self._member is None or self._member.has_ended
-        if is_in_none and self._owner.is_free and call.leader != self._transport.name:
-            at = self._owner.place
-            self._transport.say(
-                Offer(
-                    mission=call.mission,
-                    robot=self._transport.name,
-                    leader=call.leader,
-                    floor=at.floor,
-                    x=at.x,
-                    y=at.y,
-                ),
-                RETRY_S,
-            )
+        if self._transport.name in (call.leader, *call.heard):
+            return
+        if self._member is not None and not self._member.has_ended:
+            busy = f"is in mission {self._member.mission}"
+        elif self._owner.is_busy:
+            busy = "runs a program"
+        elif self._owner.is_free:
+            busy = ""
+        else:
+            return
+        at = self._owner.place
+        self._transport.say(
+            Offer(
+                mission=call.mission,
+                robot=self._transport.name,
+                leader=call.leader,
+                floor=at.floor,
+                x=at.x,
+                y=at.y,
+                busy=busy,
+            ),
+            RETRY_S,
+        )
 
     def _answer(self, proposal: Proposal) -> None:
         """Accept where we are free; the same answer again where it is asked for again."""

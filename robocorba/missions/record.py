@@ -84,6 +84,8 @@ def as_json(report: MissionReport) -> dict[str, Any]:
             {
                 "at_s": came.came - began,
                 "type": type_of(came.message),
+                "mission": came.message.mission,
+                "sent": came.message.sent,
                 "source": came.source,
                 "origin": came.origin,
                 "latency_ms": 1000 * latency_s(came, report.records),

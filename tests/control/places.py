@@ -6,6 +6,7 @@ import contextlib
 import re
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,12 +101,13 @@ class InProcessSession:
         if self.is_away:
             raise RobotLost("nobody answers")
         if self._session is None:
-            self._session = self._place.agent.register(self._about)
+            self._session = self._place.agent.register(replace(self._about, pose=at or self._about.pose))
             self.state()
 
     def log_off(self) -> None:
         if self._session is not None:
             self._session.deregister()
+        self._session = None
 
     def heartbeat(self) -> None:
         self._answer().heartbeat()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -149,13 +150,7 @@ def test_another_robot_behind_the_same_agent(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The documented adaptor is no body in the building: that follows it."""
-    make = adaptors.make
-
-    def with_disc(name: str, surroundings: Surroundings) -> object:
-        return documented_adaptor()(surroundings) if name == "disc" else make(name, surroundings)
-
-    monkeypatch.setattr(adaptors, "make", with_disc)
-    agent.switch("disc", ())
+    switch_to_disc(agent, monkeypatch)
     began = session.latest.at
     agent.load(ProgramBuilder("drive").mbase_by(ahead=0.5, left=0.3, turn=1.0).program())
     agent.run()
@@ -168,6 +163,52 @@ def test_another_robot_behind_the_same_agent(
         _ = agent.robot.joints
     agent.switch("simulated", ())
     assert agent.state.adaptor == "simulated"
+
+
+def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
+    place: Place, agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    switch_to_disc(agent, monkeypatch)
+    began = session.latest.at
+    ahead = began._replace(x=began.x + 1.2 * math.cos(began.heading), y=began.y + 1.2 * math.sin(began.heading))
+    other = place.session("other", ahead)
+    other.log_on()
+    agent.load(ProgramBuilder("through").mbase_by(ahead=3.0).program())
+    agent.run()
+    eventually(lambda: ended(agent), "ended")
+    assert "m away, held by other" in agent.state.program.reason
+    assert agent.state.condition is Condition.IDLE
+    assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.9
+    agent.load(ProgramBuilder("back").mbase_by(ahead=-0.4).program())
+    agent.run()
+    eventually(lambda: ended(agent), "back")
+    assert agent.state.program.result is Result.DONE
+    actor = agent.state.actor
+    eventually(lambda: math.dist(session.state().at[1:3], (actor.x, actor.y)) < 0.02, "the body is back, too")
+    other.log_off()
+
+
+def test_a_body_that_is_lost_is_put_where_its_robot_is(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    switch_to_disc(agent, monkeypatch)
+    at = session.latest.at
+    session.log_off()
+    session.log_on(at._replace(x=at.x - 1.5))
+    eventually(lambda: "m away" in agent.state.reason, "lost")
+    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
+
+
+def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot of docs/adaptors.md."""
+    make = adaptors.make
+
+    def with_disc(name: str, surroundings: Surroundings) -> object:
+        return documented_adaptor()(surroundings) if name == "disc" else make(name, surroundings)
+
+    monkeypatch.setattr(adaptors, "make", with_disc)
+    agent.switch("disc", ())
 
 
 def test_nothing_before_the_start(place: Place, session: InProcessSession) -> None:

@@ -15,7 +15,7 @@ import pytest
 from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.driving import Drive, DriveAt
-from robocorba.control.high_controller import TICK_S, VALID_S, HighController
+from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
 from robocorba.control.motion import Wish
 from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
@@ -102,6 +102,19 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
     assert np.abs(velocities[:, 2]).max() <= BASE.turn
     turns = np.abs(np.diff(velocities[:, 2]))
     assert turns.max() <= BASE.turn_acceleration * TICK_S + 1e-9
+
+
+def test_a_body_that_waits_is_told_less_often(high: HighController, adaptor: Watched) -> None:
+    adaptor.is_in_building = True
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    time.sleep(IDLE_AFTER_S + 0.3)
+    began, told = time.monotonic(), len(adaptor.commands)
+    time.sleep(1.0)
+    most = (time.monotonic() - began) / IDLE_TICK_S
+    assert 1 <= len(adaptor.commands) - told <= most + 1
+    told = len(adaptor.commands)
+    high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
+    assert len(adaptor.commands) - told > 2 * 1.0 / IDLE_TICK_S
 
 
 def test_a_motion_that_fails_is_told_and_the_robot_stands(high: HighController) -> None:

@@ -18,6 +18,7 @@ from robocorba.missions.leader import MissionReport
 from robocorba.missions.record import as_json
 from robocorba.missions.subplan import Approach, Carry, Gather, Wait
 from robocorba.missions.trajectory import Trajectory
+from robocorba.planning.request import Place as Spot
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from tests.control.places import Place, eventually
@@ -27,7 +28,15 @@ ROBOTS = {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 7.0, 4.0), "C": Pose("L1", 
 FAR = Approach(x=9.0, y=2.0, heading=0.0)
 #: What the tests wait for is as it is, but shorter, s.
 SHORTER = {
-    leader: {"OFFER_S": 1.0, "ENOUGH_S": 0.3, "SILENT_S": 1.5, "GRACE_S": 1.0, "END_S": 12.0},
+    leader: {
+        "AGREE_S": 6.0,
+        "LONGEST_PAUSE_S": 0.5,
+        "OFFER_S": 1.0,
+        "ENOUGH_S": 0.3,
+        "SILENT_S": 1.5,
+        "GRACE_S": 1.0,
+        "END_S": 12.0,
+    },
     member: {"SILENT_S": 1.5, "WORD_LIMIT_S": 3.0},
     mission_agent: {"FAREWELL_S": 0.5},
     performer: {"LONGEST_PAUSE_S": 0.3},
@@ -128,23 +137,44 @@ def test_who_gets_stuck_tries_again(crew: Crew) -> None:
 def test_nobody_is_booked_twice(crew: Crew) -> None:
     crew.agents["B"].load(ProgramBuilder("busy").wait(60).program())
     crew.agents["B"].run()
+    begun = time.monotonic()
     report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()]))
     assert report.result == "failed"
-    assert report.reason == "2 helpers are needed; C offered to help"
+    assert report.reason == "2 helpers are needed; C offered to help; B runs a program"
+    assert time.monotonic() - begun > leader.AGREE_S
     crew.agents["B"].abort()
     assert crew.agents["A"].place == pytest.approx(ROBOTS["A"])
 
 
-def test_two_missions_at_once_share_no_robot(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([near("A", 0.2)], [near("B", 0.2)]))
-    other, others = leading(crew, Given([Wait()], [Wait()]), "C")
-    thread.join(60.0)
-    other.join(60.0)
-    results = {reports[0].result, others[0].result}
-    assert "done" in results
-    parts = [subplan.robot for report in (reports[0], others[0]) if report.plan for subplan in report.plan.subplans]
-    if results == {"done"}:  # one after the other, where offers came late
-        assert len(parts) == 4
+def test_who_is_not_there_is_not_waited_for(crew: Crew) -> None:
+    begun = time.monotonic()
+    report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()], [Wait()]))
+    assert report.reason == "3 helpers are needed; B, C offered to help"
+    assert time.monotonic() - begun < leader.AGREE_S
+
+
+def test_only_the_nearest_are_looked_at(crew: Crew, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leader, "MORE_THAN_NEEDED", 0)
+    near_c = Given([Wait()], [Wait()])
+    near_c.meeting_point = Spot(*ROBOTS["C"][:3])
+    report = crew.leader("A").lead("test", near_c)
+    assert report.result == "done"
+    assert set(report.records) == {"A", "C"}
+
+
+def test_leaders_that_want_the_same_robots_have_them_in_turn(crew: Crew) -> None:
+    """Both need C and nobody else is free: whoever comes second waits until the first mission has ended."""
+    for name in "AB":
+        crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
+        crew.agents[name].run()
+    started = [leading(crew, Given([Wait()], [near("C", way)]), name) for name, way in (("A", 0.2), ("B", -0.2))]
+    for thread, _ in started:
+        thread.join(60.0)
+    reports = [found for _, (found,) in started]
+    assert [(report.result, report.reason) for report in reports] == [("done", "")] * 2
+    first, second = sorted(reports, key=lambda report: report.phases[0].began)
+    assert {subplan.robot for report in reports if report.plan for subplan in report.plan.subplans} == {"A", "B", "C"}
+    assert second.phases[0].started["C"] > first.phases[-1].done["C"]
 
 
 def test_a_step_that_fails_ends_it_for_all(crew: Crew) -> None:

@@ -67,12 +67,15 @@ def three_rooms() -> Building:
 
 
 class Start(NamedTuple):
-    """Where a robot begins, on the only floor, and its sub-network."""
+    """Where a robot begins, on the only floor, its sub-network, and its adaptor with its arguments, empty for a virtual
+    robot. within: what a command line begins with that runs it on another computer."""
 
     x: float
     y: float
     heading: float
     channel: str
+    adaptor: tuple[str, ...] = ()
+    within: tuple[str, ...] = ()
 
 
 class Body(NamedTuple):
@@ -113,7 +116,8 @@ class MissionPlace:
         """All at once, until each is ready."""
         for name, at in starts.items():
             where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
-            self.robots[name] = self._robocorba(name, "robot", name, *where)
+            adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
+            self.robots[name] = self._robocorba(name, "robot", name, *where, *adaptor, within=at.within)
         for name in starts:
             process = self.robots[name]
             assert process.stdout is not None and process.stderr is not None
@@ -250,9 +254,9 @@ class MissionPlace:
 
     # ---- inside ----
 
-    def _robocorba(self, who: str, *arguments: str) -> subprocess.Popen[str]:
+    def _robocorba(self, who: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
         environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / who)}
-        return self._launch(ROBOCORBA, *arguments, **environment)
+        return self._launch(*within, ROBOCORBA, *arguments, **environment)
 
 
 class Watch:
