@@ -8,15 +8,16 @@ from typing import NamedTuple, Protocol
 from robocorba.control.standing import Standing, standing
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors import NotReachable
+from robocorba.kinematics.smartpal import BASE
 
 #: Nobody farther away matters to a robot that drives, m.
 RANGE_M = 6.0
-#: What is known is taken on to now, but by no more than this, s; what is older is not known, s.
-EXTRAPOLATED_S, STALE_S = 0.3, 1.0
+#: What is known is taken on to now; what is older than this is not known, s.
+STALE_S = 0.3
 
 
 class Other(NamedTuple):
-    """Another robot now: m, m/s along the floor's axes, and rad."""
+    """Another robot now: m, m/s along the floor's axes, and rad. It is within radius_m, whatever it has done since."""
 
     name: str
     x: float
@@ -53,9 +54,17 @@ class PoolNearby:
         lag_s = self._pool.lag_s
         if lag_s > STALE_S:
             raise NotReachable(f"nobody tells where other robots are: {self._pool.problem or 'the data pool lags'}")
-        age_s = min(lag_s, EXTRAPOLATED_S)
+        wider_m = BASE.acceleration * lag_s * lag_s / 2.0
         return [
-            Other(one.name, one.x + one.vx * age_s, one.y + one.vy * age_s, one.vx, one.vy, one.heading, one.radius_m)
+            Other(
+                one.name,
+                one.x + one.vx * lag_s,
+                one.y + one.vy * lag_s,
+                one.vx,
+                one.vy,
+                one.heading,
+                one.radius_m + wider_m,
+            )
             for _, one in self._pool.robots_near(x, y, RANGE_M)
         ]
 
