@@ -11,6 +11,7 @@ from omniORB import CORBA
 from robocorba import logs
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.agent import AgentState, ControlAgent
+from robocorba.control.nearby import PoolNearby
 from robocorba.control.priority import be_prompt
 from robocorba.control.tick_file import TickFile
 from robocorba.conversion.errors import error_of
@@ -83,11 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
         ticks = stack.enter_context(TickFile(settings.record)) if settings.record else None
-        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, checker, ticks)
+        follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
+        stack.callback(follower.close)
+        nearby = PoolNearby(follower.pool, settings.name)
+        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, checker, ticks, nearby)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
-        follower = PoolFollower(orb, session.latest.at.floor, settings.name).start()
-        stack.callback(follower.close)
 
         def follow_floor() -> None:
             if (floor := session.latest.at.floor) != follower.pool.floor:

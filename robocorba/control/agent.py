@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol, TypeVar
 from robocorba.control import adaptors
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.high_controller import HighController
+from robocorba.control.nearby import Nearby
 from robocorba.control.robot import Robot
 from robocorba.control.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.control.runner import Begun, Others, Report, Result, Runner
@@ -92,8 +93,8 @@ TaskT = TypeVar("TaskT", bound=Task)
 
 
 class ControlAgent:
-    """check: refuses a program that can't be run from here; raises InvalidProgram. ticks: takes those of programs. Safe
-    from any thread."""
+    """check: refuses a program that can't be run from here; raises InvalidProgram. ticks: takes those of programs.
+    nearby: what the robot knows of others. Safe from any thread."""
 
     def __init__(
         self,
@@ -102,9 +103,10 @@ class ControlAgent:
         others: Others,
         check: Callable[[Program, AgentState], None] = lambda program, state: None,
         ticks: TickFile | None = None,
+        nearby: Nearby | None = None,
     ) -> None:
         self._surroundings, self._planner, self._others, self._check = surroundings, planner, others, check
-        self._ticks = ticks
+        self._ticks, self._nearby = ticks, nearby
         self.name, self.session = surroundings.name, surroundings.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -304,7 +306,7 @@ class ControlAgent:
         controller.start(argv)
         self._controller, self._adaptor = controller, adaptor
         sensors = Sensors(self.session, lambda: controller.state, RADIUS_M)
-        self._robot = Robot(controller, self.session, sensors, self._kinematics, self._planner)
+        self._robot = Robot(controller, self.session, sensors, self._kinematics, self._planner, self._nearby)
 
     @property
     def _is_running(self) -> bool:

@@ -6,26 +6,32 @@ IllegalOrder where it can't move, and whatever interrupts its course."""
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
+import random
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from robocorba.control.aside import aside
 from robocorba.control.course import Course
 from robocorba.control.driving import Drive, DriveAt, DriveBy, Stand
+from robocorba.control.giving_way import Blocked, GiveWay
 from robocorba.control.high_controller import HighController
 from robocorba.control.joint_motion import GripMotion, JointMotion
 from robocorba.control.motion import Motion
+from robocorba.control.nearby import Nearby, Other
 from robocorba.control.robot_state import Velocity
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
-from robocorba.errors import MotionFailed, RoboCorbaError, RobotLost
+from robocorba.control.standing import Standing
+from robocorba.errors import MotionFailed, NotReachable, PathError, RoboCorbaError, RobotLost
 from robocorba.frames import out_of
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
 from robocorba.maps.model import XY
-from robocorba.planning.request import PathPoint, PathRequest, Place, PointKind
+from robocorba.planning.request import PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.programs.base_checks import Planner
 from robocorba.simulation.elevator import Phase
 
@@ -33,10 +39,17 @@ from robocorba.simulation.elevator import Phase
 CALL_AT_M = 2.0
 #: How long it waits for an elevator at most, s of its own time.
 ELEVATOR_LIMIT_S = 300.0
+#: Who is blocked on its way goes aside, m/s, and waits a moment, s. Then it looks for a way around each so many s, for
+#: so long; a way may have so many such knots.
+ASIDE_SPEED, PAUSES_S, LOOK_S, LONGEST_PAUSE_S, MOST_KNOTS = 0.2, (0.2, 0.8), 0.5, 10.0, 8
+
+_log = logging.getLogger(__name__)
 
 
 class Robot:
-    """A SmartPal. One thread at a time lets it move; its course may be steered by any."""
+    """A SmartPal. One thread at a time lets it move; its course may be steered by any.
+
+    nearby: what it knows of others; without that it drives as if it were alone."""
 
     def __init__(
         self,
@@ -45,7 +58,9 @@ class Robot:
         sensors: Sensors,
         kinematics: InverseKinematics,
         planner: Planner,
+        nearby: Nearby | None = None,
     ) -> None:
+        self._nearby = nearby
         self.controller, self.session, self.sensors = controller, session, sensors
         self.kinematics, self._planner = kinematics, planner
         self.course = Course(controller.cancel, self._hold)
@@ -60,15 +75,62 @@ class Robot:
         y: float,
         heading: float | None = None,
         speed: float = 0.0,
-        around: Sequence[tuple[str, tuple[XY, ...]]] = (),
+        looks_around: bool = False,
     ) -> None:
-        """To a point in the building, across floors. around: polygons of floors that are not on the map, m. Raises
-        PathError, InvalidRide, ElevatorFull as well."""
+        """To a point in the building, across floors; around who and what stands in the way now once it was blocked,
+        or from the beginning. Raises PathError, InvalidRide, ElevatorFull as well."""
+        goal, wanted = Place(floor, x, y), self._speed(speed)
+        points = (self._around(goal, wanted) if looks_around else None) or self._as_on_map(goal, wanted)
+        for _ in range(MOST_KNOTS):
+            try:
+                self._along(points, heading, wanted)
+                return
+            except Blocked as blocked:
+                if not self._nearby or not blocked.other:
+                    raise
+                _log.info("%s", blocked)
+                self._go_aside(self._nearby, blocked.other)
+                points = self._after(blocked.other, goal, wanted)
+        self._along(points, heading, wanted)
+
+    def _as_on_map(self, goal: Place, speed: float) -> list[PathPoint]:
+        return self._planner.paths(self._request(goal, speed))[0].points
+
+    def _around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
+        """Around what stands there now, and another robot; None where that is not known, or there is no way."""
+        known = self._nearby.standing(other) if self._nearby else Standing()
+        if known == Standing():
+            return None
+        request = self._request(goal, speed)._replace(**known._asdict())
+        for mode in (RouteMode.SMOOTHED, RouteMode.GEOMETRIC):
+            with contextlib.suppress(PathError):
+                return self._planner.paths(request._replace(mode=mode))[0].points
+        return None
+
+    def _request(self, goal: Place, speed: float) -> PathRequest:
         here, state = self.session.latest.at, self.controller.state
-        wanted = self._speed(speed)
-        start, goal = Place(here.floor, state.x, state.y), Place(floor, x, y)
-        request = PathRequest(start, goal, radius=RADIUS_M, speed=wanted, forbidden_areas=tuple(around))
-        points = self._planner.paths(request)[0].points
+        return PathRequest(Place(here.floor, state.x, state.y), goal, radius=RADIUS_M, speed=speed)
+
+    def _go_aside(self, nearby: Nearby, other: Other) -> None:
+        """As far as that can be done, so that the other one gets by; and give it some time."""
+        state = self.controller.state
+        with contextlib.suppress(MotionFailed, NotReachable):
+            if place := aside(nearby, (state.x, state.y), other):
+                self.move(GiveWay(Drive([place], None, ASIDE_SPEED, BASE), nearby, heeds_walls=True))
+        self.wait(random.uniform(*PAUSES_S))
+
+    def _after(self, other: Other, goal: Place, speed: float) -> list[PathPoint]:
+        """As soon as there is a way around the other one, or it is gone; as on the map where that takes too long."""
+        deadline = self.clock() + LONGEST_PAUSE_S
+        while self.clock() < deadline:
+            if points := self._around(goal, speed, other.name):
+                return points
+            self.wait(LOOK_S)
+        return self._as_on_map(goal, speed)
+
+    def _along(self, points: Sequence[PathPoint], heading: float | None, wanted: float) -> None:
+        """From point to point, and from floor to floor."""
+        state = self.controller.state
         leg: list[tuple[float, float]] = []
         speeds: list[float] = []
         for before, point, after in zip([points[0], *points], points, [*points[1:], None], strict=False):
@@ -85,11 +147,19 @@ class Robot:
 
     def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
         """Straight to a point on this floor."""
-        self._drive([(x, y)], heading, self._speed(speed))
+        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), is_fine=True))
 
-    def drive_by(self, ahead: float, left: float, turn: float, speed: float = 0.0) -> None:
-        """So far from where it is, m, turned by so much, rad."""
-        self.move(DriveBy(ahead, left, turn, self._speed(speed), BASE))
+    def drive_by(
+        self, ahead: float, left: float, turn: float, speed: float = 0.0, as_far_as_free: bool = False
+    ) -> None:
+        """So far from where it is, m, turned by so much, rad; or only until something is in the way."""
+        motion = DriveBy(ahead, left, turn, self._speed(speed), BASE)
+        try:
+            self.move(self._giving_way(motion, is_fine=True, heeds_walls=as_far_as_free))
+        except Blocked as blocked:
+            if not as_far_as_free:
+                raise
+            _log.info("%s", blocked)
 
     def drive_at(self, velocity: Velocity, seconds: float) -> None:
         """At a velocity for a time; then stand."""
@@ -106,7 +176,12 @@ class Robot:
         speed: float,
         speeds: Sequence[float] | None = None,
     ) -> None:
-        self.move(Drive(points, heading, speed, BASE, speeds))
+        self.move(self._giving_way(Drive(points, heading, speed, BASE, speeds), points[-1]))
+
+    def _giving_way(
+        self, motion: Motion, goal: XY | None = None, is_fine: bool = False, heeds_walls: bool = False
+    ) -> Motion:
+        return GiveWay(motion, self._nearby, goal, is_fine, heeds_walls) if self._nearby else motion
 
     def _speed(self, wanted: float) -> float:
         cap = self.controller.speed_cap
@@ -128,10 +203,11 @@ class Robot:
                 self.session.give_up_elevator()
             raise
 
-    def wait_for_ride(self, phase: Phase, otherwise: str) -> None:
-        """Until the ride is in this phase; `otherwise` is what the failure says."""
+    def wait_for_ride(self, phase: Phase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
+        """Until the ride is in this phase; `otherwise` is what the failure says. check: raises what else ends it."""
 
         def is_there() -> bool:
+            check()
             ride = self.session.latest.ride
             if ride is None:
                 raise MotionFailed(f"{otherwise}: the ride was lost")

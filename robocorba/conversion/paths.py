@@ -106,6 +106,7 @@ def request(wanted: PathRequest) -> Any:
         sorted(wanted.avoid_elevators),
         [f"{floor}/{area}" for floor, area in wanted.avoid_areas],
         [RoboCorba.ForbiddenArea(floor, [xy(p) for p in polygon]) for floor, polygon in wanted.forbidden_areas],
+        list(wanted.without_movables),
         wanted.graph,
         wanted.alternatives,
     )
@@ -129,6 +130,7 @@ def request_of(struct: Any) -> PathRequest:
         frozenset(struct.avoidElevators),
         tuple(areas),
         tuple((area.onFloor, tuple(map(xy_of, area.polygon))) for area in struct.forbiddenAreas),
+        tuple(struct.withoutMovables),
         struct.navigationGraph,
         struct.alternatives,
     )

@@ -114,6 +114,10 @@ class DataPool:
         """As Snapshot.nearest_obstacle."""
         return self._known().nearest_obstacle(x, y)
 
+    def nearest_thing(self, x: float, y: float) -> Nearest | None:
+        """As Snapshot.nearest_thing."""
+        return self._known().nearest_thing(x, y)
+
     def robots_near(self, x: float, y: float, range_m: float) -> list[Near]:
         """As Snapshot.robots_near."""
         return self._known().robots_near(x, y, range_m)

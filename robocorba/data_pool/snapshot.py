@@ -110,10 +110,15 @@ class Snapshot:
         """The nearest to a place, m, of what stands, objects, and robots other than oneself; None for an empty floor.
 
         Raises InvalidPoint."""
+        found = (self.nearest_thing(x, y), self._nearest_robot(x, y))
+        return min((near for near in found if near), default=None)
+
+    def nearest_thing(self, x: float, y: float) -> Nearest | None:
+        """The same, whatever robots there are. Raises InvalidPoint."""
         _check_place(x, y)
         stands = self.walls.nearest(x, y, self.elevators) if self.walls else None
-        found = [near for near in (stands, self._nearest_robot(x, y)) if near]
-        limit_m = min((near.distance_m for near in found), default=math.inf)
+        found = [stands] if stands else []
+        limit_m = stands.distance_m if stands else math.inf
         return min([*found, *self._nearer_objects(x, y, limit_m)], default=None)
 
     def _nearest_robot(self, x: float, y: float) -> Nearest | None:

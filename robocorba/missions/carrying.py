@@ -23,7 +23,8 @@ MOST_TICKS = 20_000
 
 
 class CarryMotion:
-    """place: of the base in the frame of the body. slipped_m: how far the grip is from the hand, now.
+    """place: of the base in the frame of the body. slipped_m: how far the grip is from the hand, now; it raises
+    MotionFailed where nothing is held any more.
 
     What it measures may be read by any thread."""
 

@@ -11,7 +11,7 @@ from robocorba.control.runner import Begun, Report, Result
 from robocorba.errors import MissionFailed, RoboCorbaError
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.messages import Order, Proposal, Record, State
-from robocorba.missions.performer import Performer, Places, Standing
+from robocorba.missions.performer import Performer, Places
 from robocorba.missions.rhythm import Rhythm
 
 #: A leader that was not heard for so long is gone, s.
@@ -26,12 +26,12 @@ class Member:
 
     A task of a control agent: it has a report, and icons that began, which are the steps here."""
 
-    def __init__(self, proposal: Proposal, robot: Robot, where: Places, around: Standing = lambda: ()) -> None:
+    def __init__(self, proposal: Proposal, robot: Robot, where: Places) -> None:
         self.mission, self.leader = proposal.mission, proposal.leader
         self._subplan, self._phases = proposal.subplan, proposal.phases
         self._robot = robot
         self.clock, self._rhythm = LeaderClock(), Rhythm()
-        self._performer = Performer(robot, self._rhythm, self.clock, where, around)
+        self._performer = Performer(robot, self._rhythm, self.clock, where)
         self._changed = threading.Condition()
         self._order = Order(mission=proposal.mission, leader=proposal.leader)
         self._heard_at = self._began = time.monotonic()

@@ -12,7 +12,7 @@ from robocorba.control.robot import Robot
 from robocorba.errors import EventError, NotReachable, RobotError
 from robocorba.missions.member import Member
 from robocorba.missions.messages import Answer, Call, Offer, Order, Proposal
-from robocorba.missions.performer import Places, Standing
+from robocorba.missions.performer import Places
 from robocorba.missions.transport import Came, Transport
 from robocorba.simulation.registry import Pose
 
@@ -47,11 +47,11 @@ class Owner(Protocol):
 
 
 class MissionAgent:
-    """Of the robot `owner`, from `start` to `close`. where: objects, seen from the robot. around: what stands there."""
+    """Of the robot `owner`, from `start` to `close`. where: objects, seen from the robot."""
 
-    def __init__(self, transport: Transport, owner: Owner, where: Places, around: Standing = lambda: ()) -> None:
+    def __init__(self, transport: Transport, owner: Owner, where: Places) -> None:
         self._transport, self._owner = transport, owner
-        self._where, self._around = where, around
+        self._where = where
         self._member: Member | None = None
         self._ended_at: float | None = None
         self._told_at = 0.0
@@ -144,7 +144,7 @@ class MissionAgent:
             return f"is in mission {self._member.mission}"
         is_own = proposal.leader == self._transport.name
         try:
-            member = self._owner.begin_part(lambda robot: Member(proposal, robot, self._where, self._around), is_own)
+            member = self._owner.begin_part(lambda robot: Member(proposal, robot, self._where), is_own)
         except RobotError as wrong:
             return str(wrong)
         self._member, self._ended_at, self._is_listening = member, None, False

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from shapely import Polygon
 
-from robocorba.errors import MissionFailed, PathError
+from robocorba.errors import MissionFailed
 from robocorba.frames import out_of
-from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry import CarryPlan, Leg, plan_carry
 from robocorba.missions.formation import Pose
+from robocorba.missions.gathering import Ways, loosened
 from robocorba.missions.helpers import assigned
 from robocorba.missions.subplan import (
     Approach,
@@ -31,7 +32,7 @@ from robocorba.missions.subplan import (
 from robocorba.missions.surroundings import placed
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import World
-from robocorba.planning.request import PathRequest, Place
+from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
@@ -81,8 +82,7 @@ class MoveTable:
     def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
         thing, formation = self._thing, self._carry.formation
         at = (thing.x, thing.y, thing.heading)
-        behind = [_placed(place, at) for place in formation.places(BACK_M)]
-        names = assigned(robots, [Place(thing.floor, x, y) for x, y, _ in behind], leader, self._way_m)
+        behind, names = self._gathered(leader, robots)
         turns = [
             _Turn(
                 "gathering",
@@ -102,11 +102,21 @@ class MoveTable:
         )
         return CooperativePlan(mission, "move table", leader, thing.name, tuple(turn.phase for turn in turns), subplans)
 
-    def _way_m(self, start: Place, goal: Place) -> float | None:
-        try:
-            return self._world.paths(PathRequest(start, goal, radius=RADIUS_M))[0].distance
-        except PathError:
-            return None
+    def _gathered(self, leader: str, robots: dict[str, Place]) -> tuple[list[Pose], list[str]]:
+        """Places behind those in which they carry, and who goes to each of them. Raises MissionFailed.
+
+        Side by side only where there is no room for more between them."""
+        thing = self._thing
+        ways, close = Ways(self._world, thing), self._carry.formation.places(BACK_M)
+
+        def found(places: Sequence[Pose]) -> tuple[list[Pose], list[str]]:
+            behind = [_placed(place, (thing.x, thing.y, thing.heading)) for place in places]
+            goals = [Place(thing.floor, x, y) for x, y, _ in behind]
+            return behind, assigned(robots, goals, leader, ways.length_m)
+
+        with contextlib.suppress(MissionFailed):
+            return found(loosened(close))
+        return found(close)
 
     def _hold(self, at: Pose) -> TakeHold:
         height_m = self._thing.height_m - BOARD_M

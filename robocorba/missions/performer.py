@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import singledispatchmethod
 from typing import Any
 
 from robocorba.control.robot import Robot
-from robocorba.errors import MotionFailed, PathError, RoboCorbaError, Unreachable
+from robocorba.errors import MotionFailed, RoboCorbaError, Unreachable
 from robocorba.frames import Frame, into, out_of
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
@@ -20,7 +19,6 @@ from robocorba.missions import subplan
 from robocorba.missions.carrying import CarryMotion
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.rhythm import Rhythm
-from robocorba.missions.standing import Area
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import Phase
 
@@ -28,22 +26,15 @@ from robocorba.simulation.elevator import Phase
 NEAR_SPEED, HANDS_APART_M = 0.2, 0.4
 #: Where an object is in the frame of the robot, x, y and heading; None where nobody knows it.
 Places = Callable[[str], Frame | None]
-#: Robots that stand, and objects where they are now: polygons of floors, m.
-Standing = Callable[[], Sequence[Area]]
-#: Who gets stuck on the way to the others goes back a bit, m, waits, s, and tries again: so often in all.
-ASIDE_M, LONGEST_PAUSE_S, MOST_ATTEMPTS = 0.3, 2.0, 4
 
 _log = logging.getLogger(__name__)
 
 
 class Performer:
-    """Does steps on a robot. where: as far as it is known, what is as old of both. around: what is not on the map."""
+    """Does steps on a robot. where: as far as it is known, what is as old of both."""
 
-    def __init__(
-        self, robot: Robot, rhythm: Rhythm, clock: LeaderClock, where: Places, around: Standing = lambda: ()
-    ) -> None:
+    def __init__(self, robot: Robot, rhythm: Rhythm, clock: LeaderClock, where: Places) -> None:
         self._robot, self._rhythm, self._clock, self._where = robot, rhythm, clock, where
-        self._around = around
         self.carry: CarryMotion | None = None
         #: Where the grip is in the frame of the object, and ahead of the base, m.
         self._grip_in_thing: tuple[float, float] | None = None
@@ -67,25 +58,7 @@ class Performer:
     @do.register
     def _(self, step: subplan.Gather) -> None:
         self._posture("tuck")
-        for attempt in range(1, MOST_ATTEMPTS + 1):
-            try:
-                self._gather(step)
-                return
-            except MotionFailed as stuck:  # in others who gather too, most likely
-                if attempt == MOST_ATTEMPTS:
-                    raise
-                _log.info("%s", stuck)
-                with contextlib.suppress(MotionFailed):
-                    self._robot.drive_by(-ASIDE_M, 0.0, 0.0, NEAR_SPEED)
-                self._robot.wait(random.uniform(0.0, LONGEST_PAUSE_S))
-
-    def _gather(self, step: subplan.Gather) -> None:
-        """Around who and what stands in the way now, if there is a way around."""
-        where = (step.floor, step.x, step.y, step.heading)
-        try:
-            self._robot.drive_path(*where, around=self._around())
-        except PathError:
-            self._robot.drive_path(*where)
+        self._robot.drive_path(step.floor, step.x, step.y, step.heading, looks_around=True)
 
     @do.register
     def _(self, step: subplan.Approach) -> None:
@@ -113,7 +86,8 @@ class Performer:
 
     @do.register
     def _(self, step: subplan.Ride) -> None:
-        self._robot.wait_for_ride(Phase.ALIGHTING, f"{step.elevator} did not arrive at {step.destination}")
+        otherwise = f"{step.elevator} did not arrive at {step.destination}"
+        self._robot.wait_for_ride(Phase.ALIGHTING, otherwise, self._check_hold)
 
     @do.register
     def _(self, step: subplan.PutDown) -> None:
@@ -122,7 +96,7 @@ class Performer:
 
     @do.register
     def _(self, step: subplan.BackOff) -> None:
-        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED)
+        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED, as_far_as_free=True)
         self._posture("tuck")
 
     @do.register
@@ -148,7 +122,7 @@ class Performer:
             self._robot.session.give_up_elevator()
             if was_holding:
                 self._robot.grip(tuple(Side), OPEN_RAD)
-                self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED)
+                self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED, as_far_as_free=True)
             self._posture("tuck")
 
     def _posture(self, name: str) -> None:
@@ -178,11 +152,17 @@ class Performer:
         self._grip_in_thing = into(*self._hand_m, at) if at else None
 
     def _slipped_m(self) -> float:
-        """How far the object is from the hand that holds it, by what is known of it now."""
+        """How far the object is from the hand that holds it, by what is known of it now. Raises MotionFailed."""
+        self._check_hold()
         at = self._where(self._thing) if self._thing else None
         if at is None or self._grip_in_thing is None:
             return 0.0
         return math.dist(out_of(*self._grip_in_thing, at), self._hand_m)
+
+    def _check_hold(self) -> None:
+        """Raise MotionFailed where the building knows better what the hands hold."""
+        if self._thing and self._robot.session.latest.holding != self._thing:
+            raise MotionFailed(f"lost its hold of {self._thing}")
 
 
 def seen_from(thing: Frame, robot: Frame) -> Frame:

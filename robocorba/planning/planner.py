@@ -94,7 +94,7 @@ class PathPlanner:
         Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree or NoPath."""
         snapshot = self._snapshot
         check_request(snapshot.building, request)
-        snapshot = snapshot.without_areas(request)
+        snapshot = snapshot.as_asked(request)
         find = geometric.ways if request.mode is RouteMode.GEOMETRIC else topological.ways
         names, version = snapshot.roads.names, snapshot.version
         paths = [Path(points.tolist(), names, version) for points in find(snapshot, request)]

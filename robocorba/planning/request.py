@@ -110,7 +110,8 @@ class Path(NamedTuple):
 class PathRequest(NamedTuple):
     """A query. Radius in m, speed in m/s; the defaults are SmartPal's.
 
-    `avoid_areas` are (floor, area name), `forbidden_areas` (floor, polygon)."""
+    `avoid_areas` are (floor, area name), `forbidden_areas` (floor, polygon). On the floors `without_movables` objects
+    that can be moved are not where the map has them; where they are now is for `forbidden_areas` to say."""
 
     start: Place
     goal: Place
@@ -121,6 +122,7 @@ class PathRequest(NamedTuple):
     avoid_elevators: frozenset[str] = frozenset()
     avoid_areas: tuple[tuple[str, str], ...] = ()
     forbidden_areas: tuple[tuple[str, tuple[XY, ...]], ...] = ()
+    without_movables: tuple[str, ...] = ()
     graph: str = ""
     alternatives: int = 0
 
@@ -164,6 +166,9 @@ def check_request(building: Building, request: PathRequest) -> None:
         if floor not in building.floors:
             raise UnknownFloor(f"forbiddenAreas[{i}]", floor[:200], tuple(building.floors))
         check_polygon(f"forbiddenAreas[{i}].polygon", polygon, InvalidRequest)
+    for floor in request.without_movables:
+        if floor not in building.floors:
+            raise UnknownFloor("withoutMovables", floor[:200], tuple(building.floors))
     if request.graph and not any(
         request.graph in edge.graphs for entry in building.floors.values() for edge in entry.topological.edges.values()
     ):

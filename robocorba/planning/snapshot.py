@@ -9,7 +9,8 @@ import numpy as np
 
 from robocorba.grids import Floats
 from robocorba.maps.geometry import obstacles
-from robocorba.maps.model import Building, MapObject, PolygonShape
+from robocorba.maps.model import Building, ElementKind, MapObject, PolygonShape
+from robocorba.maps.movable import movables
 from robocorba.planning.freeway import Freeways
 from robocorba.planning.guide import make_guide
 from robocorba.planning.packing import Packed
@@ -20,7 +21,7 @@ from robocorba.planning.world import pack_world
 
 #: So many (floor, radius) pairs keep their sight lines, the latest used.
 MOST_FREEWAYS = 64
-#: So many variants of the building with forbidden areas are kept, the latest used.
+#: So many variants of the building, with forbidden areas or without movables, are kept, the latest used.
 MOST_VARIANTS = 8
 
 NO_FACTOR: Floats = np.empty(0)
@@ -67,16 +68,18 @@ class Snapshot:
                 self._freeways.popitem(last=False)
         return made
 
-    def without_areas(self, request: PathRequest) -> Snapshot:
-        """This building with every area that the request avoids standing there as a solid object."""
-        if not request.avoid_areas and not request.forbidden_areas:
+    def as_asked(self, request: PathRequest) -> Snapshot:
+        """This building with every area that the request avoids standing there as a solid object, and without what can
+        be moved on the floors where the request knows better."""
+        floors = frozenset(request.without_movables)
+        if not request.avoid_areas and not request.forbidden_areas and not floors:
             return self
-        key = (request.avoid_areas, request.forbidden_areas)
+        key = (request.avoid_areas, request.forbidden_areas, floors)
         with self._lock:
             known = self._variants.get(key)
         if known:
             return known
-        building = self.building
+        building = _without_movables(self.building, floors)
         named = [
             (floor, f"area {name}", building.floors[floor].geometrical.areas[name].polygon)
             for floor, name in request.avoid_areas
@@ -130,3 +133,10 @@ class Snapshot:
                 self._factors.clear()
             self._factors[avoid_elevators, graph] = known
         return known
+
+
+def _without_movables(building: Building, floors: frozenset[str]) -> Building:
+    for thing, floor in movables(building).values() if floors else ():
+        if floor in floors:
+            building = building.without(ElementKind.OBJECT, floor, thing.name)
+    return building

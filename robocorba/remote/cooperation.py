@@ -21,7 +21,6 @@ from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTable
 from robocorba.missions.performer import seen_from
 from robocorba.missions.record import as_content, save
-from robocorba.missions.standing import Area, standing
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Transport
 from robocorba.missions.world import World
@@ -76,12 +75,7 @@ class Cooperation:
                     return seen_from((found.x, found.y, found.heading), (own.x, own.y, own.heading))
             return None
 
-        def around() -> list[Area]:
-            with contextlib.suppress(NotReachable):
-                return standing(pool.snapshot(), self._name)
-            return []
-
-        self._missions = MissionAgent(Transport(channel, self._name), agent, where, around).start()
+        self._missions = MissionAgent(Transport(channel, self._name), agent, where).start()
         self._closing.callback(self._missions.close)
 
     def close(self) -> None:

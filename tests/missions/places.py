@@ -6,23 +6,26 @@ import fnmatch
 import itertools
 import threading
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import msgpack
 
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.agent import ControlAgent
+from robocorba.control.nearby import PoolNearby
+from robocorba.data_pool.pool import DataPool
 from robocorba.errors import NotReachable
 from robocorba.missions.leader import Leader
 from robocorba.missions.mission_agent import MissionAgent
-from robocorba.missions.standing import Area
 from robocorba.missions.subplan import CooperativePlan, Step, SubPlan, Wait
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place as Spot
+from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, Place
 
+#: Data pools follow the building so often, s.
+FOLLOW_S = 0.033
 _numbers = itertools.count()
 Hear = Callable[[str, str, Any, str], None]
 
@@ -77,20 +80,16 @@ class Crew:
         self.bus, self.place = bus, place
         self.agents: dict[str, ControlAgent] = {}
         self._missions = []
+        self._followers = []
         for name, at in robots.items():
-            agent = ControlAgent(Surroundings(name, place.session(name, at), None), place.planner, Channel())
+            pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
+            self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
+            surroundings = Surroundings(name, place.session(name, at), None)
+            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name))
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(bus.end(name), name)
-            self._missions.append(
-                MissionAgent(transport, agent, lambda thing: None, partial(self._around, name)).start()
-            )
-
-    def _around(self, name: str) -> list[Area]:
-        """The other robots, as squares."""
-        places = [agent.place for other, agent in self.agents.items() if other != name]
-        corners = ((-0.4, 0.0), (0.0, -0.4), (0.4, 0.0), (0.0, 0.4))
-        return [(at.floor, tuple((at.x + dx, at.y + dy) for dx, dy in corners)) for at in places]
+            self._missions.append(MissionAgent(transport, agent, lambda thing: None).start())
 
     def leader(self, name: str) -> Leader:
         agent = self.agents[name]
@@ -109,6 +108,8 @@ class Crew:
             mission.close()
         for agent in self.agents.values():
             agent.close()
+        for follower in self._followers:
+            follower.close()
 
 
 class Given:

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robocorba.control import driving
+from robocorba.control import driving, giving_way, robot
 from robocorba.control.runner import Result
 from robocorba.kinematics.tasks import POSTURES
-from robocorba.missions import leader, member, mission_agent, performer
+from robocorba.missions import leader, member, mission_agent
 from robocorba.missions.leader import MissionReport
 from robocorba.missions.record import as_json
 from robocorba.missions.subplan import Approach, Carry, Gather, Wait
@@ -39,7 +39,8 @@ SHORTER = {
     },
     member: {"SILENT_S": 1.5, "WORD_LIMIT_S": 3.0},
     mission_agent: {"FAREWELL_S": 0.5},
-    performer: {"LONGEST_PAUSE_S": 0.3},
+    robot: {"LONGEST_PAUSE_S": 2.0},
+    giving_way: {"GIVE_UP_PARKED_S": 0.2, "GIVE_UP_LAST_S": 1.0},
     driving: {"STUCK_S": 1.0},
 }
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors import InvalidPoint, InvalidRequest, NoPath, NotFree, PathError, UnknownFloor
-from robocorba.maps.geometry import free_space
-from robocorba.maps.model import Area, Building, Door, ElementKind
+from robocorba.maps.geometry import free_space, object_geometry
+from robocorba.maps.model import Area, BoxShape, Building, Door, ElementKind, MapObject
 from robocorba.maps.samples import load_sample
 from robocorba.planning.checking import faults
 from robocorba.planning.planner import PathPlanner
@@ -190,6 +191,43 @@ def test_areas_are_avoided() -> None:
     with pytest.raises(NotFree) as refusal:
         planner.paths(PathRequest(ends[0], Place("L1", 5.0, 1.0), avoid_areas=(("L1", "kitchen"),)))
     assert refusal.value.obstacle == "object area kitchen"
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    st.tuples(st.floats(1.0, 9.0), st.floats(1.0, 5.0), st.floats(-math.pi, math.pi)),
+    st.sampled_from(RouteMode),
+)
+def test_what_was_moved_blocks_where_it_is_and_not_where_the_map_has_it(
+    moved: tuple[float, float, float], mode: RouteMode
+) -> None:
+    """The same answer as in a building in which it was moved."""
+    x, y, heading = moved
+    chest = MapObject("chest", BoxShape((1.0, 0.8)), (5.0, 3.0), movable=True)
+    nodes = [node(f"{column}{row}", column, row) for column in (1, 5, 9) for row in (1, 3, 5)]
+    edges = [edge(a.name, b.name) for a in nodes for b in nodes if a.name < b.name and math.dist(a.at, b.at) <= 4.0]
+    fixed = MapObject("shelf", BoxShape((0.4, 0.4)), (3.0, 3.0))
+    on_map = room(10.0, 6.0, chest, fixed, *nodes, *edges)
+    really = on_map.with_element("L1", msgspec.structs.replace(chest, at=(x, y), heading=heading))
+    corners = shapely.get_coordinates(object_geometry(really.floors["L1"].geometrical.objects["chest"]))[:-1]
+    area = tuple((float(a), float(b)) for a, b in corners)
+    request = PathRequest(WEST, EAST, mode=mode)
+    told = request._replace(forbidden_areas=(("L1", area),), without_movables=("L1",))
+    assert answer(PathPlanner(on_map), told) == pytest.approx(answer(PathPlanner(really), request))
+
+
+def answer(planner: PathPlanner, request: PathRequest) -> list[float]:
+    """How long each stretch is; nothing where there is no path."""
+    try:
+        return [point.distance for point in planner.paths(request)[0].points]
+    except (NotFree, NoPath):
+        return []
+
+
+def test_without_movables_is_for_floors_that_there_are() -> None:
+    with pytest.raises(UnknownFloor) as refusal:
+        _TOWER.paths(PathRequest(WEST, WEST, without_movables=("L1", "cellar")))
+    assert (refusal.value.which, refusal.value.floor) == ("withoutMovables", "cellar")
 
 
 def test_alternatives_differ_and_come_in_order() -> None:

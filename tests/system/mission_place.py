@@ -53,7 +53,7 @@ def three_rooms() -> Building:
     walls.append(Wall("wall-north", (0.0, 5.0), (6.0, 5.0)))
     things = [
         MapObject("table", BoxShape((1.2, 0.8)), (2.2, 2.6), height=0.7, movable=True),
-        MapObject("desk", BoxShape((1.0, 0.8)), (3.0, 6.7), height=0.7, movable=True),
+        MapObject("desk", BoxShape((1.0, 0.8)), (2.2, 7.6), height=0.7, movable=True),
     ]
     plan = GeometricalMap(
         {wall.name: wall for wall in walls},

@@ -224,6 +224,7 @@ wrong_members = st.one_of(
             ]
         ),
     ),
+    st.tuples(st.just("withoutMovables"), st.sampled_from([["L9"], [LONG], ["L1", ""]])),
     st.tuples(st.just("navigationGraph"), st.sampled_from([LONG, "nothing", "\n"])),
     st.tuples(st.just("alternatives"), st.sampled_from([10, 2**32 - 1])),
 )

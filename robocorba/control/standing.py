@@ -1,0 +1,50 @@
+"""What stands in the way of a robot just now and is not on the map: other robots, and objects that were moved."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from robocorba.data_pool.snapshot import Snapshot
+from robocorba.data_pool.things import Thing
+from robocorba.maps.model import XY
+
+#: Whoever is slower stands, m/s; nobody farther away matters, m.
+STANDS_M_S, NEAR_M = 0.05, 15.0
+#: Paths keep so far from robots that stand, m; less where the robot itself is nearer already.
+ROOM_M, LEAST_M = 0.1, 0.01
+#: So many are told at most; a robot is a polygon of so many corners.
+MOST_ROBOTS, MOST_OBJECTS, CORNERS = 20, 30, 16
+Area = tuple[str, tuple[XY, ...]]
+
+
+class Standing(NamedTuple):
+    """For a PathRequest: polygons of floors, m, and floors whose movable objects are all among them."""
+
+    forbidden_areas: tuple[Area, ...] = ()
+    without_movables: tuple[str, ...] = ()
+
+
+def standing(seen: Snapshot, robot: str, also: str = "") -> Standing:
+    """On the floor of `robot`, without itself. also: a robot that counts even if it moves."""
+    own = seen.robot(robot)
+    if own is None:
+        return Standing()
+    near = [one.robot for one in seen.robots_near(own.x, own.y, NEAR_M)]
+    discs = [_disc(one, own) for one in near if one.name == also or math.hypot(one.vx, one.vy) < STANDS_M_S]
+    things = sorted((thing for thing in seen.objects() if thing.is_movable), key=lambda thing: _apart(thing, own))
+    areas = [*discs[:MOST_ROBOTS], *(thing.corners for thing in things[:MOST_OBJECTS])]
+    knows_all = len(things) <= MOST_OBJECTS
+    return Standing(tuple((seen.floor, area) for area in areas), (seen.floor,) if knows_all else ())
+
+
+def _disc(one: Thing, own: Thing) -> tuple[XY, ...]:
+    """Around a robot, with some room; but `own` stays outside."""
+    corner_m = (one.radius_m + ROOM_M) / math.cos(math.pi / CORNERS)
+    corner_m = max(min(corner_m, _apart(one, own) - own.radius_m - LEAST_M), one.radius_m / 2)
+    turns = [math.tau * corner / CORNERS for corner in range(CORNERS)]
+    return tuple((one.x + corner_m * math.cos(turn), one.y + corner_m * math.sin(turn)) for turn in turns)
+
+
+def _apart(one: Thing, own: Thing) -> float:
+    return math.hypot(one.x - own.x, one.y - own.y)

@@ -1,0 +1,63 @@
+"""How robots come together around an object: how far they have to go, and where they wait beside each other."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+import shapely
+
+from robocorba.errors import PathError
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.model import XY
+from robocorba.missions.formation import Pose
+from robocorba.missions.surroundings import placed
+from robocorba.missions.world import Thing, World
+from robocorba.planning.request import MOST_AREAS, PathRequest, Place, RouteMode
+
+#: Who gathers stays so far from the others, m, where there is room.
+ASIDE_M = 0.12
+_ROUNDS = 50
+
+
+class Ways:
+    """From place to place as everything stands now, also what the map has somewhere else. Raises NotReachable."""
+
+    def __init__(self, world: World, thing: Thing) -> None:
+        self._world = world
+        shapes = [(thing.floor, placed(thing.outline, (thing.x, thing.y, thing.heading)))]
+        shapes += [(floor, item.geometry) for floor, items in world.others(thing.name).items() for item in items]
+        areas = [(floor, _corners(part)) for floor, shape in shapes for part in shapely.get_parts(shape)]
+        knows_all = len(areas) <= MOST_AREAS
+        self._areas = tuple(areas) if knows_all else ()
+        self._without = tuple(world.building().floors) if knows_all else ()
+
+    def length_m(self, start: Place, goal: Place) -> float | None:
+        """None where there is no way. Raises NotReachable."""
+        for mode in (RouteMode.SMOOTHED, RouteMode.GEOMETRIC):
+            request = PathRequest(
+                start, goal, RADIUS_M, mode=mode, forbidden_areas=self._areas, without_movables=self._without
+            )
+            with contextlib.suppress(PathError):
+                return self._world.paths(request)[0].distance
+        return None
+
+
+def loosened(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + ASIDE_M) -> list[Pose]:
+    """The same places, those that are nearer to each other than `apart_m` moved apart."""
+    found = [(x, y) for x, y, _ in places]
+    for _ in range(_ROUNDS):
+        for i, k in combinations(range(len(found)), 2):
+            (ax, ay), (bx, by) = found[i], found[k]
+            distance = math.dist(found[i], found[k])
+            if 0.0 < distance < apart_m:
+                share = (apart_m - distance) / distance / 2
+                dx, dy = share * (bx - ax), share * (by - ay)
+                found[i], found[k] = (ax - dx, ay - dy), (bx + dx, by + dy)
+    return [(x, y, heading) for (x, y), (_, _, heading) in zip(found, places, strict=True)]
+
+
+def _corners(part: shapely.Polygon) -> tuple[XY, ...]:
+    return tuple((float(x), float(y)) for x, y in shapely.get_coordinates(part.exterior)[:-1])

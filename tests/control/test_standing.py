@@ -1,0 +1,51 @@
+"""What robots drive around that is not on the map."""
+
+from __future__ import annotations
+
+import pytest
+from shapely import Point, Polygon
+
+from robocorba.control.standing import LEAST_M, ROOM_M, Standing, standing
+from robocorba.data_pool.snapshot import Snapshot
+from robocorba.kinematics.smartpal import RADIUS_M
+from tests.data_pool.places import Place
+from tests.simulation.places import robot
+
+
+def seen_by_a(*others_y: float) -> Snapshot:
+    """By A at (7, 1); C drives."""
+    place = Place()
+    place.world.refresh()
+    place.world.add(robot("A", y=1.0))
+    for number, y in enumerate(others_y):
+        place.world.add(robot(f"B{number}", y=y))
+    place.world.add(robot("C", y=9.0))
+    place.world.robots["C"].command(1.0, 0.0, 0.0, 5.0)
+    place.run(1.0)
+    pool = place.pool(oneself="A")
+    pool.follow()
+    return pool.snapshot()
+
+
+def test_robots_that_stand_and_objects_where_they_are() -> None:
+    seen = seen_by_a(3.0)
+    found = standing(seen, "A")
+    assert found.without_movables == ("L1",)
+    disc, table = (Polygon(corners) for floor, corners in found.forbidden_areas if floor == "L1")
+    assert disc.centroid.distance(Point(7.0, 3.0)) < 0.001
+    assert disc.contains(Point(7.0, 3.0).buffer(RADIUS_M + ROOM_M - 0.001))
+    assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M + ROOM_M).area, rel=0.05)
+    assert (table.centroid.x, table.centroid.y, table.area) == pytest.approx((2.0, 2.0, 0.6))
+    assert standing(seen, "nobody") == Standing()
+    assert len(standing(seen, "A", also="C").forbidden_areas) == 3
+
+
+def test_who_stands_close_by_leaves_the_robot_outside() -> None:
+    near, *_ = (Polygon(corners) for _, corners in standing(seen_by_a(1.83), "A").forbidden_areas)
+    assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + LEAST_M - 1e-6
+
+
+def test_what_is_too_much_to_tell_stays_where_the_map_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robocorba.control.standing.MOST_OBJECTS", 0)
+    found = standing(seen_by_a(3.0), "A")
+    assert (len(found.forbidden_areas), found.without_movables) == (1, ())

@@ -1,0 +1,67 @@
+"""How robots come together: ways as things stand now, and places that are apart."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from robocorba.missions.formation import Pose
+from robocorba.missions.gathering import ASIDE_M, Ways, loosened
+from robocorba.missions.move_table import MoveTable
+from robocorba.missions.world import Thing
+from robocorba.planning.request import Place
+from robocorba.programs.icons import Destination
+from tests.missions.worlds import MapWorld, two_storeys
+
+
+class MovedWorld(MapWorld):
+    """The box is not where the map has it."""
+
+    def thing(self, name: str) -> Thing:
+        return super().thing(name)._replace(x=2.4, y=3.5, heading=0.0)
+
+
+def test_ways_lead_through_where_the_map_has_it_and_around_where_it_is() -> None:
+    world = MovedWorld(two_storeys())
+    ways = Ways(world, world.thing("box"))
+    assert ways.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
+    assert ways.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
+    on_map = MapWorld(two_storeys())
+    assert Ways(on_map, on_map.thing("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+
+
+def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
+    beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A stands where the map has the box
+    plan = MoveTable(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
+    assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
+
+
+def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robocorba.missions.gathering.MOST_AREAS", 0)
+    world = MovedWorld(two_storeys())
+    assert Ways(world, world.thing("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+
+
+@settings(deadline=None)
+@given(
+    some.lists(some.tuples(some.floats(-1, 1), some.floats(-1, 1)), min_size=1, max_size=4, unique=True),
+    some.floats(0.1, 1.0),
+)
+def test_loosened_places_are_apart(at: list[tuple[float, float]], apart_m: float) -> None:
+    places: list[Pose] = [(x, y, 0.5) for x, y in at]
+    found = loosened(places, apart_m)
+    assert [heading for *_, heading in found] == [0.5] * len(at)
+    for i, one in enumerate(found):
+        for k in range(i):
+            assert math.dist(one[:2], found[k][:2]) > 0.5 * apart_m or math.dist(at[i], at[k]) < 1e-3
+    if all(math.dist(a, b) >= apart_m for i, a in enumerate(at) for b in at[:i]):
+        assert found == places
+
+
+def test_carriers_side_by_side_gather_apart() -> None:
+    first, second = loosened([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
+    assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + ASIDE_M)
+    assert first[0] == second[0] == 0.0
