@@ -21,6 +21,8 @@ from robocorba.maps.model import XY
 
 #: Two robots stay so far apart, m; less on the last stretch, m long, where both may have places side by side.
 MARGIN_M, NEAR_MARGIN_M, LAST_M = 0.05, 0.012, 0.6
+#: As slowly as this it may use up the margin, m/s, so that it gets past who is beside it.
+CREEP_M_S = 0.02
 #: Of its limits a robot brakes with so much: what is left makes up for what others know too late.
 BRAKING_M_S2 = 0.6 * BASE.acceleration
 #: Whose ways come so near to each other within so long meet, m and s.
@@ -133,7 +135,8 @@ def hard_share(state: RobotState, vx: float, vy: float, other: Other, margin_m: 
     its_closing = max(0.0, -(other.vx * dx + other.vy * dy) / apart_m)
     gap_m = apart_m - RADIUS_M - other.radius_m
     room_m = gap_m - margin_m - its_closing * its_closing / (2.0 * BRAKING_M_S2)
-    return min(1.0, math.sqrt(2.0 * BRAKING_M_S2 * max(room_m, 0.0)) / closing)
+    allowed = max(math.sqrt(2.0 * BRAKING_M_S2 * max(room_m, 0.0)), CREEP_M_S if gap_m > NEAR_MARGIN_M else 0.0)
+    return min(1.0, allowed / closing)
 
 
 def lets_pass(state: RobotState, vx: float, vy: float, other: Other) -> bool:

@@ -10,6 +10,7 @@ import logging
 import math
 import random
 from collections.abc import Callable, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -39,6 +40,8 @@ from robocorba.simulation.elevator import Phase
 CALL_AT_M = 2.0
 #: How long it waits for an elevator at most, s of its own time.
 ELEVATOR_LIMIT_S = 300.0
+#: A way around what stands there keeps so far from everything, m, as far as it can: corners are cut.
+ROOMS_M = (0.06, 0.03, 0.0)
 #: Who is blocked on its way goes aside, m/s, and waits a moment, s. Then it looks for a way around each so many s, for
 #: so long; a way may have so many such knots.
 ASIDE_SPEED, PAUSES_S, LOOK_S, LONGEST_PAUSE_S, MOST_KNOTS = 0.2, (0.2, 0.8), 0.5, 10.0, 8
@@ -102,9 +105,9 @@ class Robot:
         if known == Standing():
             return None
         request = self._request(goal, speed)._replace(**known._asdict())
-        for mode in (RouteMode.SMOOTHED, RouteMode.GEOMETRIC):
+        for room_m, mode in product(ROOMS_M, (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
             with contextlib.suppress(PathError):
-                return self._planner.paths(request._replace(mode=mode))[0].points
+                return self._planner.paths(request._replace(radius=RADIUS_M + room_m, mode=mode))[0].points
         return None
 
     def _request(self, goal: Place, speed: float) -> PathRequest:
