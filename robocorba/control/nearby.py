@@ -9,6 +9,7 @@ from robocorba.control.standing import Standing, standing
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors import NotReachable
 from robocorba.kinematics.smartpal import BASE
+from robocorba.maps.model import XY
 
 #: Nobody farther away matters to a robot that drives, m.
 RANGE_M = 6.0
@@ -39,9 +40,8 @@ class Nearby(Protocol):
     def room_m(self, x: float, y: float) -> float:
         """How far walls and objects are from a place, m; infinite where there are none. Raises NotReachable."""
 
-    def standing(self, also: str = "") -> Standing:
-        """What stands on the floor and is not on the map, and a robot that may move; nothing where that is not
-        known."""
+    def standing(self, also: str = "", goal: XY | None = None) -> Standing:
+        """As `standing` of the floor; nothing where that is not known."""
 
 
 class PoolNearby:
@@ -72,6 +72,6 @@ class PoolNearby:
         near = self._pool.nearest_thing(x, y)
         return near.distance_m if near else math.inf
 
-    def standing(self, also: str = "") -> Standing:
+    def standing(self, also: str = "", goal: XY | None = None) -> Standing:
         seen = self._pool.snapshot()
-        return standing(seen, self.name, also) if seen.is_known else Standing()
+        return standing(seen, self.name, also, goal) if seen.is_known else Standing()

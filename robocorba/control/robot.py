@@ -26,7 +26,7 @@ from robocorba.control.robot_state import Velocity
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
 from robocorba.control.standing import Standing
-from robocorba.errors import MotionFailed, NotReachable, PathError, RoboCorbaError, RobotLost
+from robocorba.errors import MotionFailed, NotFree, NotReachable, PathError, RoboCorbaError, RobotLost
 from robocorba.frames import out_of
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
@@ -40,6 +40,8 @@ from robocorba.simulation.elevator import Phase
 CALL_AT_M = 2.0
 #: How long it waits for an elevator at most, s of its own time.
 ELEVATOR_LIMIT_S = 300.0
+#: A robot that touches something, m, may drive away from there.
+TOUCH_M = 0.02
 #: A way around what stands there keeps so far from everything, m, as far as it can: corners are cut.
 ROOMS_M = (0.06, 0.03, 0.0)
 #: Who is blocked on its way goes aside, m/s, and waits a moment, s. Then it looks for a way around each so many s, for
@@ -97,11 +99,19 @@ class Robot:
         self._along(points, heading, wanted)
 
     def _as_on_map(self, goal: Place, speed: float) -> list[PathPoint]:
-        return self._planner.paths(self._request(goal, speed))[0].points
+        """Also from a place that touches something."""
+        request = self._request(goal, speed)
+        try:
+            return self._planner.paths(request)[0].points
+        except NotFree as touches:
+            if touches.which != "start":
+                raise
+            return self._planner.paths(request._replace(radius=RADIUS_M - TOUCH_M))[0].points
 
     def _around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
         """Around what stands there now, and another robot; None where that is not known, or there is no way."""
-        known = self._nearby.standing(other) if self._nearby else Standing()
+        there = (goal.x, goal.y) if goal.floor == self.session.latest.at.floor else None
+        known = self._nearby.standing(other, there) if self._nearby else Standing()
         if known == Standing():
             return None
         request = self._request(goal, speed)._replace(**known._asdict())
@@ -190,9 +200,10 @@ class Robot:
         cap = self.controller.speed_cap
         return min(wanted, cap) if wanted else cap
 
-    def call_elevator(self, elevator: str, destination: str) -> None:
-        """Reserve a ride from this floor, and wait until the doors are open. Raises InvalidRide, ElevatorFull."""
-        self.session.call_elevator(elevator, destination)
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        """Reserve a ride from this floor, for a party of so many robots where it is named, and wait until the doors
+        are open. Raises InvalidRide, ElevatorFull."""
+        self.session.call_elevator(elevator, destination, party, size)
         self.session.state()  # from here on the ride is known
         self.wait_for_ride(Phase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from robocorba.data_pool.snapshot import Snapshot
@@ -25,23 +26,28 @@ class Standing(NamedTuple):
     without_movables: tuple[str, ...] = ()
 
 
-def standing(seen: Snapshot, robot: str, also: str = "") -> Standing:
-    """On the floor of `robot`, without itself. also: a robot that counts even if it moves."""
+def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None) -> Standing:
+    """On the floor of `robot`, without itself. also: a robot that counts even if it moves. goal: where it may come
+    nearer to others than on its way."""
     own = seen.robot(robot)
     if own is None:
         return Standing()
     near = [one.robot for one in seen.robots_near(own.x, own.y, NEAR_M)]
-    discs = [_disc(one, own) for one in near if one.name == also or math.hypot(one.vx, one.vy) < STANDS_M_S]
+    kept = [(own.x, own.y), *([goal] if goal else ())]
+    discs = [
+        _disc(one, kept, own.radius_m) for one in near if one.name == also or math.hypot(one.vx, one.vy) < STANDS_M_S
+    ]
     things = sorted((thing for thing in seen.objects() if thing.is_movable), key=lambda thing: _apart(thing, own))
     areas = [*discs[:MOST_ROBOTS], *(thing.corners for thing in things[:MOST_OBJECTS])]
     knows_all = len(things) <= MOST_OBJECTS
     return Standing(tuple((seen.floor, area) for area in areas), (seen.floor,) if knows_all else ())
 
 
-def _disc(one: Thing, own: Thing) -> tuple[XY, ...]:
-    """Around a robot, with some room; but `own` stays outside."""
+def _disc(one: Thing, kept: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
+    """Around a robot, with some room; but another one of that radius stands outside at these places, if it can."""
+    nearest_m = min(math.dist((one.x, one.y), place) for place in kept)
     corner_m = (one.radius_m + ROOM_M) / math.cos(math.pi / CORNERS)
-    corner_m = max(min(corner_m, _apart(one, own) - own.radius_m - LEAST_M), one.radius_m / 2)
+    corner_m = max(min(corner_m, nearest_m - radius_m - LEAST_M), one.radius_m / 2)
     turns = [math.tau * corner / CORNERS for corner in range(CORNERS)]
     return tuple((one.x + corner_m * math.cos(turn), one.y + corner_m * math.sin(turn)) for turn in turns)
 

@@ -390,7 +390,9 @@ def _missing(expansion: Expansion, robots: Collection[str], busy: Mapping[str, s
     """Why these helpers are not enough, empty where they are."""
     others = "".join(f"; {name} {does}" for name, does in busy.items())
     if len(robots) < expansion.helpers:
-        return f"{expansion.helpers} helpers are needed; {', '.join(robots) or 'nobody'} offered to help{others}"
+        return (
+            f"{expansion.helpers} helpers are needed; {', '.join(sorted(robots)) or 'nobody'} offered to help{others}"
+        )
     if absent := sorted(expansion.wanted.difference(robots)):
         return f"{' and '.join(absent)} did not offer to help: not there, or not free{others}"
     return ""

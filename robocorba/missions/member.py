@@ -117,6 +117,7 @@ class Member:
             self._fail(MissionFailed(f"{type(wrong).__name__}: {wrong}"))
             raise
         finally:
+            self._performer.give_back()
             self._ended = True
 
     def _wait_for(self, number: int) -> None:

@@ -24,18 +24,22 @@ from robocorba.missions.subplan import (
     CooperativePlan,
     Gather,
     PutDown,
+    Reserve,
     Ride,
     Step,
     SubPlan,
     TakeHold,
+    Wait,
 )
 from robocorba.missions.surroundings import placed
+from robocorba.missions.taken import Area, taken
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
+from robocorba.simulation.reservations import MOST_LIMIT_S
 
 #: Helpers gather so far behind their places, m, and back off as far.
 BACK_M = 0.3
@@ -46,6 +50,8 @@ CLEAR_M = 0.15
 LOOK_S = 0.1
 #: Through its doors, at most: m/s, rad/s, m/s²; and what is left of the time that they stay open, s.
 HURRY, SPARE_S = (0.4, 0.5, 0.6), 4.0
+#: Others who carry have so long to go by, and so long is reserved then, s: as long as it can be.
+RESERVED_LIMIT_S = MOST_LIMIT_S
 GATHER_LIMIT_S, NEAR_LIMIT_S, CABIN_LIMIT_S = 240.0, 30.0, 300.0
 #: A carry may take so many times as long as planned, and some more, s.
 CARRY_TIMES, CARRY_MORE_S = 3.0, 20.0
@@ -55,7 +61,7 @@ class _Turn(NamedTuple):
     """What all robots do at the same time: a name for people, and each one's step."""
 
     phase: str
-    steps: Sequence[Step]
+    steps: Sequence[Step | Wait]
 
 
 class MoveTable:
@@ -83,7 +89,10 @@ class MoveTable:
         thing, formation = self._thing, self._carry.formation
         at = (thing.x, thing.y, thing.heading)
         behind, names = self._gathered(leader, robots)
+        limit_s = RESERVED_LIMIT_S
+        way = Reserve(areas=self._taken(), hold_s=limit_s, limit_s=limit_s)
         turns = [
+            _Turn("reserving", [way if name == leader else Wait(limit_s=limit_s) for name in names]),
             _Turn(
                 "gathering",
                 [Gather(floor=thing.floor, x=x, y=y, heading=h, limit_s=GATHER_LIMIT_S) for x, y, h in behind],
@@ -93,7 +102,7 @@ class MoveTable:
         ]
         legs = self._carry.legs
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
-            turns += self._leg(leg, before.elevator_after if before else "", after.floor if after else "")
+            turns += self._leg(mission, leg, before.elevator_after if before else "", after.floor if after else "")
         turns.append(_Turn("putting down", [PutDown(limit_s=NEAR_LIMIT_S) for _ in names]))
         turns.append(_Turn("backing off", [BackOff(distance_m=BACK_M, limit_s=NEAR_LIMIT_S) for _ in names]))
         subplans = tuple(
@@ -118,11 +127,15 @@ class MoveTable:
             return found(loosened(close))
         return found(close)
 
+    def _taken(self) -> tuple[Area, ...]:
+        return taken(self._carry.legs, self._carry.formation, self._thing.outline, BACK_M)
+
     def _hold(self, at: Pose) -> TakeHold:
         height_m = self._thing.height_m - BOARD_M
-        return TakeHold(thing=self._thing.name, x=at[0], y=at[1], height_m=height_m, limit_s=NEAR_LIMIT_S)
+        stands = self._thing.x, self._thing.y, self._thing.heading
+        return TakeHold(thing=self._thing.name, at=stands, x=at[0], y=at[1], height_m=height_m, limit_s=NEAR_LIMIT_S)
 
-    def _leg(self, leg: Leg, came_by: str, next_floor: str) -> list[_Turn]:
+    def _leg(self, mission: str, leg: Leg, came_by: str, next_floor: str) -> list[_Turn]:
         """On one floor: out of the elevator that they came by, to the goal or into the next one, and the ride."""
         turns, way, elevator = [], _poses(leg), leg.elevator_after
         if came_by:
@@ -133,7 +146,8 @@ class MoveTable:
             return [*turns, *self._carried("carrying", way)]
         outside, inside = self._at_doors(way, elevator)
         count = len(self._carry.formation.grips)
-        call = CallCabin(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
+        party = f"{mission} to {next_floor}"
+        call = CallCabin(elevator=elevator, destination=next_floor, party=party, size=count, limit_s=CABIN_LIMIT_S)
         ride = Ride(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
         return [
             *turns,

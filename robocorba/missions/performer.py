@@ -19,11 +19,14 @@ from robocorba.missions import subplan
 from robocorba.missions.carrying import CarryMotion
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.rhythm import Rhythm
+from robocorba.missions.taken import Area
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import Phase
 
 #: Slow near others, m/s; and how far apart two hands hold an edge, m.
 NEAR_SPEED, HANDS_APART_M = 0.2, 0.4
+#: An object that is farther from where it was when the plan was made has to be planned for anew, m and rad.
+MOVED_M, MOVED_RAD = 0.03, math.radians(3)
 #: Where an object is in the frame of the robot, x, y and heading; None where nobody knows it.
 Places = Callable[[str], Frame | None]
 
@@ -40,6 +43,8 @@ class Performer:
         self._grip_in_thing: tuple[float, float] | None = None
         self._hand_m: tuple[float, float] = (0.0, 0.0)
         self._thing = ""
+        #: Areas that we have reserved, one a floor of the way.
+        self._areas: tuple[Area, ...] = ()
 
     @property
     def error_m(self) -> float:
@@ -56,6 +61,22 @@ class Performer:
         pass
 
     @do.register
+    def _(self, step: subplan.Reserve) -> None:
+        session = self._robot.session
+        session.release_areas()  # of a mission before
+        self._areas = step.areas
+        session.reserve(step.areas, step.hold_s)
+
+        def is_ours() -> bool:
+            found = session.reservation()
+            if found is None:
+                raise MotionFailed("the areas of the way were reserved, and are not any more")
+            return found.granted
+
+        if not self._robot.wait(step.limit_s, is_ours):
+            raise MotionFailed(f"others had not gone by after {step.limit_s:g} s")
+
+    @do.register
     def _(self, step: subplan.Gather) -> None:
         self._posture("tuck")
         self._robot.drive_path(step.floor, step.x, step.y, step.heading, looks_around=True)
@@ -66,6 +87,7 @@ class Performer:
 
     @do.register
     def _(self, step: subplan.TakeHold) -> None:
+        self._check_place(step)
         state = self._robot.controller.state
         ahead_m = math.dist((state.x, state.y), (step.x, step.y))
         self._hands_at(ahead_m, step.height_m)
@@ -82,12 +104,15 @@ class Performer:
 
     @do.register
     def _(self, step: subplan.CallCabin) -> None:
-        self._robot.call_elevator(step.elevator, step.destination)
+        self._robot.call_elevator(step.elevator, step.destination, step.party, step.size)
 
     @do.register
     def _(self, step: subplan.Ride) -> None:
         otherwise = f"{step.elevator} did not arrive at {step.destination}"
         self._robot.wait_for_ride(Phase.ALIGHTING, otherwise, self._check_hold)
+        if self._areas:
+            self._areas = self._areas[1:]
+            self._robot.session.keep_areas(self._areas)
 
     @do.register
     def _(self, step: subplan.PutDown) -> None:
@@ -114,6 +139,13 @@ class Performer:
         self._thing = ""
         self._robot.session.release()
 
+    def give_back(self) -> None:
+        """What we have reserved of the building, however the mission ended."""
+        if self._areas:
+            self._areas = ()
+            with contextlib.suppress(RoboCorbaError):
+                self._robot.session.release_areas()
+
     def end_safely(self) -> None:
         """After a mission that was broken off: put down, step back, take the arms in, as far as it can be done."""
         with contextlib.suppress(RoboCorbaError):
@@ -122,7 +154,8 @@ class Performer:
             self._robot.session.give_up_elevator()
             if was_holding:
                 self._robot.grip(tuple(Side), OPEN_RAD)
-                self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED, as_far_as_free=True)
+                with contextlib.suppress(MotionFailed):
+                    self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED, as_far_as_free=True)
             self._posture("tuck")
 
     def _posture(self, name: str) -> None:
@@ -150,6 +183,16 @@ class Performer:
         at, state = self._where(step.thing), self._robot.controller.state
         self._hand_m = into(step.x, step.y, (state.x, state.y, state.heading))
         self._grip_in_thing = into(*self._hand_m, at) if at else None
+
+    def _check_place(self, step: subplan.TakeHold) -> None:
+        """Raise MotionFailed where the object is known not to stand where the plan has it any more."""
+        seen, state = self._where(step.thing), self._robot.controller.state
+        if seen is None:
+            return
+        x, y = out_of(seen[0], seen[1], (state.x, state.y, state.heading))
+        turned = math.remainder(seen[2] + state.heading - step.at[2], math.tau)
+        if math.dist((x, y), step.at[:2]) > MOVED_M or abs(turned) > MOVED_RAD:
+            raise MotionFailed(f"{step.thing} was moved to ({x:.2f}, {y:.2f}) meanwhile")
 
     def _slipped_m(self) -> float:
         """How far the object is from the hand that holds it, by what is known of it now. Raises MotionFailed."""

@@ -26,6 +26,13 @@ class _Step(Struct, frozen=True, kw_only=True, tag_field="step", tag=_tag):
     limit_s: float = 60.0
 
 
+class Reserve(_Step, frozen=True, kw_only=True):
+    """Wait until areas are ours, polygons of floors, m, one for each floor of the way; for so long at most, s."""
+
+    areas: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
+    hold_s: float
+
+
 class Gather(_Step, frozen=True, kw_only=True):
     """Drive to the meeting point, across floors where it must: m and rad."""
 
@@ -44,9 +51,11 @@ class Approach(_Step, frozen=True, kw_only=True):
 
 
 class TakeHold(_Step, frozen=True, kw_only=True):
-    """Bring the hands to an object's edge `height_m` over the floor, and grip it at a place of the floor."""
+    """Bring the hands to an object's edge `height_m` over the floor, and grip it at a place of the floor. at: where the
+    object has to stand, m and rad."""
 
     thing: str
+    at: tuple[float, float, float]
     x: float
     y: float
     height_m: float
@@ -61,17 +70,19 @@ class Carry(_Step, frozen=True, kw_only=True):
 
 
 class Ride(_Step, frozen=True, kw_only=True):
-    """Stand in a cabin together, and let it take you to another floor."""
+    """Stand in a cabin together, and let it take you to another floor: whoever reserved gives back the one behind."""
 
     elevator: str
     destination: str
 
 
 class CallCabin(_Step, frozen=True, kw_only=True):
-    """Reserve the ride, and wait until the doors are open."""
+    """Reserve the ride for a party of so many robots, and wait until the doors are open."""
 
     elevator: str
     destination: str
+    party: str
+    size: int
 
 
 class PutDown(_Step, frozen=True, kw_only=True):
@@ -98,7 +109,7 @@ class Grip(_Step, frozen=True, kw_only=True):
     closes: bool
 
 
-Step = Gather | Approach | TakeHold | Carry | Ride | CallCabin | PutDown | BackOff | Reach | Grip
+Step = Reserve | Gather | Approach | TakeHold | Carry | Ride | CallCabin | PutDown | BackOff | Reach | Grip
 
 
 class Wait(_Step, frozen=True, kw_only=True):

@@ -20,7 +20,7 @@ from robocorba.control.standing import Standing
 from robocorba.errors import MotionFailed, NotReachable
 from robocorba.frames import turned
 from robocorba.kinematics.smartpal import BASE, RADIUS_M
-from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.maps.model import XY, BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from tests.control.crowd import FLOOR, Crowd
 
 TICK_S, KNOWN_LATE_TICKS = 0.02, 3
@@ -49,7 +49,7 @@ class Base:
     def room_m(self, x: float, y: float) -> float:
         return self.wall_y - y
 
-    def standing(self, also: str = "") -> Standing:
+    def standing(self, also: str = "", goal: XY | None = None) -> Standing:
         return Standing()
 
     def go(self, velocity: tuple[float, float, float]) -> None:

@@ -45,6 +45,12 @@ def test_who_stands_close_by_leaves_the_robot_outside() -> None:
     assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + LEAST_M - 1e-6
 
 
+def test_who_wants_to_stand_close_by_may() -> None:
+    near, *_ = (Polygon(corners) for _, corners in standing(seen_by_a(4.0), "A", goal=(7.0, 4.85)).forbidden_areas)
+    assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + LEAST_M - 1e-6
+    assert near.contains(Point(7.0, 4.0).buffer(0.42))
+
+
 def test_what_is_too_much_to_tell_stays_where_the_map_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.control.standing.MOST_OBJECTS", 0)
     found = standing(seen_by_a(3.0), "A")

@@ -6,13 +6,24 @@ import math
 from itertools import pairwise
 
 import pytest
+from shapely import Point, Polygon
 from shapely.affinity import rotate, translate
 
 from robocorba.errors import ImpossibleCarry, MissionFailed
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.move_table import BACK_M, SPARE_S, MoveTable
-from robocorba.missions.subplan import Approach, CallCabin, Carry, CooperativePlan, Gather, Ride, TakeHold
+from robocorba.missions.subplan import (
+    Approach,
+    CallCabin,
+    Carry,
+    CooperativePlan,
+    Gather,
+    Reserve,
+    Ride,
+    TakeHold,
+    Wait,
+)
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
@@ -37,15 +48,30 @@ def test_who_takes_part_and_where(up: CooperativePlan) -> None:
     assert {subplan.robot: subplan.role for subplan in up.subplans} == {"A": "leader", "B": "helper"}
     assert len({len(subplan.steps) for subplan in up.subplans} | {len(up.phases)}) == 1
     for subplan in up.subplans:
-        gather, approach, hold = subplan.steps[:3]
+        first, gather, approach, hold = subplan.steps[:4]
+        assert isinstance(first, Reserve if subplan.robot == "A" else Wait)
         assert isinstance(gather, Gather) and isinstance(approach, Approach) and isinstance(hold, TakeHold)
         assert math.dist((gather.x, gather.y), (approach.x, approach.y)) == pytest.approx(BACK_M)
         faces = math.atan2(hold.y - approach.y, hold.x - approach.x)
         assert math.remainder(faces - approach.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
         assert math.dist((hold.x, hold.y), (approach.x, approach.y)) > RADIUS_M
-    a, b = (subplan.steps[0] for subplan in up.subplans)
+    a, b = (subplan.steps[1] for subplan in up.subplans)
     assert isinstance(a, Gather) and isinstance(b, Gather)
     assert up.subplans[0].robot == ("A" if a.y < b.y else "B")  # each from its own side
+
+
+def test_the_leader_reserves_the_whole_way(up: CooperativePlan) -> None:
+    reserve = up.of("A").steps[0]
+    assert isinstance(reserve, Reserve)
+    assert [floor for floor, _ in reserve.areas] == ["L1", "L2"]
+    here, there = (Polygon(corners) for _, corners in reserve.areas)
+    for subplan in up.subplans:
+        gather = subplan.steps[1]
+        assert isinstance(gather, Gather)
+        assert here.contains(Point(gather.x, gather.y))
+    assert there.contains(Point(GOAL.x, GOAL.y))
+    calls = [step for subplan in up.subplans for step in subplan.steps if isinstance(step, CallCabin)]
+    assert {(call.party, call.size) for call in calls} == {("m to L2", 2)}
 
 
 def test_the_way_goes_on_where_it_stopped(up: CooperativePlan) -> None:

@@ -170,7 +170,7 @@ def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
     assert report["robots"] == {"A": "leader", "B": "helper", "D": "helper"}
     assert set(report["latency_ms"]) == {"lab", "hall"}
     assert [phase["name"] for phase in report["phases"]] == [
-        *("gathering", "approaching", "gripping", "carrying", "putting down", "backing off")
+        *("reserving", "gathering", "approaching", "gripping", "carrying", "putting down", "backing off")
     ]
 
 

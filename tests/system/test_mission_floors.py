@@ -133,7 +133,7 @@ def check_report(state: Path) -> None:
     report = json.loads(file.read_text())
     assert (report["result"], report["robots"]) == ("done", {"A": "leader", "B": "helper"})
     assert [phase["name"] for phase in report["phases"]] == [
-        *("gathering", "approaching", "gripping", "carrying", "waiting for the cabin", "driving in", "riding"),
-        *("driving out", "carrying", "putting down", "backing off"),
+        *("reserving", "gathering", "approaching", "gripping", "carrying", "waiting for the cabin", "driving in"),
+        *("riding", "driving out", "carrying", "putting down", "backing off"),
     ]
     assert 0.0 < report["farthest_grip_m"] < SLIPPED_M
