@@ -37,6 +37,8 @@ _AT_REST_RAD = math.radians(0.02)
 _MOVED_RAD = math.radians(0.01)
 #: How much of the newest difference counts for a velocity.
 _NEWEST = 0.3
+#: A part that was told to move may do so for so long afterwards, s.
+_MOVES_S = 3.0
 #: Units whose state is asked for at each `read`: all of them have their turn in 60 ms at 50 Hz.
 _CHECKED_AT_ONCE = 2
 #: Calls go out side by side when one after the other they take longer, s.
@@ -110,7 +112,11 @@ class SmartPalAdaptor(RobotAdaptor):
         self._turn = 0
         self._seen: tuple[float, Floats, Floats] | None = None
         self._velocities = np.zeros(3 + len(JOINTS))
+        #: By part: its last target, its last jog, where it was seen last, and how long it may move.
         self._targets: dict[str, Floats] = {}
+        self._jogs: dict[str, Floats] = {}
+        self._known: dict[str, Floats] = {}
+        self._moves_until: dict[str, float] = {}
         self._rounds = _Rounds()
 
     # ---- the paper's four ----
@@ -130,7 +136,8 @@ class SmartPalAdaptor(RobotAdaptor):
         units.set_base_limits(BASE.speed, BASE.turn, BASE.acceleration, BASE.turn_acceleration)
         units.set_arm_acceleration(float((SPEED / ACCELERATION)[ARM[Side.LEFT]].max()))
         self._set_jog_timeout(units, ActorCommand().valid_s)
-        self._seen, self._targets, self._turn = None, {}, 0
+        self._seen, self._turn = None, 0
+        self._targets, self._jogs, self._known, self._moves_until = {}, {}, {}, {}
         self._velocities[:] = 0.0
         self._rounds = _Rounds()
         self._units = units
@@ -150,22 +157,24 @@ class SmartPalAdaptor(RobotAdaptor):
         if units is None:
             return False
         names = units.names
-        checked = [names[(self._turn + more) % len(names)] for more in range(_CHECKED_AT_ONCE)]
-        self._turn = (self._turn + _CHECKED_AT_ONCE) % len(names)
-        place, left, right, lumbar, left_grip, right_grip, *_ = self._rounds.make(
-            [
-                units.place,
-                lambda: units.arm(Side.LEFT),
-                lambda: units.arm(Side.RIGHT),
-                units.lumbar,
-                lambda: units.grip(Side.LEFT),
-                lambda: units.grip(Side.RIGHT),
-                *(_bound(units.check, unit) for unit in checked),
-            ]
+        checked = [names[(_CHECKED_AT_ONCE * self._turn + more) % len(names)] for more in range(_CHECKED_AT_ONCE)]
+        parts = _parts(units)
+        asked = self._asked(list(parts))
+        self._turn += 1
+        place, *answers = self._rounds.make(
+            [units.place, *(parts[part] for part in asked), *(_bound(units.check, unit) for unit in checked)]
         )
-        joints = np.concatenate((left, right, lumbar, (left_grip, right_grip)))
+        self._known.update({part: np.atleast_1d(answer) for part, answer in zip(asked, answers, strict=False)})
+        joints = np.concatenate([self._known[part] for part in parts])
         self._fill(state, time.monotonic(), np.array(place), joints)
         return True
+
+    def _asked(self, parts: list[str]) -> list[str]:
+        """What moves, or may still, is asked for where it is at each tick; what stands in turns."""
+        now, turn = time.monotonic(), parts[self._turn % len(parts)]
+        return [
+            part for part in parts if part == turn or part not in self._known or now < self._moves_until.get(part, 0.0)
+        ]
 
     def write(self, command: ActorCommand) -> bool:
         units = self._units
@@ -173,7 +182,9 @@ class SmartPalAdaptor(RobotAdaptor):
             return False
         if command.valid_s != self._jog_s:
             self._set_jog_timeout(units, command.valid_s)
-        calls: list[Callable[[], Any]] = [lambda: units.jog_base(*command.velocity)]
+        calls: list[Callable[[], Any]] = []
+        if self._is_news("base", np.array(command.velocity)):
+            calls.append(lambda: units.jog_base(*command.velocity))
         if len(command.joints):
             calls += self._joint_calls(units, command)
         try:
@@ -241,13 +252,15 @@ class SmartPalAdaptor(RobotAdaptor):
         moving = command.joint_velocities if len(command.joint_velocities) else np.zeros(len(JOINTS))
         calls: list[Callable[[], Any]] = []
         for side in Side:
-            calls.append(_bound(units.jog_arm, side, self._arm_speeds(wanted[ARM[side]], moving[ARM[side]], ARM[side])))
+            speeds = self._arm_speeds(wanted[ARM[side]], moving[ARM[side]], ARM[side])
+            if self._is_news(f"{side.value} arm", speeds):
+                calls.append(_bound(units.jog_arm, side, speeds))
         if self._has_moved("lumbar", wanted[LUMBAR]):
             speed, acceleration = float(SPEED[LUMBAR][0]), float(ACCELERATION[LUMBAR][0])
             calls.append(_bound(units.move_lumbar, *wanted[LUMBAR].tolist(), speed, acceleration))
         for side in Side:
             row = GRIP[side]
-            if self._has_moved(side.value, wanted[row : row + 1]):
+            if self._has_moved(f"{side.value} grip", wanted[row : row + 1]):
                 target = float(wanted[row]), float(SPEED[row]), float(ACCELERATION[row])
                 calls.append(_bound(units.move_grip, side, *target))
         return calls
@@ -264,7 +277,16 @@ class SmartPalAdaptor(RobotAdaptor):
         if before is not None and np.abs(target - before).max() < _MOVED_RAD:
             return False
         self._targets[which] = target.copy()
+        self._moves_until[which] = time.monotonic() + _MOVES_S
         return True
+
+    def _is_news(self, which: str, speeds: Floats) -> bool:
+        """A jog has to be repeated, unless it is to stand and was so before."""
+        before, self._jogs[which] = self._jogs.get(which), speeds
+        if speeds.any():
+            self._moves_until[which] = time.monotonic() + _MOVES_S
+            return True
+        return before is None or bool(before.any())
 
 
 class _Rounds:
@@ -302,6 +324,15 @@ class _Rounds:
         self._is_closed = True
         if self._pool:
             self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _parts(units: SmartPalUnits) -> dict[str, Callable[[], Any]]:
+    """What tells where joints are, in their order."""
+    return {
+        **{f"{side.value} arm": _bound(units.arm, side) for side in (Side.LEFT, Side.RIGHT)},
+        "lumbar": units.lumbar,
+        **{f"{side.value} grip": _bound(units.grip, side) for side in (Side.LEFT, Side.RIGHT)},
+    }
 
 
 def _timed(call: Callable[[], Any]) -> tuple[float, Any]:

@@ -33,6 +33,7 @@ class Units:
         self.never_ready: set[str] = set()
         self.delay_s = 0.0
         self.odometry = 1.0, 2.0, 0.5
+        self.asked: list[str] = []
 
     def is_ready(self, unit: str) -> bool:
         return unit not in self.never_ready
@@ -54,10 +55,12 @@ class Units:
         return self.odometry
 
     def arm(self, side: Side) -> Floats:
+        self.asked.append(side.value)
         time.sleep(self.delay_s)
         return np.full(7, 0.1 if side is Side.LEFT else 0.2)
 
     def lumbar(self) -> Floats:
+        self.asked.append("lumbar")
         return np.array([0.0, 0.3])
 
     def grip(self, side: Side) -> float:
@@ -109,6 +112,30 @@ def test_arms_get_what_is_wanted_and_what_takes_back_the_error(units: Units, ada
     left, right = (order[2] for order in orders(units, "jog_arm"))
     assert left == pytest.approx([0.3 + smartpal_adaptor.GAIN * 0.05, *[smartpal_adaptor.GAIN * 0.05] * 6])
     assert right == pytest.approx([SPEED[7], *[0.0] * 6])
+
+
+def test_what_stands_is_neither_told_so_again_nor_asked_for_each_time(units: Units, adaptor: SmartPalAdaptor) -> None:
+    still = np.zeros(len(JOINTS))
+    still[:14] = [*[0.1] * 7, *[0.2] * 7]
+    state = RobotState()
+    for _ in range(10):
+        adaptor.read(state)
+        adaptor.write(ActorCommand((0.2, 0.0, 0.0), still, np.zeros(len(JOINTS))))
+    assert len(orders(units, "jog")) == 10
+    assert len(orders(units, "jog_arm")) == 2
+    assert units.asked.count("left") <= 4
+
+    moving = np.zeros(len(JOINTS))
+    moving[0] = 0.1
+    adaptor.write(ActorCommand((0.0, 0.0, 0.0), still, moving))
+    units.asked.clear()
+    for _ in range(10):
+        adaptor.read(state)
+        adaptor.write(ActorCommand((0.0, 0.0, 0.0), still, np.zeros(len(JOINTS))))
+    assert units.asked.count("left") == 10
+    assert orders(units, "jog")[-1] == ("jog", 0.0, 0.0, 0.0)
+    assert len(orders(units, "jog")) == 11
+    assert [order[1] for order in orders(units, "jog_arm")[2:]] == [Side.LEFT, Side.LEFT]
 
 
 def test_lumbar_and_grippers_are_told_when_their_target_moves(units: Units, adaptor: SmartPalAdaptor) -> None:
