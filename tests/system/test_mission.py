@@ -168,7 +168,7 @@ def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
     report = story.report
     assert (report["result"], report["reason"]) == ("done", "")
     assert report["robots"] == {"A": "leader", "B": "helper", "D": "helper"}
-    assert set(report["latency_ms"]) == {"lab", "hall"}
+    assert {"lab", "hall"} <= set(report["latency_ms"])
     assert [phase["name"] for phase in report["phases"]] == [
         *("reserving", "gathering", "approaching", "gripping", "carrying", "putting down", "backing off")
     ]
