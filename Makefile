@@ -42,7 +42,7 @@ demo: stubs
 	@$(BIN)/python -m clients.demo
 
 test: stubs
-	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile
+	@$(BIN)/python -m pytest --numprocesses 5 --dist loadfile
 
 lint: stubs
 	@$(BIN)/ruff format --check .

@@ -20,8 +20,9 @@ hypothesis.settings.load_profile("suite")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that wait for real processes come first, so that no worker is left alone with one of them at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("system") is None)
+    """Files that wait for real processes come first, the slow ones before the others, so that no worker is left alone
+    with one of them at the end."""
+    items.sort(key=lambda item: (item.get_closest_marker("slow") is None, item.get_closest_marker("system") is None))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -17,7 +17,7 @@ from robocorba.orb import Orb, corbaname
 from robocorba.stubs import RoboCorba
 from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 WEST, EAST = ("L1", "3", "3"), ("L1", "15", "3")

@@ -14,7 +14,7 @@ import pytest
 
 from tests.system.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system, refusal
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 Launch = Callable[..., subprocess.Popen[str]]

@@ -33,6 +33,8 @@ from robocorba.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
 from tests.system.processes import Launcher, claimed_ports, real_system
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))
 #: From hand to hand along the sheet, and what they may be off, m.

@@ -23,7 +23,7 @@ from tests.system.mission_place import (
 )
 from tests.system.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(400)]
 
 #: A table for three and a desk for two, and where either may stand.
 GOALS = {"table": ((3.8, 2.6), (2.2, 2.6)), "desk": ((3.8, 7.6), (2.2, 7.6))}

@@ -29,7 +29,7 @@ from robocorba.simulation.registry import Pose
 from tests.missions.worlds import two_storeys
 from tests.system.processes import ROBOCORBA, Launcher, Running, claimed_ports, real_system
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 PATIENCE_S = 170.0
 START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)

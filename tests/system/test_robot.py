@@ -25,7 +25,7 @@ from robocorba.remote.data_pool import RemotePool
 from robocorba.stubs import RoboCorba
 from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, hang, refusal
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 PATIENCE_S = 40.0
 Start = Callable[..., "subprocess.Popen[str]"]

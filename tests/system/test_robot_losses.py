@@ -23,7 +23,7 @@ from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 from tests.smartpal.place import ROOT, RobotPlace, robot_place
 from tests.system.processes import Launcher, Running, eventually, hang
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 PATIENCE_S = 40.0
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.4, 60.0).program()

@@ -14,7 +14,7 @@ from robocorba.stubs import RoboCorba
 from tests.system.processes import eventually
 from tests.system.simulation_place import BACK_LIMIT_S, GONE, Chaos, Place, away, complaints, simulation
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROUNDS = 3
 
 

@@ -16,7 +16,7 @@ from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, read_json, refusal
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 Start = Callable[..., Running]
 

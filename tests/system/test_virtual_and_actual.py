@@ -25,7 +25,7 @@ from tests.smartpal.place import RobotPlace, robot_place
 from tests.system.processes import Launcher, Running, claimed_ports, eventually, real_system
 from tests.system.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 NAME, START = "A", (16.0, 5.0, 0.0)
 WHERE = ("--at", ",".join(map(str, START)), "--channel", "main", "--record", "ticks.csv")
