@@ -143,8 +143,8 @@ class _Icon(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True,
 
 
 class MbasePath(_Icon, frozen=True):
-    """Drive to a point in the building along a path of the path planning agent, across floors and elevators. Without
-    `heading` it is left as the drive ends."""
+    """Drive to a point in the building along a path of the path planning agent, across floors and elevators, giving way
+    to other robots and, once it was blocked, around them. Without `heading` it is left as the drive ends."""
 
     floor: Text
     x: Coordinate

@@ -42,7 +42,7 @@ class Arms:
             if self._blocked is not None and self.servo.joints[self._blocked] > self._stop_at:
                 self.servo.joints[self._blocked], self.servo.velocities[self._blocked] = self._stop_at, 0.0
             self.track.append(self.servo.joints.copy())
-            assert self.time < begin + 60.0
+            assert self.time < begin + 120.0
 
     def _state(self) -> RobotState:
         return RobotState(self.time, joints=self.servo.joints.copy(), joint_velocities=self.servo.velocities.copy())
