@@ -15,10 +15,12 @@ from robocorba.maps.model import XY
 from robocorba.missions.formation import Pose
 from robocorba.missions.surroundings import placed
 from robocorba.missions.world import Thing, World
-from robocorba.planning.request import MOST_AREAS, PathRequest, Place, RouteMode
+from robocorba.planning.request import MOST_AREAS, Path, PathRequest, Place, RouteMode
 
 #: Who gathers stays so far from the others, m, where there is room.
 ASIDE_M = 0.12
+#: Who comes nearer to another one than this has to go around it, m.
+PASS_M = 0.06
 _ROUNDS = 50
 
 
@@ -36,12 +38,21 @@ class Ways:
 
     def length_m(self, start: Place, goal: Place) -> float | None:
         """None where there is no way. Raises NotReachable."""
+        found = self._path(start, goal)
+        return found.distance if found else None
+
+    def points(self, start: Place, goal: Place) -> list[XY]:
+        """Of a way, on the floor of its goal; nothing where there is none. Raises NotReachable."""
+        found = self._path(start, goal)
+        return [(point.x, point.y) for point in found.points if point.floor == goal.floor] if found else []
+
+    def _path(self, start: Place, goal: Place) -> Path | None:
         for mode in (RouteMode.SMOOTHED, RouteMode.GEOMETRIC):
             request = PathRequest(
                 start, goal, RADIUS_M, mode=mode, forbidden_areas=self._areas, without_movables=self._without
             )
             with contextlib.suppress(PathError):
-                return self._world.paths(request)[0].distance
+                return self._world.paths(request)[0]
         return None
 
 
@@ -57,6 +68,35 @@ def loosened(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + ASIDE_M) ->
                 dx, dy = share * (bx - ax), share * (by - ay)
                 found[i], found[k] = (ax - dx, ay - dy), (bx + dx, by + dy)
     return [(x, y, heading) for (x, y), (_, _, heading) in zip(found, places, strict=True)]
+
+
+def waves(starts: Sequence[Place], goals: Sequence[Place], ways: Sequence[Sequence[XY]]) -> list[frozenset[int]]:
+    """Who goes at the same time, by number, one after another: first whose way leads past where another one will stand,
+    and who stands in another one's way. All who are left, where each of them had to wait for another one."""
+    everybody = range(len(goals))
+    before = {
+        number: {
+            other
+            for other in everybody
+            if other != number and (_passes(ways[other], goals[number]) or _is_in(starts[other], ways[number], goals))
+        }
+        for number in everybody
+    }
+    left, found = set(everybody), []
+    while left:
+        now = frozenset(number for number in left if not before[number] & left) or frozenset(left)
+        found.append(now)
+        left -= now
+    return found
+
+
+def _passes(way: Sequence[XY], place: Place) -> bool:
+    line = shapely.LineString(way) if len(way) > 1 else shapely.MultiPoint(way)
+    return bool(line.distance(shapely.Point(place.x, place.y)) < 2 * RADIUS_M + PASS_M)
+
+
+def _is_in(start: Place, way: Sequence[XY], goals: Sequence[Place]) -> bool:
+    return start.floor == goals[0].floor and _passes(way, start)
 
 
 def _corners(part: shapely.Polygon) -> tuple[XY, ...]:

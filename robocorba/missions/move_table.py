@@ -14,7 +14,7 @@ from robocorba.frames import out_of
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry import CarryPlan, Leg, plan_carry
 from robocorba.missions.formation import Pose
-from robocorba.missions.gathering import Ways, loosened
+from robocorba.missions.gathering import Ways, loosened, waves
 from robocorba.missions.helpers import assigned
 from robocorba.missions.subplan import (
     Approach,
@@ -93,10 +93,7 @@ class MoveTable:
         way = Reserve(areas=self._taken(), hold_s=limit_s, limit_s=limit_s)
         turns = [
             _Turn("reserving", [way if name == leader else Wait(limit_s=limit_s) for name in names]),
-            _Turn(
-                "gathering",
-                [Gather(floor=thing.floor, x=x, y=y, heading=h, limit_s=GATHER_LIMIT_S) for x, y, h in behind],
-            ),
+            *self._gatherings(behind, [robots[name] for name in names]),
             _Turn("approaching", [_approach(_placed(place, at)) for place in formation.places()]),
             _Turn("gripping", [self._hold(_placed((grip.x, grip.y, 0.0), at)) for grip in formation.grips]),
         ]
@@ -126,6 +123,21 @@ class MoveTable:
         with contextlib.suppress(MissionFailed):
             return found(loosened(close))
         return found(close)
+
+    def _gatherings(self, behind: Sequence[Pose], starts: Sequence[Place]) -> list[_Turn]:
+        """All at once, or one after the other where they would stand in each other's way."""
+        floor, limit_s = self._thing.floor, GATHER_LIMIT_S
+        goals = [Place(floor, x, y) for x, y, _ in behind]
+        ways = Ways(self._world, self._thing)
+        points = [ways.points(start, goal) for start, goal in zip(starts, goals, strict=True)]
+        turns = []
+        for wave in waves(starts, goals, points):
+            steps: list[Step | Wait] = [
+                Gather(floor=floor, x=x, y=y, heading=heading, limit_s=limit_s) if number in wave else Wait()
+                for number, (x, y, heading) in enumerate(behind)
+            ]
+            turns.append(_Turn("gathering", steps))
+        return turns
 
     def _taken(self) -> tuple[Area, ...]:
         return taken(self._carry.legs, self._carry.formation, self._thing.outline, BACK_M)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from robocorba.missions.formation import Pose
-from robocorba.missions.gathering import ASIDE_M, Ways, loosened
+from robocorba.missions.gathering import ASIDE_M, Ways, loosened, waves
 from robocorba.missions.move_table import MoveTable
 from robocorba.missions.world import Thing
 from robocorba.planning.request import Place
@@ -65,3 +65,39 @@ def test_carriers_side_by_side_gather_apart() -> None:
     first, second = loosened([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
     assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + ASIDE_M)
     assert first[0] == second[0] == 0.0
+
+
+def test_whose_ways_are_free_go_at_the_same_time() -> None:
+    starts = [Place("L1", 0.0, 0.0), Place("L1", 0.0, 3.0)]
+    goals = [Place("L1", 4.0, 0.0), Place("L1", 4.0, 3.0)]
+    ways = [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]]
+    assert waves(starts, goals, ways) == [frozenset({0, 1})]
+
+
+def test_who_has_to_get_past_anothers_place_goes_first() -> None:
+    starts = [Place("L1", 0.0, 1.0), Place("L1", 0.0, -1.0), Place("L2", 0.0, 0.0)]
+    goals = [Place("L1", 2.0, 0.0), Place("L1", 4.0, 0.0), Place("L1", 6.0, 0.0)]
+    ways = [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]]
+    assert waves(starts, goals, ways) == [frozenset({2}), frozenset({1}), frozenset({0})]
+
+
+def test_who_stands_in_anothers_way_goes_first() -> None:
+    starts = [Place("L1", 0.0, 0.0), Place("L1", 2.0, 0.0)]
+    goals = [Place("L1", 4.0, 0.0), Place("L1", 2.0, 3.0)]
+    ways = [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]]
+    assert waves(starts, goals, ways) == [frozenset({1}), frozenset({0})]
+
+
+def test_those_who_had_to_wait_for_each_other_go_together() -> None:
+    starts = [Place("L1", 0.0, 0.0), Place("L1", 4.0, 0.0)]
+    goals = [Place("L1", 4.0, 0.0), Place("L1", 0.0, 0.0)]
+    ways = [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]]
+    assert waves(starts, goals, ways) == [frozenset({0, 1})]
+
+
+@settings(deadline=None)
+@given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
+def test_everybody_goes_once(ways: list[tuple[float, float, float, float]]) -> None:
+    starts, goals = [Place("L1", x, y) for x, y, _, _ in ways], [Place("L1", x, y) for _, _, x, y in ways]
+    found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in ways])
+    assert sorted(number for wave in found for number in wave) == list(range(len(ways)))

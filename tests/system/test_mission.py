@@ -10,6 +10,7 @@ import re
 import subprocess
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import pytest
@@ -169,7 +170,8 @@ def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
     assert (report["result"], report["reason"]) == ("done", "")
     assert report["robots"] == {"A": "leader", "B": "helper", "D": "helper"}
     assert {"lab", "hall"} <= set(report["latency_ms"])
-    assert [phase["name"] for phase in report["phases"]] == [
+    # Those who would be in each other's way gather one after the other.
+    assert [name for name, _ in groupby(phase["name"] for phase in report["phases"])] == [
         *("reserving", "gathering", "approaching", "gripping", "carrying", "putting down", "backing off")
     ]
 
