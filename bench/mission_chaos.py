@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
+from omniORB import CORBA
 
 from bench.report import PROGRESS, at_most, quantile, tell
 from robocorba.control.agent import Condition
@@ -214,7 +215,8 @@ class Chaos:
         """What is not as it must be, after all have had their time."""
         wrong: list[str] = []
         if self._parked is not None:
-            self._parked.deregister()
+            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # its lease is over
+                self._parked.deregister()
             self._parked = None
         names = list(self._crew)
         for name in names:

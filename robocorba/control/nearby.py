@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
-from robocorba.control.standing import Standing, standing
+from robocorba.control.standing import Standing, objects, standing
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors import NotReachable
 from robocorba.kinematics.smartpal import BASE
@@ -40,7 +40,10 @@ class Nearby(Protocol):
     def room_m(self, x: float, y: float) -> float:
         """How far walls and objects are from a place, m; infinite where there are none. Raises NotReachable."""
 
-    def standing(self, also: str = "", goal: XY | None = None) -> Standing:
+    def objects(self, held: str) -> Standing:
+        """As `objects` of the floor; nothing where that is not known."""
+
+    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
         """As `standing` of the floor; nothing where that is not known."""
 
 
@@ -72,6 +75,10 @@ class PoolNearby:
         near = self._pool.nearest_thing(x, y)
         return near.distance_m if near else math.inf
 
-    def standing(self, also: str = "", goal: XY | None = None) -> Standing:
+    def objects(self, held: str) -> Standing:
         seen = self._pool.snapshot()
-        return standing(seen, self.name, also, goal) if seen.is_known else Standing()
+        return objects(seen, self.name, held) if seen.is_known else Standing()
+
+    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
+        seen = self._pool.snapshot()
+        return standing(seen, self.name, also, goal, held) if seen.is_known else Standing()

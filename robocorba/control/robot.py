@@ -85,7 +85,7 @@ class Robot:
         """To a point in the building, across floors; around who and what stands in the way now once it was blocked,
         or from the beginning. Raises PathError, InvalidRide, ElevatorFull as well."""
         goal, wanted = Place(floor, x, y), self._speed(speed)
-        points = (self._around(goal, wanted) if looks_around else None) or self._as_on_map(goal, wanted)
+        points = (self._around(goal, wanted) if looks_around else None) or self._past_objects(goal, wanted)
         for _ in range(MOST_KNOTS):
             try:
                 self._along(points, heading, wanted)
@@ -98,9 +98,11 @@ class Robot:
                 points = self._after(blocked.other, goal, wanted)
         self._along(points, heading, wanted)
 
-    def _as_on_map(self, goal: Place, speed: float) -> list[PathPoint]:
-        """Also from a place that touches something."""
+    def _past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
+        """By the map, but for objects that are known to be somewhere else now; also from a place that touches one."""
         request = self._request(goal, speed)
+        if self._nearby:
+            request = request._replace(**self._nearby.objects(self.session.latest.holding)._asdict())
         try:
             return self._planner.paths(request)[0].points
         except NotFree as touches:
@@ -111,7 +113,7 @@ class Robot:
     def _around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
         """Around what stands there now, and another robot; None where that is not known, or there is no way."""
         there = (goal.x, goal.y) if goal.floor == self.session.latest.at.floor else None
-        known = self._nearby.standing(other, there) if self._nearby else Standing()
+        known = self._nearby.standing(other, there, self.session.latest.holding) if self._nearby else Standing()
         if known == Standing():
             return None
         request = self._request(goal, speed)._replace(**known._asdict())
@@ -139,7 +141,7 @@ class Robot:
             if points := self._around(goal, speed, other.name):
                 return points
             self.wait(LOOK_S)
-        return self._as_on_map(goal, speed)
+        return self._past_objects(goal, speed)
 
     def _along(self, points: Sequence[PathPoint], heading: float | None, wanted: float) -> None:
         """From point to point, and from floor to floor."""

@@ -26,8 +26,20 @@ class Standing(NamedTuple):
     without_movables: tuple[str, ...] = ()
 
 
-def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None) -> Standing:
-    """On the floor of `robot`, without itself. also: a robot that counts even if it moves. goal: where it may come
+def objects(seen: Snapshot, robot: str, held: str = "") -> Standing:
+    """On the floor of `robot`, only what can be moved, where it is now; without what the robot holds itself."""
+    own = seen.robot(robot)
+    if own is None:
+        return Standing()
+    movable = (thing for thing in seen.objects() if thing.is_movable and thing.name != held)
+    things = sorted(movable, key=lambda thing: _apart(thing, own))
+    knows_all = len(things) <= MOST_OBJECTS
+    areas = tuple((seen.floor, thing.corners) for thing in things[:MOST_OBJECTS])
+    return Standing(areas, (seen.floor,) if knows_all else ())
+
+
+def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
+    """The same, and other robots that stand. also: a robot that counts even if it moves. goal: where it may come
     nearer to others than on its way."""
     own = seen.robot(robot)
     if own is None:
@@ -37,10 +49,9 @@ def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None)
     discs = [
         _disc(one, kept, own.radius_m) for one in near if one.name == also or math.hypot(one.vx, one.vy) < STANDS_M_S
     ]
-    things = sorted((thing for thing in seen.objects() if thing.is_movable), key=lambda thing: _apart(thing, own))
-    areas = [*discs[:MOST_ROBOTS], *(thing.corners for thing in things[:MOST_OBJECTS])]
-    knows_all = len(things) <= MOST_OBJECTS
-    return Standing(tuple((seen.floor, area) for area in areas), (seen.floor,) if knows_all else ())
+    known = objects(seen, robot, held)
+    robots = tuple((seen.floor, disc) for disc in discs[:MOST_ROBOTS])
+    return known._replace(forbidden_areas=robots + known.forbidden_areas)
 
 
 def _disc(one: Thing, kept: Sequence[XY], radius_m: float) -> tuple[XY, ...]:

@@ -49,7 +49,10 @@ class Base:
     def room_m(self, x: float, y: float) -> float:
         return self.wall_y - y
 
-    def standing(self, also: str = "", goal: XY | None = None) -> Standing:
+    def objects(self, held: str) -> Standing:
+        return Standing()
+
+    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
         return Standing()
 
     def go(self, velocity: tuple[float, float, float]) -> None:
@@ -238,6 +241,13 @@ def test_one_is_parked_on_the_way_and_the_map_has_something_where_it_is_no_more(
     crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0), "B": (3.5, 2.0, 0.0)})
     crowd.carried("box", (1.0, 0.6))
     meet(crowd, {"A": (6.0, 2.0, 0.0)})
+
+
+def test_what_was_carried_onto_the_way_is_driven_around() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
+    crowd.carried("box", (4.0, 2.0))
+    meet(crowd, {"A": (7.0, 2.0, 0.0)})
 
 
 def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

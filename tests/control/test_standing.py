@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from shapely import Point, Polygon
 
-from robocorba.control.standing import LEAST_M, ROOM_M, Standing, standing
+from robocorba.control.standing import LEAST_M, ROOM_M, Standing, objects, standing
 from robocorba.data_pool.snapshot import Snapshot
 from robocorba.kinematics.smartpal import RADIUS_M
 from tests.data_pool.places import Place
@@ -38,6 +38,15 @@ def test_robots_that_stand_and_objects_where_they_are() -> None:
     assert (table.centroid.x, table.centroid.y, table.area) == pytest.approx((2.0, 2.0, 0.6))
     assert standing(seen, "nobody") == Standing()
     assert len(standing(seen, "A", also="C").forbidden_areas) == 3
+
+
+def test_objects_alone_and_without_what_is_held() -> None:
+    seen = seen_by_a(3.0)
+    found = objects(seen, "A")
+    assert found == standing(seen, "A")._replace(forbidden_areas=standing(seen, "A").forbidden_areas[1:])
+    (held,) = [thing.name for thing in seen.objects() if thing.is_movable]
+    assert objects(seen, "A", held) == Standing((), ("L1",))
+    assert objects(seen, "nobody") == Standing()
 
 
 def test_who_stands_close_by_leaves_the_robot_outside() -> None:
