@@ -247,7 +247,9 @@ def test_what_was_carried_onto_the_way_is_driven_around() -> None:
     box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
     crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
     crowd.carried("box", (4.0, 2.0))
-    meet(crowd, {"A": (7.0, 2.0, 0.0)})
+    assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 2.0)) == {}
+    assert crowd.touched == []
+    assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.01)
 
 
 def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
