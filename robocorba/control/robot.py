@@ -26,7 +26,7 @@ from robocorba.control.robot_state import Velocity
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
 from robocorba.control.standing import Standing
-from robocorba.errors import MotionFailed, NotFree, NotReachable, PathError, RoboCorbaError, RobotLost
+from robocorba.errors import MotionFailed, NotReachable, PathError, RoboCorbaError, RobotLost
 from robocorba.frames import out_of
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
@@ -99,21 +99,33 @@ class Robot:
         self._along(points, heading, wanted)
 
     def _past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
-        """By the map, but for objects that are known to be somewhere else now; also from a place that touches one."""
+        """By the map, but for objects that are known to be somewhere else now: along its roads, or through free space
+        where such an object stands on them. Also from a place that touches something."""
         request = self._request(goal, speed)
         if self._nearby:
-            request = request._replace(**self._nearby.objects(self.session.latest.holding)._asdict())
-        try:
-            return self._planner.paths(request)[0].points
-        except NotFree as touches:
-            if touches.which != "start":
-                raise
-            return self._planner.paths(request._replace(radius=RADIUS_M - TOUCH_M))[0].points
+            known = self._nearby.objects(self.session.latest.holding, self._there(goal))
+            request = request._replace(**known._asdict())
+        first: PathError | None = None
+        for radius, mode in product((RADIUS_M, RADIUS_M - TOUCH_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
+            try:
+                return self._planner.paths(request._replace(radius=radius, mode=mode))[0].points
+            except PathError as wrong:
+                first = first or wrong
+        assert first
+        raise first
+
+    def _there(self, goal: Place) -> list[XY]:
+        """A goal, if it is on this floor."""
+        return [(goal.x, goal.y)] if goal.floor == self.session.latest.at.floor else []
 
     def _around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
         """Around what stands there now, and another robot; None where that is not known, or there is no way."""
-        there = (goal.x, goal.y) if goal.floor == self.session.latest.at.floor else None
-        known = self._nearby.standing(other, there, self.session.latest.holding) if self._nearby else Standing()
+        there = self._there(goal)
+        known = (
+            self._nearby.standing(other, there[0] if there else None, self.session.latest.holding)
+            if self._nearby
+            else Standing()
+        )
         if known == Standing():
             return None
         request = self._request(goal, speed)._replace(**known._asdict())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Sequence
 from functools import partial
 
 import pytest
@@ -49,7 +50,7 @@ class Base:
     def room_m(self, x: float, y: float) -> float:
         return self.wall_y - y
 
-    def objects(self, held: str) -> Standing:
+    def objects(self, held: str, kept: Sequence[XY]) -> Standing:
         return Standing()
 
     def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
