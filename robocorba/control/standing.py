@@ -31,8 +31,8 @@ class Standing(NamedTuple):
 
 
 def objects(seen: Snapshot, robot: str, held: str = "", kept: Sequence[XY] | None = None) -> Standing:
-    """On the floor of `robot`, only what can be moved, where it is now; without what the robot holds itself. kept: places
-    where the robot shall stand; then there is some room around objects, as far as these leave it."""
+    """On the floor of `robot`, only what can be moved, where it is now; without what the robot holds itself. kept:
+    places where the robot shall stand; then there is some room around objects, as far as these leave it."""
     own = seen.robot(robot)
     if own is None:
         return Standing()
