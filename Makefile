@@ -42,7 +42,7 @@ demo: stubs
 	@$(BIN)/python -m clients.demo
 
 test: stubs
-	@$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
 
 lint: stubs
 	@$(BIN)/ruff format --check .

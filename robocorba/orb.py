@@ -128,6 +128,8 @@ class Orb:
         self._closing = threading.Event()
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
         self._stop: SimpleQueue[None] = SimpleQueue()
+        #: Of signals, as they were before ours.
+        self._handlers: dict[int, Any] = {}
 
     def __enter__(self) -> Orb:
         if not _one_orb.acquire(blocking=False):
@@ -148,6 +150,7 @@ class Orb:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._give_signals_back()
         self._closing.set()
         if self._binder:
             self._binder.join()
@@ -175,6 +178,7 @@ class Orb:
         Returns at once; binding goes on in the background while the naming service is away.
         Calls are let in when all servants are there: whoever kept a reference over a restart waits, and is
         never told OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
+        self._take_signals()
         for name, servant in servants.items():
             self._served[name] = self.activate(servant, name)
         self._let_calls_in()
@@ -231,18 +235,26 @@ class Orb:
         thread."""
         gc.freeze()  # what a server has loaded by now stays: collecting it again and again would delay calls
         self._let_calls_in()
-        signals = (signal.SIGTERM, signal.SIGINT)
-        before = [signal.signal(number, lambda *_: self.stop()) for number in signals]
+        self._take_signals()
         try:
             self._stop.get()
         finally:
             faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=sys.__stderr__ or 2)
-            for number, handler in zip(signals, before, strict=True):
-                signal.signal(number, handler)
+            self._give_signals_back()
 
     def stop(self) -> None:
         """Let `run` return; from any thread, servant or signal handler."""
         self._stop.put(None)
+
+    def _take_signals(self) -> None:
+        """What comes between `serve` and `run` ends `run` at once, rather than the process without its end."""
+        if not self._handlers and threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGTERM, signal.SIGINT):
+                self._handlers[number] = signal.signal(number, lambda *_: self.stop())
+
+    def _give_signals_back(self) -> None:
+        while self._handlers:
+            signal.signal(*self._handlers.popitem())
 
     def _let_calls_in(self) -> None:
         for adapter in (self._named_adapter, self._root_adapter):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -83,6 +85,18 @@ def test_serving_does_not_wait_for_the_naming_service(nowhere: Address) -> None:
         orb.serve({"PathPlanner": Planner()})
         orb.stop()
         orb.run()
+
+
+def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+        orb.serve({"PathPlanner": Planner()})
+        os.kill(os.getpid(), signal.SIGTERM)
+        orb.run()
+        assert signal.getsignal(signal.SIGTERM) is before
+    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+        orb.serve({"PathPlanner": Planner()})
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_a_process_that_does_not_come_to_its_end_tells_where_it_hangs_and_ends(nowhere: Address) -> None:
