@@ -118,8 +118,9 @@ class ControlAgent:
         self._thread: threading.Thread | None = None
         self._cap: float | None = None
         self._is_virtual = False
-        #: How far its body may be behind an actual robot that moves, m.
-        self._held_at_m = BODY_HELD_M
+        #: How far its body may be behind an actual robot that moves, m. One that has just been started may be somewhat
+        #: away from it: bodies brake more gently.
+        self._held_at_m = math.inf
         self._lease = Repeating("lease", self._renew, LEASE_CHECK_S)
 
     # ---- its life ----
@@ -342,6 +343,7 @@ class ControlAgent:
         try:
             self.session.log_on()
             body = self.session.state().at
+            self._held_at_m = math.inf
             if not self._is_virtual and self._controller:
                 robot = self._controller.state
                 if math.hypot(robot.x - body.x, robot.y - body.y) > BODY_LOST_M:
@@ -363,12 +365,14 @@ class ControlAgent:
             return
         body = self.session.state()
         missing = math.hypot(state.x - body.at.x, state.y - body.at.y)
+        why = f"its body in the building is {missing:.2f} m away, held by {body.touched or 'a wall'}"
+        if missing > BODY_LOST_M:
+            raise RobotLost(why)
         if missing < BODY_HELD_M / 2:
             self._held_at_m = BODY_HELD_M
+        elif math.isinf(self._held_at_m):
+            self._held_at_m = missing + BODY_HELD_M
         elif missing > self._held_at_m:
-            why = f"its body in the building is {missing:.2f} m away, held by {body.touched or 'a wall'}"
-            if missing > BODY_LOST_M:
-                raise RobotLost(why)
             self._held_at_m = missing + BODY_HELD_M  # it has to brake, and may go back
             if self._controller:
                 self._controller.cancel(MotionFailed(why))

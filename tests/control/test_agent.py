@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import pytest
 
 from robocorba.control import adaptors
 from robocorba.control.adaptors import Surroundings
-from robocorba.control.agent import AgentState, Condition, ControlAgent
+from robocorba.control.agent import BODY_HELD_M, AgentState, Condition, ControlAgent
 from robocorba.control.runner import Result
 from robocorba.errors import (
     IllegalOrder,
@@ -188,6 +189,19 @@ def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
     other.log_off()
 
 
+def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(
+    agent: ControlAgent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    switch_to_disc(agent, monkeypatch, away_m=BODY_HELD_M + 0.03)
+    for _ in range(3):  # a program may begin before the body has moved
+        agent.stop()
+        agent.load(ProgramBuilder("on").mbase_by(ahead=0.2).program())
+        agent.reset_stop()
+        agent.run()
+        eventually(lambda: ended(agent), "ended")
+        assert agent.state.program.result is Result.DONE, agent.state.program.reason
+
+
 def test_a_body_that_is_lost_is_put_where_its_robot_is(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -200,12 +214,23 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
 
 
-def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The robot of docs/adaptors.md."""
+def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
+    """The robot of docs/adaptors.md; it begins somewhat away from its body."""
     make = adaptors.make
 
     def with_disc(name: str, surroundings: Surroundings) -> object:
-        return documented_adaptor()(surroundings) if name == "disc" else make(name, surroundings)
+        if name != "disc":
+            return make(name, surroundings)
+        disc: Any = documented_adaptor()(surroundings)
+        start = disc.start
+
+        def start_away(argv: Sequence[str]) -> bool:
+            is_started = bool(start(argv))
+            disc._x -= away_m
+            return is_started
+
+        disc.start = start_away
+        return disc
 
     monkeypatch.setattr(adaptors, "make", with_disc)
     agent.switch("disc", ())
