@@ -28,7 +28,7 @@ import msgspec
 from omniORB import CORBA
 from rich.console import Console
 
-from clients.robot_processes import FIRST_START_LIMIT_S, Running, robocorba, servers
+from clients.robot_processes import Running, robocorba, servers
 from robocorba.commands.mission import News, news, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
@@ -180,9 +180,9 @@ def _start_robots(stack: contextlib.ExitStack, scene: Scene, naming: Address, st
         command = (robocorba(), "robot", name, *place, "--naming", str(naming), "--state", str(state))
         running[name] = stack.enter_context(Running(logs / f"robot-{name}.log", *command))
         if name == LEADER:
-            running[name].wait_ready(FIRST_START_LIMIT_S)
+            running[name].wait_ready()
     for name in running.keys() - {LEADER}:
-        running[name].wait_ready(FIRST_START_LIMIT_S)
+        running[name].wait_ready()
 
 
 def _show_path(orb: Orb, scene: Scene, console: Console) -> None:

@@ -23,9 +23,8 @@ from robocorba.settings import Address
 from robocorba.supervision.process import CHILD
 from robocorba.supervision.system import find_omninames
 
-START_LIMIT_S, END_LIMIT_S, LOOK_S = 60.0, 15.0, 0.05
-#: Where kernels are not compiled yet, s.
-FIRST_START_LIMIT_S = 600.0
+#: To get ready, also where kernels are not compiled yet and the machine is busy; to make a file; to end, s.
+START_LIMIT_S, FILE_LIMIT_S, END_LIMIT_S, LOOK_S = 600.0, 60.0, 15.0, 0.05
 #: Naming services listen there: below the ports that the system gives to clients, which come and go.
 NAMING_PORTS = range(12000, 20000, 20)
 
@@ -61,7 +60,7 @@ class Running:
 
     def wait_file(self, file: Path) -> None:
         """Until it has made a file. Raises StartFailed."""
-        deadline = time.monotonic() + START_LIMIT_S
+        deadline = time.monotonic() + FILE_LIMIT_S
         while not file.exists():
             if not self.is_running or time.monotonic() > deadline:
                 raise StartFailed(f"{self.log.stem} did not make {file}: {self.complaint}")
@@ -139,8 +138,8 @@ def servers(state: Path, *options: str) -> Iterator[Address]:
     )
     state.mkdir(parents=True, exist_ok=True)
     command = (robocorba(), "up", "--state", str(state), "--naming-port", str(naming.port))
-    with Running(state / "servers.log", *command, "--start-limit", str(FIRST_START_LIMIT_S), *options) as up:
-        up.wait_ready(FIRST_START_LIMIT_S)
+    with Running(state / "servers.log", *command, "--start-limit", str(START_LIMIT_S), *options) as up:
+        up.wait_ready()
         yield naming
 
 

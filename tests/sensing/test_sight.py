@@ -56,24 +56,38 @@ def agrees(
     """Whether a distance is right for this ray or one beside it: what just passes a corner may or may not meet it.
 
     A ray along a line meets it where the line begins, which rounding hides from an exact cut: then something must
-    stand at that distance and nothing before it.
+    stand at that distance, and nothing before it that both rays beside this one meet as well.
     """
-    for turn in (0.0, 1e-7, -1e-7):
+    turns = (0.0, 1e-7, -1e-7)
+    for turn in turns:
         (expected,) = reference(blocking, (*pose[:2], pose[2] + angle + turn), Fan(0.0, 1.0, 1, fan.range_m))
         if abs(found - expected) < 1e-5 * max(1.0, expected):
             return True
-    x, y = pose[0], pose[1]
-    along = (math.cos(pose[2] + angle), math.sin(pose[2] + angle))
-    met = Point(x + found * along[0], y + found * along[1])
-    before = LineString([(x, y), (x + (found - 1e-5) * along[0], y + (found - 1e-5) * along[1])])
     everything = shapely.union_all([s.boundary if isinstance(s, Polygon) else s for s in blocking])
-    return bool(everything.distance(met) < 1e-6 and everything.distance(before) > 5e-6)
+
+    def ray(turn: float, length: float) -> LineString:
+        to = pose[2] + angle + turn
+        return LineString([pose[:2], (pose[0] + length * math.cos(to), pose[1] + length * math.sin(to))])
+
+    met = Point(ray(0.0, found).coords[1])
+    return bool(
+        everything.distance(met) < 1e-6
+        and any(not ray(turn, found - 1e-5 * max(1.0, found)).intersects(everything) for turn in turns)
+    )
 
 
-def test_a_ray_along_a_line_meets_its_near_end() -> None:
-    line = LineString([(-1, 0), (-2, 0)])
-    found = Sight([line]).scan(np.array([(0.0, 0.0, 0.0)]), Fan(math.pi, 1.0, 1, 2.0))[0]
-    assert agrees(float(found[0]), [line], (0.0, 0.0, 0.0), math.pi, Fan(math.pi, 1.0, 1, 2.0))
+@pytest.mark.parametrize("others", [[], [LineString([(0, -1), (-0.5, 0)])]])
+def test_a_ray_along_a_line_meets_its_near_end(others: list[BaseGeometry]) -> None:
+    blocking, fan = [LineString([(-1, 0), (-2, 0)]), *others], Fan(math.pi, 1.0, 1, 2.0)
+    found = Sight(blocking).scan(np.array([(0.0, 0.0, 0.0)]), fan)[0]
+    assert agrees(float(found[0]), blocking, (0.0, 0.0, 0.0), math.pi, fan)
+
+
+def test_what_the_reference_takes_for_wrong() -> None:
+    wall, fan = [LineString([(1, -1), (1, 1)]), LineString([(2, -1), (2, 1)])], Fan(0.0, 1.0, 1, 5.0)
+    here = (0.0, 0.0, 0.0)
+    assert agrees(1.0, wall, here, 0.0, fan)
+    assert not any(agrees(distance, wall, here, 0.0, fan) for distance in (0.99, 1.01, 2.0, 5.0))
 
 
 @settings(deadline=None, max_examples=150)
