@@ -9,10 +9,11 @@ from typing import NamedTuple, Protocol
 
 from robocorba.control.robot_state import Velocity
 from robocorba.grids import Floats
+from robocorba.maps.polygons import FloorArea
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Pose
-from robocorba.simulation.reservations import Area, Reservation
+from robocorba.simulation.reservations import Reservation
 
 
 class SessionState(NamedTuple):
@@ -71,7 +72,7 @@ class BuildingSession(Protocol):
     def give_up_elevator(self) -> None:
         """Not ride any more."""
 
-    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         """Ask for areas (floor, corners in m), all of them or none, for so much simulated time after they are granted.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull."""
@@ -79,7 +80,7 @@ class BuildingSession(Protocol):
     def reservation(self) -> Reservation | None:
         """How far the request has come; None where there is none, or its grant has ended."""
 
-    def keep_areas(self, areas: Sequence[Area]) -> None:
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         """Give back all but these. Raises InvalidReservation."""
 
     def release_areas(self) -> None:

@@ -11,6 +11,7 @@ import shapely
 from robocorba.data_pool.snapshot import Snapshot
 from robocorba.data_pool.things import Thing
 from robocorba.maps.model import XY
+from robocorba.maps.polygons import FloorArea
 
 #: Whoever is slower stands, m/s; nobody farther away matters, m.
 STANDS_M_S, NEAR_M = 0.05, 15.0
@@ -20,13 +21,12 @@ ROOM_M, LEAST_M = 0.1, 0.01
 OBJECT_ROOM_M = 0.06
 #: So many are told at most; a robot is a polygon of so many corners.
 MOST_ROBOTS, MOST_OBJECTS, CORNERS = 20, 30, 16
-Area = tuple[str, tuple[XY, ...]]
 
 
 class Standing(NamedTuple):
     """For a PathRequest: polygons of floors, m, and floors whose movable objects are all among them."""
 
-    forbidden_areas: tuple[Area, ...] = ()
+    forbidden_areas: tuple[FloorArea, ...] = ()
     without_movables: tuple[str, ...] = ()
 
 

@@ -11,12 +11,13 @@ from omniORB import CORBA
 
 from robocorba.control.session import SessionState
 from robocorba.conversion.maps import xy, xy_of
+from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import Phase, Ride
 from robocorba.simulation.load_balance import Load, Sensor
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.pose import Limits
 from robocorba.simulation.registry import Client, Description
-from robocorba.simulation.reservations import Area, Reservation, check_sizes
+from robocorba.simulation.reservations import Reservation, check_sizes
 from robocorba.simulation.seen import Pose, State
 from robocorba.stubs import RoboCorba
 
@@ -98,11 +99,11 @@ def ride(found: Ride | None) -> Any:
     return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
 
 
-def areas(found: Sequence[Area]) -> list[Any]:
+def areas(found: Sequence[FloorArea]) -> list[Any]:
     return [RoboCorba.FloorArea(floor, [xy(corner) for corner in polygon]) for floor, polygon in found]
 
 
-def areas_of(structs: Sequence[Any]) -> list[Area]:
+def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
     """Raises InvalidReservation where there are too many, or too many corners: before each of them costs time."""
     check_sizes([struct.polygon for struct in structs])
     return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]

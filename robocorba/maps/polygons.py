@@ -1,4 +1,4 @@
-"""What a polygon has to be that somebody asks with."""
+"""Polygons that somebody asks with, and what they have to be."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from robocorba.maps.model import XY
 MOST_CORNERS = 1000
 #: No coordinate is farther from 0, m.
 FARTHEST_M = 1e6
+
+#: A floor, and the corners of a polygon on it, m.
+FloorArea = tuple[str, tuple[XY, ...]]
 
 
 def check_polygon(field: str, polygon: Sequence[XY], refuse: Callable[[str, str], Exception]) -> None:

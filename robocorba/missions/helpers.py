@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from robocorba.errors import MissionFailed
 from robocorba.planning.request import Place
@@ -20,6 +19,8 @@ def assigned(
     """Who goes to each of the places, in their order, so that all ways together are shortest; the leader goes to one.
 
     way_m: how far it is from one place to another, None where there is no way. Raises MissionFailed."""
+    from scipy.optimize import linear_sum_assignment  # takes longer to load than all missions; few robots lead
+
     names = sorted(robots, key=lambda name: (name != leader, name))
     if len(names) < len(places):
         raise MissionFailed(f"{len(places)} robots are needed; {', '.join(names)} are free")

@@ -3,7 +3,6 @@ of them do it step by step in the same rhythm, and answers for the result."""
 
 from __future__ import annotations
 
-import itertools
 import logging
 import math
 import random
@@ -155,7 +154,9 @@ class Leader:
         """A plan that all of its robots have accepted."""
         deadline = time.monotonic() + AGREE_S
         refusing: dict[str, str] = {}
-        for attempt in itertools.count(1):
+        attempt = 0
+        while True:
+            attempt += 1
             mission = f"{self._mission}.{attempt}"
             offers = self._called(mission, expansion)
             if missing := _missing(expansion, offers.free, offers.busy):
@@ -170,7 +171,6 @@ class Leader:
             if time.monotonic() > deadline:
                 raise MissionFailed(missing)
             self._pause(random.uniform(0.0, LONGEST_PAUSE_S))
-        raise AssertionError("attempts don't end")
 
     def _called(self, mission: str, expansion: Expansion) -> _Offers:
         """Who answers the call."""

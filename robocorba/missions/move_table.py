@@ -12,6 +12,7 @@ from shapely import Polygon
 from robocorba.errors import MissionFailed
 from robocorba.frames import out_of
 from robocorba.maps.geometry import shaft_polygon
+from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry import CarryPlan, Leg, plan_carry
 from robocorba.missions.formation import Pose
 from robocorba.missions.gathering import Ways, loosened, waves
@@ -32,7 +33,7 @@ from robocorba.missions.subplan import (
     Wait,
 )
 from robocorba.missions.surroundings import placed
-from robocorba.missions.taken import Area, taken
+from robocorba.missions.taken import taken
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
@@ -88,12 +89,13 @@ class MoveTable:
     def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
         thing, formation = self._thing, self._carry.formation
         at = (thing.x, thing.y, thing.heading)
-        behind, names = self._gathered(leader, robots)
+        ways = Ways(self._world, thing)
+        behind, names = self._gathered(leader, robots, ways)
         limit_s = RESERVED_LIMIT_S
         way = Reserve(areas=self._taken(), hold_s=limit_s, limit_s=limit_s)
         turns = [
             _Turn("reserving", [way if name == leader else Wait(limit_s=limit_s) for name in names]),
-            *self._gatherings(behind, [robots[name] for name in names]),
+            *self._gatherings(behind, [robots[name] for name in names], ways),
             _Turn("approaching", [_approach(_placed(place, at)) for place in formation.places()]),
             _Turn("gripping", [self._hold(_placed((grip.x, grip.y, 0.0), at)) for grip in formation.grips]),
         ]
@@ -108,12 +110,11 @@ class MoveTable:
         )
         return CooperativePlan(mission, "move table", leader, thing.name, tuple(turn.phase for turn in turns), subplans)
 
-    def _gathered(self, leader: str, robots: dict[str, Place]) -> tuple[list[Pose], list[str]]:
+    def _gathered(self, leader: str, robots: dict[str, Place], ways: Ways) -> tuple[list[Pose], list[str]]:
         """Places behind those in which they carry, and who goes to each of them. Raises MissionFailed.
 
         Side by side only where there is no room for more between them."""
-        thing = self._thing
-        ways, close = Ways(self._world, thing), self._carry.formation.places(BACK_M)
+        thing, close = self._thing, self._carry.formation.places(BACK_M)
 
         def found(places: Sequence[Pose]) -> tuple[list[Pose], list[str]]:
             behind = [_placed(place, (thing.x, thing.y, thing.heading)) for place in places]
@@ -124,11 +125,10 @@ class MoveTable:
             return found(loosened(close))
         return found(close)
 
-    def _gatherings(self, behind: Sequence[Pose], starts: Sequence[Place]) -> list[_Turn]:
+    def _gatherings(self, behind: Sequence[Pose], starts: Sequence[Place], ways: Ways) -> list[_Turn]:
         """All at once, or one after the other where they would stand in each other's way."""
         floor, limit_s = self._thing.floor, GATHER_LIMIT_S
         goals = [Place(floor, x, y) for x, y, _ in behind]
-        ways = Ways(self._world, self._thing)
         points = [ways.points(start, goal) for start, goal in zip(starts, goals, strict=True)]
         turns = []
         for wave in waves(starts, goals, points):
@@ -139,7 +139,7 @@ class MoveTable:
             turns.append(_Turn("gathering", steps))
         return turns
 
-    def _taken(self) -> tuple[Area, ...]:
+    def _taken(self) -> tuple[FloorArea, ...]:
         return taken(self._carry.legs, self._carry.formation, self._thing.outline, BACK_M)
 
     def _hold(self, at: Pose) -> TakeHold:

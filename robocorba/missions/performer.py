@@ -15,11 +15,11 @@ from robocorba.frames import Frame, into, out_of
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
 from robocorba.kinematics.tasks import POSTURES, grip_table
+from robocorba.maps.polygons import FloorArea
 from robocorba.missions import subplan
 from robocorba.missions.carrying import CarryMotion
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.rhythm import Rhythm
-from robocorba.missions.taken import Area
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import Phase
 
@@ -44,7 +44,7 @@ class Performer:
         self._hand_m: tuple[float, float] = (0.0, 0.0)
         self._thing = ""
         #: Areas that we have reserved, one a floor of the way.
-        self._areas: tuple[Area, ...] = ()
+        self._areas: tuple[FloorArea, ...] = ()
 
     @property
     def error_m(self) -> float:

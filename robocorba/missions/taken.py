@@ -12,6 +12,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.model import XY
+from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry import Leg
 from robocorba.missions.formation import Formation, Pose
 from robocorba.missions.surroundings import placed
@@ -22,10 +23,8 @@ _LOOK_M, _LOOK_RAD = 0.25, 0.2
 _COARSE_M = (0.05, 0.15, 0.5)
 _MOST_CORNERS = 100
 
-Area = tuple[str, tuple[XY, ...]]
 
-
-def taken(legs: Sequence[Leg], formation: Formation, outline: Polygon, aside_m: float) -> tuple[Area, ...]:
+def taken(legs: Sequence[Leg], formation: Formation, outline: Polygon, aside_m: float) -> tuple[FloorArea, ...]:
     """An area (floor, corners in m) for each leg: all that the body comes by on its way, and where it is taken up and
     put down the room in which its carriers gather, `aside_m` farther away from it.
 

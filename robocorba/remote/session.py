@@ -18,10 +18,11 @@ from robocorba.conversion import scans, simulation
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import NotReachable, PlaceTaken, RobotLost
 from robocorba.grids import Floats
+from robocorba.maps.polygons import FloorArea
 from robocorba.orb import Orb, describe, limit_calls
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.registry import Description, Pose
-from robocorba.simulation.reservations import Area, Reservation
+from robocorba.simulation.reservations import Reservation
 from robocorba.stubs import RoboCorba
 
 #: Of what is called with every tick, and of what the server keeps on disk before it answers, s. A robot stands long
@@ -98,13 +99,13 @@ class RemoteSession:
     def give_up_elevator(self) -> None:
         self._call(lambda: self._slow.giveUpElevator())
 
-    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         self._call(lambda: self._slow.reserveAreas(simulation.areas(areas), limit_s))
 
     def reservation(self) -> Reservation | None:
         return simulation.reservation_of(self._call(lambda: self._session.reservation()))
 
-    def keep_areas(self, areas: Sequence[Area]) -> None:
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         self._call(lambda: self._slow.keepAreas(simulation.areas(areas)))
 
     def release_areas(self) -> None:

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors import InvalidReservation, ReservationsFull, UnknownFloor
 from robocorba.maps.model import XY
-from robocorba.maps.polygons import check_polygon
+from robocorba.maps.polygons import FloorArea, check_polygon
 from robocorba.simulation.world import ReservationRecord
 
 #: Areas of a request, their corners together, and requests at once, at most.
@@ -25,15 +25,11 @@ MOST_LIMIT_S = 600.0
 #: Areas that overlap by less than twice this don't, so that rounding lets neighbours be neighbours, m.
 EDGE_M = 0.001
 
-#: A floor, and a polygon on it, m: as somebody asks for it, and as it is kept.
-Area = tuple[str, Sequence[XY]]
-Kept = tuple[str, tuple[XY, ...]]
-
 
 class Wanted(NamedTuple):
     """What is asked for. shapes: all its areas together, by floor."""
 
-    areas: tuple[Kept, ...]
+    areas: tuple[FloorArea, ...]
     limit_s: float
     shapes: Mapping[str, BaseGeometry]
 
@@ -97,7 +93,7 @@ class Reservations:
         self._settle()
         return request
 
-    def keep(self, owner: str, kept: Sequence[Kept]) -> None:
+    def keep(self, owner: str, kept: Sequence[FloorArea]) -> None:
         """Give back all but these of an owner's areas; without any its request ends.
 
         Raises InvalidReservation where one of them is not the owner's."""
@@ -172,7 +168,7 @@ class Reservations:
                     request.granted_at = self.now
 
 
-def wanted_of(areas: Sequence[Area], limit_s: float, floors: Collection[str]) -> Wanted:
+def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors: Collection[str]) -> Wanted:
     """A request for areas on these floors, for so long after it is granted, simulated s.
 
     Raises InvalidReservation, UnknownFloor."""
@@ -190,7 +186,7 @@ def wanted_of(areas: Sequence[Area], limit_s: float, floors: Collection[str]) ->
     return Wanted(asked, limit_s, _shapes(asked))
 
 
-def kept_of(areas: Sequence[Area]) -> tuple[Kept, ...]:
+def kept_of(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
     """Areas as they are kept. Raises InvalidReservation where there are too many, or too many corners."""
     check_sizes([polygon for _, polygon in areas])
     return tuple((floor, tuple((float(x), float(y)) for x, y in polygon)) for floor, polygon in areas)
@@ -205,7 +201,7 @@ def check_sizes(polygons: Sequence[Sequence[object]]) -> None:
         raise InvalidReservation("areas", f"{corners} corners are more than {MOST_CORNERS} in all")
 
 
-def _shapes(areas: Iterable[Area]) -> dict[str, BaseGeometry]:
+def _shapes(areas: Iterable[FloorArea]) -> dict[str, BaseGeometry]:
     polygons: dict[str, list[BaseGeometry]] = {}
     for floor, polygon in areas:
         polygons.setdefault(floor, []).append(shapely.Polygon(polygon))

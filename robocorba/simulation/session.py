@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Sequence
 
 from robocorba.errors import InvalidRide
+from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import Robot, SimulatedBuilding
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Client
-from robocorba.simulation.reservations import Area, Reservation, kept_of, wanted_of
+from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
 from robocorba.simulation.seen import State
 
 
@@ -81,7 +82,7 @@ class Session:
         """Not ride any more. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.give_up_elevator(self.name))
 
-    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         """Ask for areas for so much simulated time after they are granted.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
@@ -94,7 +95,7 @@ class Session:
         self.client.heard(time.monotonic())
         return self._building.reservations.find(self.name, self._building.time)
 
-    def keep_areas(self, areas: Sequence[Area]) -> None:
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         """Give back all but these of the areas. Raises InvalidReservation, SimulationBusy, ServiceError."""
         kept = kept_of(areas)
         self._do(lambda: self._building.reservations.keep(self.name, kept))

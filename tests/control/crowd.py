@@ -22,11 +22,12 @@ from robocorba.errors import RoboCorbaError
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
 from robocorba.maps.model import Building
+from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.planning.planner import PathPlanner
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description, Pose
-from robocorba.simulation.reservations import Area, Reservation, kept_of, wanted_of
+from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
 from tests.data_pool.places import Place
 
 FLOOR = "L1"
@@ -180,13 +181,13 @@ class InStep:
     def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
         raise NotImplementedError
 
-    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         self._world.reserve(self._robot.name, wanted_of(areas, limit_s, self._world.floors))
 
     def reservation(self) -> Reservation | None:
         return self._world.reservations.find(self._robot.name, self._world.time)
 
-    def keep_areas(self, areas: Sequence[Area]) -> None:
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         self._world.reservations.keep(self._robot.name, kept_of(areas))
 
     def release_areas(self) -> None:

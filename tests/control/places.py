@@ -26,13 +26,14 @@ from robocorba.errors import MotionFailed, RobotLost, SessionExpired
 from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.planning.planner import PathPlanner
 from robocorba.programs.icons import Icon
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
-from robocorba.simulation.reservations import Area, Reservation
+from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.store import SimulationStore
 from tests.simulation.places import tower
 
@@ -146,13 +147,13 @@ class InProcessSession:
     def give_up_elevator(self) -> None:
         self._answer().give_up_elevator()
 
-    def reserve(self, areas: Sequence[Area], limit_s: float) -> None:
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         self._answer().reserve(areas, limit_s)
 
     def reservation(self) -> Reservation | None:
         return self._answer().reservation()
 
-    def keep_areas(self, areas: Sequence[Area]) -> None:
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         self._answer().keep_areas(areas)
 
     def release_areas(self) -> None:

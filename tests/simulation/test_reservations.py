@@ -13,18 +13,19 @@ from hypothesis import strategies as st
 
 from robocorba.errors import InvalidReservation, ReservationsFull, UnknownFloor
 from robocorba.maps.model import XY
+from robocorba.maps.polygons import FloorArea
 from robocorba.simulation import reservations
-from robocorba.simulation.reservations import Area, Reservations, Wanted, wanted_of
+from robocorba.simulation.reservations import Reservations, Wanted, wanted_of
 from robocorba.simulation.world import ReservationRecord
 
 FLOORS = ("L1", "L2")
 
 
-def box(x: float, y: float, width: float = 1.0, height: float = 1.0, floor: str = "L1") -> Area:
+def box(x: float, y: float, width: float = 1.0, height: float = 1.0, floor: str = "L1") -> FloorArea:
     return floor, ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
 
 
-def wanted(*areas: Area, limit_s: float = 60.0) -> Wanted:
+def wanted(*areas: FloorArea, limit_s: float = 60.0) -> Wanted:
     return wanted_of(areas, limit_s, FLOORS)
 
 
@@ -139,7 +140,7 @@ def test_all_goes_on_after_a_restart() -> None:
         ("areas[0].polygon", [box(0, 0, 5.0, 0.001)], 1.0),
     ],
 )
-def test_what_can_not_be_is_refused_by_name(field: str, areas: Sequence[Area], limit_s: float) -> None:
+def test_what_can_not_be_is_refused_by_name(field: str, areas: Sequence[FloorArea], limit_s: float) -> None:
     with pytest.raises(InvalidReservation) as refused:
         wanted_of(areas, limit_s, FLOORS)
     assert refused.value.field == field

@@ -11,10 +11,11 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.errors import InvalidReservation, InvalidRide, RobotLost, UnknownFloor
+from robocorba.maps.polygons import FloorArea
 from robocorba.remote.session import RemoteSession
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.registry import Description
-from robocorba.simulation.reservations import Area, Reservation
+from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.seen import Pose
 from robocorba.stubs import RoboCorba
 from tests.system.processes import eventually
@@ -34,9 +35,9 @@ from tests.system.simulation_place import (
 pytestmark = pytest.mark.system
 
 #: In the west hall of L1: two passages and what lies between, which overlap one after the other.
-WEST: Area = ("L1", ((1.0, 10.0), (4.0, 10.0), (4.0, 12.0), (1.0, 12.0)))
-EAST: Area = ("L1", ((5.0, 10.0), (7.0, 10.0), (7.0, 12.0), (5.0, 12.0)))
-BOTH: Area = ("L1", ((3.0, 10.5), (6.0, 10.5), (6.0, 11.5), (3.0, 11.5)))
+WEST: FloorArea = ("L1", ((1.0, 10.0), (4.0, 10.0), (4.0, 12.0), (1.0, 12.0)))
+EAST: FloorArea = ("L1", ((5.0, 10.0), (7.0, 10.0), (7.0, 12.0), (5.0, 12.0)))
+BOTH: FloorArea = ("L1", ((3.0, 10.5), (6.0, 10.5), (6.0, 11.5), (3.0, 11.5)))
 LIMIT_S = 300.0
 
 
@@ -53,7 +54,7 @@ def place(whole: Place) -> Iterator[Place]:
     whole.let_go()
 
 
-def struct(area: Area) -> Any:
+def struct(area: FloorArea) -> Any:
     floor, polygon = area
     return RoboCorba.FloorArea(floor, [RoboCorba.XY(*corner) for corner in polygon])
 
