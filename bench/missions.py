@@ -67,6 +67,7 @@ class Outcome(NamedTuple):
     off_deg: float
     grip_m: float
     collisions: int
+    nearest: str
     skews_ms: list[float]
     tick_ms: float
     latency_ms: float
@@ -88,6 +89,7 @@ class Outcome(NamedTuple):
             "barrier skew, ms": max(self.skews_ms, default=None),
             "tick skew p99, ms": self.tick_ms,
             "latency p99, ms": self.latency_ms,
+            "nearest robots": self.nearest,
             "why": self.reason,
         }
 
@@ -117,6 +119,7 @@ def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, floa
         abs(math.degrees(math.remainder(at.heading - to[2], math.tau))),
         watch.farthest_m(tuple(CREW)),
         place.collisions - before,
+        watch.nearest(RADIUS_M),
         skews,
         ticks.get("p99", math.nan),
         latency,
