@@ -25,35 +25,39 @@ _ROUNDS = 50
 
 
 class Ways:
-    """From place to place as everything stands now, also what the map has somewhere else. Raises NotReachable."""
+    """From place to place as everything stands now, also what the map has somewhere else; thing: what is to be carried.
 
-    def __init__(self, world: World, thing: Thing) -> None:
+    Raises NotReachable."""
+
+    def __init__(self, world: World, thing: Thing | None = None) -> None:
         self._world = world
-        shapes = [(thing.floor, placed(thing.outline, (thing.x, thing.y, thing.heading)))]
-        shapes += [(floor, item.geometry) for floor, items in world.others(thing.name).items() for item in items]
+        shapes = [(thing.floor, placed(thing.outline, (thing.x, thing.y, thing.heading)))] if thing else []
+        others = world.others(thing.name if thing else "")
+        shapes += [(floor, item.geometry) for floor, items in others.items() for item in items]
         areas = [(floor, _corners(part)) for floor, shape in shapes for part in shapely.get_parts(shape)]
         knows_all = len(areas) <= MOST_AREAS
         self._areas = tuple(areas) if knows_all else ()
         self._without = tuple(world.building().floors) if knows_all else ()
 
+    def path(self, start: Place, goal: Place) -> Path:
+        """Along the map, or across free ground where that leads nowhere. Raises PathError, NotReachable."""
+        request = PathRequest(start, goal, RADIUS_M, forbidden_areas=self._areas, without_movables=self._without)
+        try:
+            return self._world.paths(request._replace(mode=RouteMode.SMOOTHED))[0]
+        except PathError:
+            return self._world.paths(request._replace(mode=RouteMode.GEOMETRIC))[0]
+
     def length_m(self, start: Place, goal: Place) -> float | None:
         """None where there is no way. Raises NotReachable."""
-        found = self._path(start, goal)
-        return found.distance if found else None
+        with contextlib.suppress(PathError):
+            return self.path(start, goal).distance
+        return None
 
     def points(self, start: Place, goal: Place) -> list[XY]:
         """Of a way, on the floor of its goal; nothing where there is none. Raises NotReachable."""
-        found = self._path(start, goal)
-        return [(point.x, point.y) for point in found.points if point.floor == goal.floor] if found else []
-
-    def _path(self, start: Place, goal: Place) -> Path | None:
-        for mode in (RouteMode.SMOOTHED, RouteMode.GEOMETRIC):
-            request = PathRequest(
-                start, goal, RADIUS_M, mode=mode, forbidden_areas=self._areas, without_movables=self._without
-            )
-            with contextlib.suppress(PathError):
-                return self._world.paths(request)[0]
-        return None
+        with contextlib.suppress(PathError):
+            return [(point.x, point.y) for point in self.path(start, goal).points if point.floor == goal.floor]
+        return []
 
 
 def loosened(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + ASIDE_M) -> list[Pose]:

@@ -12,16 +12,17 @@ from typing import NamedTuple
 
 from shapely import LineString
 
-from robocorba.errors import MissionFailed, PathError
+from robocorba.errors import MissionFailed
 from robocorba.kinematics import tasks
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import RADIUS_M, Side
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.movable import movables
+from robocorba.missions.gathering import Ways
 from robocorba.missions.subplan import BackOff, CooperativePlan, Gather, Grip, Reach, Step, SubPlan, Wait
 from robocorba.missions.surroundings import Surroundings
 from robocorba.missions.world import World
-from robocorba.planning.request import PathPoint, PathRequest, Place
+from robocorba.planning.request import PathPoint, Place
 
 #: Between the middles of both bases, m; how high the object is held, and how far to the left of the giver.
 BETWEEN_M, HEIGHT_M, ASIDE_M = 1.2, 1.0, -0.15
@@ -75,7 +76,8 @@ class HandOver:
 
     def _meeting(self, giver: Place, taker: Place) -> tuple[Gather, Gather]:
         """Places on the way from one to the other, as near to its middle as there is room for both."""
-        points = self._world.paths(PathRequest(giver, taker, radius=RADIUS_M))[0].points
+        ways = Ways(self._world)
+        points = ways.path(giver, taker).points
         building = self._world.building()
         surroundings = Surroundings(building, "", self._world.others(""))
         shafts = [shaft_polygon(elevator) for elevator in building.elevators.values()]
@@ -90,20 +92,13 @@ class HandOver:
                     _gather(floor, *_ahead(x, y, facing, -half_m), facing),
                     _gather(floor, *_ahead(x, y, facing, half_m), facing + math.pi),
                 )
-                if self._leads_to(giver, found[0]) and self._leads_to(taker, found[1]):
+                goals = [Place(at.floor, at.x, at.y) for at in found]
+                if all(ways.length_m(*way) is not None for way in zip((giver, taker), goals, strict=True)):
                     return found
         raise MissionFailed(
             f"nowhere on the way from {self._giver} to {self._taker} is room for both, face to face: "
             f"{BETWEEN_M + 2 * (BACK_M + RADIUS_M):.1f} m by {2 * RADIUS_M:.1f} m"
         )
-
-    def _leads_to(self, robot: Place, goal: Gather) -> bool:
-        """Whether there is a way for a robot."""
-        try:
-            self._world.paths(PathRequest(robot, Place(goal.floor, goal.x, goal.y), radius=RADIUS_M))
-        except PathError:
-            return False
-        return True
 
 
 def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float, float]]:

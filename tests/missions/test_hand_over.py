@@ -10,11 +10,13 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
+import shapely
 
 from robocorba.errors import MissionFailed
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD
+from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
+from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building, Floor
 from robocorba.maps.topology import topological_map
 from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOver
@@ -61,6 +63,22 @@ def test_they_meet_half_way(world: MapWorld) -> None:
     here, there = meeting(planned(world, "A", "B"))
     assert ((here.x + there.x) / 2, (here.y + there.y) / 2) == pytest.approx((2.0, 3.5), abs=0.8)
     assert math.dist((here.x, here.y), ROBOTS["A"][1:]) < math.dist((here.x, here.y), ROBOTS["B"][1:])
+
+
+class Moved(MapWorld):
+    """The box is a long one now, right between A and B: who goes from one to the other has to go around it."""
+
+    def others(self, thing: str) -> dict[str, list[Obstacle]]:
+        return {"L1": [Obstacle("object", "box", BOARD)]}
+
+
+BOARD = shapely.box(0.0, 3.0, 4.0, 4.0)
+
+
+def test_they_meet_where_nothing_was_moved_to() -> None:
+    here, there = meeting(planned(Moved(two_storeys()), "A", "B"))
+    assert BOARD.distance(shapely.LineString([(here.x, here.y), (there.x, there.y)])) > RADIUS_M
+    assert min(here.x, there.x) > BOARD.bounds[2] - 1.0
 
 
 def test_one_of_both_always_holds_it(world: MapWorld) -> None:
