@@ -28,6 +28,7 @@ from bench.places import random_places
 from bench.processes import Process
 from bench.report import PROGRESS, Mark, at_least, at_most, quantile, tell
 from robocorba.errors import InvalidProgram
+from robocorba.event_client import EventClient
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building
 from robocorba.maps.samples import load_sample, sample_path
@@ -67,6 +68,7 @@ class Outcome(NamedTuple):
     off_deg: float
     grip_m: float
     collisions: int
+    touched: str
     nearest: str
     skews_ms: list[float]
     tick_ms: float
@@ -89,6 +91,7 @@ class Outcome(NamedTuple):
             "barrier skew, ms": max(self.skews_ms, default=None),
             "tick skew p99, ms": self.tick_ms,
             "latency p99, ms": self.latency_ms,
+            "touched": self.touched,
             "nearest robots": self.nearest,
             "why": self.reason,
         }
@@ -98,7 +101,9 @@ def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, floa
     """One mission, and what the simulation server saw of it."""
     before = place.collisions
     began = time.monotonic()
-    with Watch(place, TABLE) as watch:
+    touched: list[str] = []
+    with Watch(place, TABLE) as watch, EventClient(place.orb, CREW[LEADER].channel) as events:
+        events.subscribe(lambda event: touched.append(" and ".join(event.payload["who"])), "simulation.collision")
         user = place.mission(LEADER, TABLE, f"{FLOOR}:{to[0]:.3f},{to[1]:.3f},{to[2]:.4f}")
         out, err = user.communicate(timeout=MISSION_LIMIT_S)
     seconds = time.monotonic() - began
@@ -119,6 +124,7 @@ def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, floa
         abs(math.degrees(math.remainder(at.heading - to[2], math.tau))),
         watch.farthest_m(tuple(CREW)),
         place.collisions - before,
+        ", ".join(dict.fromkeys(touched)),
         watch.nearest(RADIUS_M),
         skews,
         ticks.get("p99", math.nan),
