@@ -1,5 +1,6 @@
-"""How many times faster than real time the simulation is where nobody waits: no processes, but the calls that the
-servants make. Each robot has a laser or proximity sensors, and is asked and commanded ten times a simulated second.
+"""How many times faster than real time the simulation is where nobody waits: no servers, but the calls that servants
+make. Each robot has a laser or proximity sensors, and is commanded ten times a simulated second by what it sees. The
+simulation has a process, and sensors and those who ask them have another one, as they do in the system.
 
 python -m bench.simulation_headless [--rounds N] [--profile ROBOTS]
 """
@@ -25,29 +26,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench.headless_clients import PARTS, Elsewhere
 from bench.report import PROGRESS, Mark, at_least, at_most, tell
 from bench.simulation_building import RADIUS_M, office, robots
-from robocorba.grids import Floats, Longs
 from robocorba.maps.model import Building
 from robocorba.sensing.fan import PROXIMITY, Fan
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.sensing.virtual_sensor import ScanSpec
+from robocorba.simulation.floor_update import WHOLE, FloorUpdate
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
-from robocorba.simulation.seen import Pose
 from robocorba.simulation.store import SimulationStore
 
 NAME = "simulation_headless"
-#: A robot senses, is asked and commanded so often, simulated s.
+#: A robot senses and is commanded so often, simulated s.
 PERIOD_S = 0.1
 STEPS = round(PERIOD_S / STEP_S)
+#: What the simulation's process does in a period, and waits for.
+OURS = ("steps", "database", "waiting", "telling", "commands")
 VALID_S = 0.5
 WARM_UP_S = 3.0
 LASER = ScanSpec(Fan(-math.pi / 2, math.pi / 179, 180, 8.0))
 RING = ScanSpec(PROXIMITY, RADIUS_M)
-#: A robot turns away from what is nearer than this in front of it, m from its rim; otherwise it goes ahead, m/s.
-NEAR_M, AHEAD_M_S = 0.35, 0.8
-#: In front is so far to each side, as a cosine.
-FRONT = 0.7
 
 
 class Case(NamedTuple):
@@ -75,10 +74,11 @@ FEWEST, MOST, MOST_GROWTH = 500, 2000, 1.3
 
 
 class Lap(NamedTuple):
-    """Times real time, by the wall's clock and by the time that the process worked; and where the wall's time went."""
+    """Times real time; cores that both processes kept busy; and where the time of the simulation's process (OURS) and
+    that of the sensors' (PARTS) went, s."""
 
     factor: float
-    cpu_factor: float
+    cores: float
     parts: dict[str, float]
     collisions: int
 
@@ -86,91 +86,50 @@ class Lap(NamedTuple):
 class Crowd:
     """Robots in a building, each with a client that wanders about by what its sensor sees."""
 
-    def __init__(self, building: Building, case: Case, store: SimulationStore) -> None:
+    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: Elsewhere) -> None:
         self.agent = ManagementAgent(building, 1, store)
         self.agent.choose(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
-        self._sensor = VirtualSensor()
-        self._sensor.know(building)
-        self._sensor.warm_up()
-        self._case = case
-        self._front = np.flatnonzero(np.cos(case.spec.fan.angles) > FRONT)
-        self._near_m = NEAR_M + (0.0 if case.spec.rim_m else RADIUS_M)
-        self._chance = np.random.default_rng(5)
-        self._side = self._chance.choice((-1.0, 1.0), case.robots)
-        self.parts = dict.fromkeys(("steps", "database", "following", "states", "scans", "wandering", "commands"), 0.0)
+        self._clients, self._versions = clients, dict.fromkeys(building.floors, WHOLE)
+        self.parts = dict.fromkeys(OURS, 0.0)
         self._at = 0.0
-        self._distances = np.empty((case.robots, case.spec.fan.count))
-        #: Where the robots were last, and which of them on each floor.
-        self._floors: tuple[str, ...] = ()
-        self._on_floor: dict[str, Longs] = {}
-        for _ in range(2):  # what is compiled for the first time takes longer than a sensor may be behind
-            self.agent.step()
-            self._follow()
+        clients.tell(self._changes())
 
     def lap(self, seconds: float) -> Lap:
         """Let so much simulated time pass."""
+        self._clients.work()
         self.parts = dict.fromkeys(self.parts, 0.0)
-        collided, began, worked = self.agent.collisions, time.perf_counter(), time.process_time()
+        collided, worked = self.agent.collisions, time.process_time()
+        began = self._at = time.perf_counter()
         periods = round(seconds / PERIOD_S)
         for _ in range(periods):
             self.period()
         took, worked = time.perf_counter() - began, time.process_time() - worked
-        passed = periods * PERIOD_S
-        return Lap(passed / took, passed / worked, dict(self.parts), self.agent.collisions - collided)
+        theirs = self._clients.work()
+        cores = (worked + theirs.cpu_s) / took
+        parts = self.parts | theirs.parts
+        return Lap(periods * PERIOD_S / took, cores, parts, self.agent.collisions - collided)
 
     def period(self) -> None:
-        """What happens in PERIOD_S."""
-        self._at = time.perf_counter()
+        """What happens in PERIOD_S. Commands are by what was seen at its begin, while it passed."""
         for _ in range(STEPS):
             self.agent.step()
         self._end_of("steps")
-        self._follow()
-        poses = [session.state().pose for session in self.sessions]
-        self._end_of("states")
-        seen = self._scan(poses)
-        self._end_of("scans")
-        commands = self._wander(seen)
-        self._end_of("wandering")
+        updates = self._changes()
+        self._end_of("database")
+        commands = self._clients.commands()
+        self._end_of("waiting")
+        self._clients.tell(updates)
+        self._end_of("telling")
         for session, (ahead, turn) in zip(self.sessions, commands, strict=True):
             session.command(ahead, 0.0, turn, VALID_S)
         self._end_of("commands")
 
-    def _follow(self) -> None:
-        """Let the sensor know what changed."""
-        asked_at = time.monotonic()
-        updates = [self.agent.database.changes(floor, self._sensor.version(floor)) for floor in self._sensor.floors]
-        self._end_of("database")
-        for update in updates:
-            self._sensor.follow(update, asked_at)
-        self._end_of("following")
-
-    def _scan(self, poses: list[Pose]) -> Floats:
-        """Distances (robots, rays), m; floor by floor, as the servant's scanMany does."""
-        floors, *columns = zip(*poses, strict=True)
-        places = np.column_stack(columns)
-        if floors != self._floors:
-            self._floors = floors
-            self._on_floor = {name: np.flatnonzero([name == floor for floor in floors]) for name in set(floors)}
-        seen = self._distances
-        for floor, rows in self._on_floor.items():
-            if self._case.one_by_one:
-                for row in rows:
-                    carrier = self.sessions[row].name
-                    found = self._sensor.scan(floor, places[row : row + 1], Mount(), self._case.spec, carrier)
-                    seen[row] = found.distances
-            else:
-                seen[rows] = self._sensor.scan(floor, places[rows], Mount(), self._case.spec).distances
-        return seen
-
-    def _wander(self, seen: Floats) -> list[list[float]]:
-        """Ahead, m/s, and turn, rad/s, of each robot: on with a bend, or about where something is near."""
-        is_near = seen[:, self._front].min(axis=1) < self._near_m
-        change = self._chance.random(len(seen)) < 0.02
-        self._side[change] *= -1.0
-        ahead = np.where(is_near, 0.1, AHEAD_M_S)
-        turn = self._side * np.where(is_near, 1.5, 0.2)
-        return np.column_stack([ahead, turn]).tolist()
+    def _changes(self) -> list[FloorUpdate]:
+        """On each floor since the last time."""
+        updates = [self.agent.database.changes(floor, since) for floor, since in self._versions.items()]
+        self._versions = {update.floor: update.version for update in updates}
+        return updates
 
     def _end_of(self, part: str) -> None:
         now = time.perf_counter()
@@ -181,8 +140,13 @@ class Crowd:
 @contextlib.contextmanager
 def crowd(building: Building, case: Case) -> Iterator[Crowd]:
     """Robots that have been under way for a moment."""
-    with tempfile.TemporaryDirectory() as folder, SimulationStore(Path(folder) / "simulation.sqlite") as store:
-        found = Crowd(building, case, store)
+    names = [about.name for about in robots(building, case.robots)]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        SimulationStore(Path(folder) / "simulation.sqlite") as store,
+        contextlib.closing(Elsewhere(building, names, case.spec, case.one_by_one)) as clients,
+    ):
+        found = Crowd(building, case, store, clients)
         found.lap(WARM_UP_S)
         yield found
 
@@ -193,7 +157,7 @@ def elsewhere(case: Case) -> Iterator[Callable[[], Lap]]:
     and a simulation server has one."""
     processes = multiprocessing.get_context("spawn")
     ours, theirs = processes.Pipe()
-    process = processes.Process(target=_make_laps, args=(case, theirs), daemon=True)
+    process = processes.Process(target=_make_laps, args=(case, theirs))
     process.start()
     theirs.close()
     ours.recv()
@@ -232,17 +196,18 @@ def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
         "x real time": median,
         "worst": min(factors),
         "best": max(factors),
-        "by CPU time": statistics.median(lap.cpu_factor for lap in laps),
+        "cores": statistics.median(lap.cores for lap in laps),
         "us a robot and s": 1e6 / (median * case.robots),
         "hits a robot and min": sum(lap.collisions for lap in laps) / minutes,
     }
 
 
 def parts_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
-    """Where the time went: us for a robot in a period, medians."""
+    """Where the time went: us for a robot in a period, medians; all of the simulation's process together."""
     periods = case.robots * case.seconds / PERIOD_S
     parts = {part: 1e6 * statistics.median(lap.parts[part] for lap in laps) / periods for part in laps[0].parts}
-    return {"robots": case.robots, "sensor": case.sensor, **parts, "all": sum(parts.values())}
+    ours = {part: parts.pop(part) for part in OURS}
+    return {"robots": case.robots, "sensor": case.sensor, **ours, "all": sum(ours.values()), **parts}
 
 
 def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> list[Mark]:
@@ -258,7 +223,7 @@ def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> lis
 
 
 def profile(count: int) -> None:
-    """Print where the time of a case goes, function by function."""
+    """Print where the time of a case goes in the simulation's process, function by function."""
     case = next(case for case in CASES if case.robots == count)
     with crowd(office(), case) as found:
         profiler = cProfile.Profile()
@@ -286,7 +251,7 @@ def main() -> int:
                     of_it.append(lap())
     rows = [row_of(case, of_it) for case, of_it in zip(CASES, laps, strict=True)]
     parts = [parts_of(case, of_it) for case, of_it in zip(CASES, laps, strict=True)]
-    title = f"office of 4 floors, one core, medians of {options.rounds} rounds"
+    title = f"office of 4 floors, two processes, medians of {options.rounds} rounds"
     tell(f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts))
     return 0 if tell(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
 
@@ -297,11 +262,14 @@ def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
 
 
 def _draw_parts(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    left = np.zeros(len(rows))
-    for part in list(rows[0])[2:-1]:
-        widths = [row[part] for row in rows]
-        axes.barh(_labels(rows), widths, left=left, label=part)
-        left += widths
+    """Two bars each: the simulation's process above, the sensors' below."""
+    for side, parts in ((0.2, OURS), (-0.2, PARTS)):
+        left, places = np.zeros(len(rows)), np.arange(len(rows)) + side
+        for part in parts:
+            widths = [row[part] for row in rows]
+            axes.barh(places, widths, 0.38, left=left, label=part)
+            left += widths
+    axes.set_yticks(np.arange(len(rows)), _labels(rows))
     axes.set(xlabel=f"microseconds for a robot in {PERIOD_S} s")
     axes.legend()
 
