@@ -32,7 +32,7 @@ from robocorba.grids import Floats
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
 from robocorba.maps.model import XY
-from robocorba.planning.request import PathPoint, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.programs.base_checks import Planner
 from robocorba.simulation.elevator import Phase
 
@@ -42,8 +42,9 @@ CALL_AT_M = 2.0
 ELEVATOR_LIMIT_S = 300.0
 #: A robot that touches something, m, may drive away from there.
 TOUCH_M = 0.02
-#: A way around what stands there keeps so far from everything, m, as far as it can: corners are cut.
+#: A way keeps so far from everything, m, as far as it can: corners are cut. It may be longer for that, times and m.
 ROOMS_M = (0.06, 0.03, 0.0)
+LONGER, LONGER_M = 1.05, 0.5
 #: Who is blocked on its way goes aside, m/s, and waits a moment, s. Then it looks for a way around each so many s, for
 #: so long; a way may have so many such knots.
 ASIDE_SPEED, PAUSES_S, LOOK_S, LONGEST_PAUSE_S, MOST_KNOTS = 0.2, (0.2, 0.8), 0.5, 10.0, 8
@@ -108,11 +109,22 @@ class Robot:
         first: PathError | None = None
         for radius, mode in product((RADIUS_M, RADIUS_M - TOUCH_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
             try:
-                return self._planner.paths(request._replace(radius=radius, mode=mode))[0].points
+                found = self._planner.paths(request._replace(radius=radius, mode=mode))[0]
             except PathError as wrong:
                 first = first or wrong
+            else:
+                return self._with_room(request._replace(mode=mode), found).points
         assert first
         raise first
+
+    def _with_room(self, request: PathRequest, found: Path) -> Path:
+        """As far from everything as a way can be that is hardly longer than one that was found."""
+        for room_m in ROOMS_M[:-1]:
+            with contextlib.suppress(PathError):
+                wider = self._planner.paths(request._replace(radius=RADIUS_M + room_m))[0]
+                if wider.distance <= LONGER * found.distance + LONGER_M:
+                    return wider
+        return found
 
     def _there(self, goal: Place) -> list[XY]:
         """A goal, if it is on this floor."""

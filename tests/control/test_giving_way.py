@@ -22,6 +22,7 @@ from robocorba.errors import MotionFailed, NotReachable
 from robocorba.frames import turned
 from robocorba.kinematics.smartpal import BASE, RADIUS_M
 from robocorba.maps.model import XY, BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.maps.samples import load_sample
 from tests.control.crowd import FLOOR, Crowd
 
 TICK_S, KNOWN_LATE_TICKS = 0.02, 3
@@ -251,6 +252,14 @@ def test_what_was_carried_onto_the_way_is_driven_around() -> None:
     assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 2.0)) == {}
     assert crowd.touched == []
     assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.01)
+
+
+def test_corners_are_passed_with_room() -> None:
+    crowd = Crowd(load_sample("paper-scene"), {"A": (11.6, 1.3, 0.0)})
+    crowd.carried("table", (6.7, 3.1))  # a metre from the door's frame, at an angle
+    assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.5, 1.2)) == {}
+    assert math.dist(crowd.at("A")[:2], (7.5, 1.2)) < 0.01
+    assert crowd.touched == []
 
 
 def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
