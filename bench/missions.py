@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
     grip_m: float
     collisions: int
     touched: str
-    nearest: str
+    nearest_m: float
     skews_ms: list[float]
     tick_ms: float
     latency_ms: float
@@ -92,7 +92,7 @@ class Outcome(NamedTuple):
             "tick skew p99, ms": self.tick_ms,
             "latency p99, ms": self.latency_ms,
             "touched": self.touched,
-            "nearest robots": self.nearest,
+            "nearest robots, mm": 1000 * self.nearest_m,
             "why": self.reason,
         }
 
@@ -125,7 +125,7 @@ def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, floa
         watch.farthest_m(tuple(CREW)),
         place.collisions - before,
         ", ".join(dict.fromkeys(touched)),
-        watch.nearest(RADIUS_M),
+        watch.nearest_m(RADIUS_M),
         skews,
         ticks.get("p99", math.nan),
         latency,

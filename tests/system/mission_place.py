@@ -292,17 +292,13 @@ class Watch:
             worst = max(worst, max(math.dist(hand, hands[0]) for hand in hands))
         return worst
 
-    def nearest(self, radius_m: float) -> str:
-        """The two robots of a radius that came nearest to each other: who, how near, where and when."""
-        near = (
-            (math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m, time_s, one, other, bodies)
-            for time_s, bodies in self.seen
+    def nearest_m(self, radius_m: float) -> float:
+        """That two robots of a radius came to each other, from rim to rim."""
+        return min(
+            math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m
+            for _, bodies in self.seen
             for one, other in combinations(sorted(bodies.keys() & self._place.robots.keys()), 2)
         )
-        gap_m, time_s, one, other, bodies = min(near, key=lambda each: each[0])
-        after_s = time_s - self.seen[0][0]
-        where = " and ".join(f"{name} at ({bodies[name].x:.2f}, {bodies[name].y:.2f})" for name in (one, other))
-        return f"{1000 * gap_m:.0f} mm after {after_s:.0f} s, {where}"
 
     def _speed(self, before: tuple[float, dict[str, Body]], now: tuple[float, dict[str, Body]]) -> float:
         there, here = before[1][self._table], now[1][self._table]
