@@ -15,8 +15,9 @@ from robocorba.maps.polygons import FloorArea
 
 #: Whoever is slower stands, m/s; nobody farther away matters, m.
 STANDS_M_S, NEAR_M = 0.05, 15.0
-#: Paths keep so far from robots that stand, m; less where the robot itself is nearer already.
-ROOM_M, LEAST_M = 0.1, 0.01
+#: Paths keep so far from robots that stand, m; less where the robot itself is nearer already. A place beside a robot is
+#: so far outside, m, that the way there may keep some room to everything else.
+ROOM_M, LEAST_M = 0.1, 0.07
 #: Who drives around an object cuts corners, m.
 OBJECT_ROOM_M = 0.06
 #: So many are told at most; a robot is a polygon of so many corners.

@@ -262,6 +262,18 @@ def test_corners_are_passed_with_room() -> None:
     assert crowd.touched == []
 
 
+def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
+    crowd = Crowd(load_sample("paper-scene"), {"A": (3.9, 0.7, 0.0), "B": (9.02, 5.19, 0.0), "C": (6.66, 1.1, 0.0)})
+    crowd.carried("table", (6.7, 3.1))
+    goals = {"A": (6.7, 4.42), "B": (6.24, 1.78), "C": (7.16, 1.78)}  # where they gather
+
+    def there(robot: Robot, to: XY) -> None:
+        robot.drive_path(FLOOR, *to, looks_around=True)
+
+    assert crowd.run(120.0, **{name: partial(there, to=to) for name, to in goals.items()}) == {}
+    assert crowd.touched == []
+
+
 def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.control.robot.MOST_KNOTS", 1)
     monkeypatch.setattr("robocorba.control.robot.LONGEST_PAUSE_S", 1.0)
