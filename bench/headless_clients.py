@@ -7,12 +7,12 @@ import gc
 import multiprocessing
 import time
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bench.simulation_building import RADIUS_M
-from robocorba.grids import Floats
+from robocorba.grids import Floats, Longs
 from robocorba.maps.model import Building
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.floor_update import BodyKind, FloorUpdate
@@ -44,37 +44,32 @@ class Wanderers:
         self._near_m = NEAR_M + (0.0 if spec.rim_m else RADIUS_M)
         self._chance = np.random.default_rng(5)
         self._side = self._chance.choice((-1.0, 1.0), len(names))
-        #: By row of `names`: x, y, heading; a row more is for what is no robot.
-        self._poses = np.zeros((len(names) + 1, 3))
-        #: Row of each number that bodies have, and numbers of the robots on each floor.
-        self._row_of = np.zeros(0, np.int64)
-        self._on_floor: dict[str, set[int]] = {name: set() for name in building.floors}
-        self._rows: dict[str, Any] = {}
+        #: Robots on each floor: their rows in `names`, and in what the sensor knows of the floor.
+        self._rows: dict[str, tuple[Longs, Longs]] = {}
         self.distances: Floats = np.empty((len(names), spec.fan.count))
         self._parts = dict.fromkeys(PARTS, 0.0)
         self._at, self._worked = time.perf_counter(), time.process_time()
 
     def follow(self, updates: list[FloorUpdate]) -> None:
-        """Take over what changed, and with it where the robots are."""
+        """Take over what changed."""
         self._at = time.perf_counter()
         for update in updates:
             self._sensor.follow(update, time.monotonic())
             if update.came or update.went:
-                self._sort(update)
-            moved = update.motions
-            self._poses[self._row_of[moved["number"]]] = np.column_stack([moved["x"], moved["y"], moved["heading"]])
+                self._sort(update.floor)
         self._end_of("following")
 
     def scan(self) -> None:
         """Let all sensors see: `distances` (robots, rays), m."""
-        for floor, rows in self._rows.items():
+        for floor, (rows, places) in self._rows.items():
+            here = self._sensor.view(floor).motions[places]
+            poses = np.column_stack([here["x"], here["y"], here["heading"]])
             if self._one_by_one:
-                for row in rows:
-                    here = self._poses[row : row + 1]
-                    found = self._sensor.scan(floor, here, Mount(), self._spec, self._names[row])
+                for row, pose in zip(rows.tolist(), poses, strict=True):
+                    found = self._sensor.scan(floor, pose[np.newaxis], Mount(), self._spec, self._names[row])
                     self.distances[row] = found.distances
             else:
-                self.distances[rows] = self._sensor.scan(floor, self._poses[rows], Mount(), self._spec).distances
+                self.distances[rows] = self._sensor.scan(floor, poses, Mount(), self._spec).distances
         self._end_of("scans")
 
     def wander(self) -> Floats:
@@ -95,20 +90,13 @@ class Wanderers:
         cpu_s, self._worked = worked - self._worked, worked
         return Work(parts, cpu_s)
 
-    def _sort(self, update: FloorUpdate) -> None:
+    def _sort(self, floor: str) -> None:
         """Bodies came or went."""
         row_of = {name: row for row, name in enumerate(self._names)}
-        here = self._on_floor[update.floor]
-        here.difference_update(update.went)
-        for body in update.came:
-            if body.number >= len(self._row_of):
-                more = np.full(body.number + 1 - len(self._row_of), len(self._names))
-                self._row_of = np.concatenate([self._row_of, more])
-            if body.kind is BodyKind.ROBOT:
-                self._row_of[body.number] = row_of[body.name]
-                here.add(body.number)
-        rows = {floor: self._row_of[list(numbers)] for floor, numbers in self._on_floor.items()}
-        self._rows = {floor: np.sort(found) for floor, found in rows.items() if len(found)}
+        bodies = self._sensor.view(floor).bodies.values()
+        found = [(row_of[body.name], place) for place, body in enumerate(bodies) if body.kind is BodyKind.ROBOT]
+        rows, places = np.array(found, np.int64).reshape(-1, 2).T
+        self._rows[floor] = rows, places
 
     def _end_of(self, part: str) -> None:
         now = time.perf_counter()
@@ -127,31 +115,24 @@ class Elsewhere:
         theirs.close()
         self._shape = len(names), 2
         #: Commands that came before they were asked for.
-        self._early: list[bytes] = []
-        self._owed = 0
+        self._early = b""
 
     def tell(self, updates: list[FloorUpdate]) -> None:
         """What changed since the last time; they answer later."""
         self._ours.send(updates)
-        self._owed += 1
 
     def commands(self) -> list[list[float]]:
-        """Of each robot, when it has been told once more than it was asked: ahead, m/s, and turn, rad/s."""
-        packed = self._early.pop() if self._early else self._next()
+        """Of each robot, once each time after `tell`: ahead, m/s, and turn, rad/s."""
+        packed, self._early = self._early or self._ours.recv_bytes(), b""
         found: list[list[float]] = np.frombuffer(packed).reshape(self._shape).tolist()
         return found
 
     def work(self) -> Work:
-        """As that of Wanderers."""
+        """As that of Wanderers; between `tell` and `commands`."""
         self._ours.send(None)
-        while self._owed:
-            self._early.insert(0, self._next())
+        self._early = self._ours.recv_bytes()
         found: Work = self._ours.recv()
         return found
-
-    def _next(self) -> bytes:
-        self._owed -= 1
-        return self._ours.recv_bytes()
 
     def close(self) -> None:
         self._ours.close()

@@ -97,7 +97,6 @@ class Crowd:
 
     def lap(self, seconds: float) -> Lap:
         """Let so much simulated time pass."""
-        self._clients.work()
         self.parts = dict.fromkeys(self.parts, 0.0)
         collided, worked = self.agent.collisions, time.process_time()
         began = self._at = time.perf_counter()

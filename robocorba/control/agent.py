@@ -18,6 +18,7 @@ from robocorba.control.robot import Robot
 from robocorba.control.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.control.runner import Begun, Others, Report, Result, Runner
 from robocorba.control.sensors import Sensors
+from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
 from robocorba.errors import (
     AdaptorFailed,
@@ -365,9 +366,8 @@ class ControlAgent:
             return
         body = self.session.state()
         missing = math.hypot(state.x - body.at.x, state.y - body.at.y)
-        why = f"its body in the building is {missing:.2f} m away, held by {body.touched or 'a wall'}"
         if missing > BODY_LOST_M:
-            raise RobotLost(why)
+            raise RobotLost(_why_away(body, missing))
         if missing < BODY_HELD_M / 2:
             self._held_at_m = BODY_HELD_M
         elif math.isinf(self._held_at_m):
@@ -375,7 +375,7 @@ class ControlAgent:
         elif missing > self._held_at_m:
             self._held_at_m = missing + BODY_HELD_M  # it has to brake, and may go back
             if self._controller:
-                self._controller.cancel(MotionFailed(why))
+                self._controller.cancel(MotionFailed(_why_away(body, missing)))
         self.session.command(_towards(state, body.at), FOLLOW_VALID_S)
 
     def _told(self, state: RobotState, command: ActorCommand) -> None:
@@ -383,6 +383,10 @@ class ControlAgent:
         if self._ticks and report.icon and report.result is Result.NO_RESULT:
             floor = self.session.latest.at.floor
             self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
+
+
+def _why_away(body: SessionState, missing_m: float) -> str:
+    return f"its body in the building is {missing_m:.2f} m away, held by {body.touched or 'a wall'}"
 
 
 def _towards(robot: RobotState, body: Pose) -> Velocity:

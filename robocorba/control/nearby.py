@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from robocorba.control.standing import Standing, objects, standing
@@ -41,7 +40,7 @@ class Nearby(Protocol):
     def room_m(self, x: float, y: float) -> float:
         """How far walls and objects are from a place, m; infinite where there are none. Raises NotReachable."""
 
-    def objects(self, held: str, kept: Sequence[XY]) -> Standing:
+    def objects(self, held: str) -> Standing:
         """As `objects` of the floor; nothing where that is not known."""
 
     def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
@@ -76,9 +75,9 @@ class PoolNearby:
         near = self._pool.nearest_thing(x, y)
         return near.distance_m if near else math.inf
 
-    def objects(self, held: str, kept: Sequence[XY]) -> Standing:
+    def objects(self, held: str) -> Standing:
         seen = self._pool.snapshot()
-        return objects(seen, self.name, held, kept) if seen.is_known else Standing()
+        return objects(seen, self.name, held) if seen.is_known else Standing()
 
     def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
         seen = self._pool.snapshot()

@@ -104,7 +104,7 @@ class Robot:
         where such an object stands on them. Also from a place that touches something."""
         request = self._request(goal, speed)
         if self._nearby:
-            known = self._nearby.objects(self.session.latest.holding, self._there(goal))
+            known = self._nearby.objects(self.session.latest.holding)
             request = request._replace(**known._asdict())
         first: PathError | None = None
         for radius, mode in product((RADIUS_M, RADIUS_M - TOUCH_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
@@ -126,18 +126,11 @@ class Robot:
                     return wider
         return found
 
-    def _there(self, goal: Place) -> list[XY]:
-        """A goal, if it is on this floor."""
-        return [(goal.x, goal.y)] if goal.floor == self.session.latest.at.floor else []
-
     def _around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
         """Around what stands there now, and another robot; None where that is not known, or there is no way."""
-        there = self._there(goal)
-        known = (
-            self._nearby.standing(other, there[0] if there else None, self.session.latest.holding)
-            if self._nearby
-            else Standing()
-        )
+        here = self.session.latest
+        there = (goal.x, goal.y) if goal.floor == here.at.floor else None
+        known = self._nearby.standing(other, there, here.holding) if self._nearby else Standing()
         if known == Standing():
             return None
         request = self._request(goal, speed)._replace(**known._asdict())

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import shapely
-
 from robocorba.data_pool.snapshot import Snapshot
 from robocorba.data_pool.things import Thing
 from robocorba.maps.model import XY
@@ -18,8 +16,6 @@ STANDS_M_S, NEAR_M = 0.05, 15.0
 #: Paths keep so far from robots that stand, m; less where the robot itself is nearer already. A place beside a robot is
 #: so far outside, m, that the way there may keep some room to everything else.
 ROOM_M, LEAST_M = 0.1, 0.07
-#: Who drives around an object cuts corners, m.
-OBJECT_ROOM_M = 0.06
 #: So many are told at most; a robot is a polygon of so many corners.
 MOST_ROBOTS, MOST_OBJECTS, CORNERS = 20, 30, 16
 
@@ -31,20 +27,16 @@ class Standing(NamedTuple):
     without_movables: tuple[str, ...] = ()
 
 
-def objects(seen: Snapshot, robot: str, held: str = "", kept: Sequence[XY] | None = None) -> Standing:
-    """On the floor of `robot`, only what can be moved, where it is now; without what the robot holds itself. kept:
-    places where the robot shall stand; then there is some room around objects, as far as these leave it."""
+def objects(seen: Snapshot, robot: str, held: str = "") -> Standing:
+    """On the floor of `robot`, only what can be moved, where it is now; without what the robot holds itself."""
     own = seen.robot(robot)
     if own is None:
         return Standing()
     movable = (thing for thing in seen.objects() if thing.is_movable and thing.name != held)
     things = sorted(movable, key=lambda thing: _apart(thing, own))
     knows_all = len(things) <= MOST_OBJECTS
-    areas = [(seen.floor, thing.corners) for thing in things[:MOST_OBJECTS]]
-    if kept is not None:
-        places = shapely.MultiPoint([(own.x, own.y), *kept])
-        areas = [(floor, _with_room(corners, places, own.radius_m)) for floor, corners in areas]
-    return Standing(tuple(areas), (seen.floor,) if knows_all else ())
+    areas = tuple((seen.floor, thing.corners) for thing in things[:MOST_OBJECTS])
+    return Standing(areas, (seen.floor,) if knows_all else ())
 
 
 def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
@@ -61,13 +53,6 @@ def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None,
     known = objects(seen, robot, held)
     robots = tuple((seen.floor, disc) for disc in discs[:MOST_ROBOTS])
     return known._replace(forbidden_areas=robots + known.forbidden_areas)
-
-
-def _with_room(corners: tuple[XY, ...], kept: shapely.MultiPoint, radius_m: float) -> tuple[XY, ...]:
-    shape = shapely.Polygon(corners)
-    if shape.distance(kept) < radius_m + OBJECT_ROOM_M + LEAST_M:
-        return corners
-    return tuple((x, y) for x, y in shape.buffer(OBJECT_ROOM_M, join_style="mitre").exterior.coords[:-1])
 
 
 def _disc(one: Thing, kept: Sequence[XY], radius_m: float) -> tuple[XY, ...]:

@@ -112,9 +112,13 @@ class VirtualSensor:
             look(floor.sight.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
         Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 
+    def view(self, floor: str) -> FloorView:
+        """What it was told of a floor. Raises UnknownFloor."""
+        return self._floor(floor).view
+
     def version(self, floor: str) -> int:
         """Of a floor, to ask for what came after."""
-        return self._floor(floor).view.version
+        return self.view(floor).version
 
     def follow(self, update: FloorUpdate, asked_at: float) -> None:
         """Take over what changed on a floor, which the Omni database was asked for at this time of the clock.

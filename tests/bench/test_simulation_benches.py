@@ -79,7 +79,6 @@ def test_clients_see_the_same_either_way(spec: Any, tmp_path: Path) -> None:
                 clients.follow(updates)
                 clients.scan()
             assert np.array_equal(together.distances, alone.distances)
-            assert together._poses[:-1] == pytest.approx(np.array([one.state().pose[1:] for one in sessions]))
             for session, (ahead, turn) in zip(sessions, together.wander().tolist(), strict=True):
                 session.command(ahead, 0.0, turn, 1.0)
             agent.step()

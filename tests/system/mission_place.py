@@ -293,12 +293,13 @@ class Watch:
         return worst
 
     def nearest_m(self, radius_m: float) -> float:
-        """That two robots of a radius came to each other, from rim to rim."""
-        return min(
+        """That two robots of a radius came to each other, from rim to rim; NaN where nothing was seen."""
+        near = (
             math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m
             for _, bodies in self.seen
-            for one, other in combinations(sorted(bodies.keys() & self._place.robots.keys()), 2)
+            for one, other in combinations(bodies.keys() & self._place.robots.keys(), 2)
         )
+        return min(near, default=math.nan)
 
     def _speed(self, before: tuple[float, dict[str, Body]], now: tuple[float, dict[str, Body]]) -> float:
         there, here = before[1][self._table], now[1][self._table]
