@@ -7,9 +7,11 @@ of the running interpreter where it has one, else the one on PATH.
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -31,7 +33,9 @@ def make_stubs(folder: Path, idl: Path = HERE) -> None:
     fresh.mkdir(parents=True)
     files = sorted(str(file) for file in idl.glob("*.idl") if not file.name.startswith("Cos"))
     options = ["-bpython", "-C", str(fresh), f"-Wbpackage={package}", *(f"-Wbextern={module}" for module in OMG)]
-    subprocess.run([*omniidl, *options, *files], check=True)
+    # omniidl looks for its preprocessor on PATH, where that of a virtual environment is not.
+    path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
+    subprocess.run([*omniidl, *options, *files], check=True, env=os.environ | {"PATH": path})
     made = fresh / Path(*package.split("."))
     shutil.rmtree(folder, ignore_errors=True)
     made.rename(folder)

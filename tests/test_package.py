@@ -71,6 +71,12 @@ def test_the_wheel_holds_everything(wheel: Path) -> None:
     assert [name for name in names if name.endswith(".pyc")] == []
 
 
+def test_stubs_are_made_by_what_is_installed_beside_python(tmp_path: Path) -> None:
+    """An environment that is used without being activated is not on PATH, nor need omniORB's programs be."""
+    run(sys.executable, str(ROOT / "idl" / "make_stubs.py"), str(tmp_path / "stubs"), PATH=str(tmp_path))
+    assert (tmp_path / "stubs" / "RoboCorba" / "__init__.py").is_file()
+
+
 def test_it_is_the_wheel_that_runs(installed: Path) -> None:
     assert run(str(installed / "robocorba"), "version").strip() == __version__
     where = run(str(installed / "python"), "-c", "import robocorba.stubs, servers; print(robocorba.__file__)")

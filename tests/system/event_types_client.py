@@ -29,8 +29,8 @@ LIMIT_S = 10.0
 
 def make_stubs(folder: str) -> Any:
     """The module Foreign."""
-    omniidl = (sys.executable, "-c", "from omniidl.main import main; main()")
-    subprocess.run([*omniidl, "-bpython", "-C", folder, str(IDL)], check=True)
+    omniidl = Path(sys.executable).with_name("omniidl")  # by its path: it looks for its preprocessor beside itself
+    subprocess.run([str(omniidl), "-bpython", "-C", folder, str(IDL)], check=True)
     sys.path.insert(0, folder)
     import Foreign  # type: ignore[import-not-found]
 
