@@ -15,6 +15,7 @@ from bench.simulation_building import RADIUS_M
 from robocorba.grids import Floats, Longs
 from robocorba.maps.model import Building
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.simulation import floor_format
 from robocorba.simulation.floor_update import BodyKind, FloorUpdate
 
 PARTS = ("following", "scans", "wandering")
@@ -119,7 +120,7 @@ class Elsewhere:
 
     def tell(self, updates: list[FloorUpdate]) -> None:
         """What changed since the last time; they answer later."""
-        self._ours.send(updates)
+        self._ours.send([floor_format.dumps(update) for update in updates])
 
     def commands(self) -> list[list[float]]:
         """Of each robot, once each time after `tell`: ahead, m/s, and turn, rad/s."""
@@ -151,6 +152,6 @@ def _answer(connection: Connection, building: Building, names: list[str], spec: 
         if updates is None:
             connection.send(clients.work())
             continue
-        clients.follow(updates)
+        clients.follow([floor_format.loads(update) for update in updates])
         clients.scan()
         connection.send_bytes(clients.wander().tobytes())

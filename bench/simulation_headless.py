@@ -116,10 +116,10 @@ class Crowd:
         self._end_of("steps")
         updates = self._changes()
         self._end_of("database")
+        self._clients.tell(updates)  # first, so that sensors which are busy go on with it at once
+        self._end_of("telling")
         commands = self._clients.commands()
         self._end_of("waiting")
-        self._clients.tell(updates)
-        self._end_of("telling")
         for session, (ahead, turn) in zip(self.sessions, commands, strict=True):
             session.command(ahead, 0.0, turn, VALID_S)
         self._end_of("commands")

@@ -29,12 +29,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def kernel(function: F) -> F:
-    """Compile a function when it is first called, to run without the interpreter's lock; NUMBA_CACHE_DIR wins."""
+    """Compile a function when it is first called, to run without the interpreter's lock; NUMBA_CACHE_DIR wins.
+
+    What is divided by zero is inf or NaN, as in numpy: where it could raise, numba counts the references to all arrays
+    of a call up and down, which costs more than most calls here do."""
     if "NUMBA_CACHE_DIR" not in os.environ:
         folder = _folder(Path(function.__code__.co_filename).parent)
         if folder:
             numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
-    return cast(F, numba.njit(nogil=True, cache=True)(function))
+    return cast(F, numba.njit(nogil=True, cache=True, error_model="numpy")(function))
 
 
 @lru_cache

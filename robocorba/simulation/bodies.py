@@ -31,6 +31,7 @@ class Bodies:
 
     def __init__(self, space: pymunk.Space) -> None:
         self._space = space
+        self._first, self._second = ffi.new("cpBody *[1]"), ffi.new("cpBody *[1]")
 
     def sort(self) -> list[int]:
         """Make rows for the bodies that there are now, of zeros; their ids."""
@@ -42,6 +43,11 @@ class Bodies:
         self._reading, self._writing = _Batch(_STATE, state), _Batch(_MOTION, self.velocities)
         self.state = state[:-1]
         return ids
+
+    def touching(self, arbiter: pymunk.Arbiter) -> list[int]:
+        """Ids of the two bodies that an arbiter is about, at a quarter of what it costs to ask them."""
+        lib.cpArbiterGetBodies(arbiter._arbiter, self._first, self._second)
+        return [int(ffi.cast("uintptr_t", lib.cpBodyGetUserData(one[0]))) for one in (self._first, self._second)]
 
     def read(self) -> None:
         """Let `state` be what the space has."""

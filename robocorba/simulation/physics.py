@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pymunk
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.grids import Floats, segments_of
@@ -87,7 +88,7 @@ class FloorPhysics:
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
         self._standing: list[pymunk.Shape] = []
-        self._gates: dict[str, list[pymunk.Segment]] = {}
+        self._gates: dict[str, list[pymunk.Shape]] = {}
         self._moving = Bodies(self._space)
         self._contacts: list[Contact] = []
         self.go_on_from(steps)
@@ -100,26 +101,27 @@ class FloorPhysics:
     # ---- what there is ----
 
     def stand(self, obstacles: Iterable[BaseGeometry]) -> None:
-        """Replace what stands."""
-        shapes = [shape for shape in obstacles if not shape.is_empty]
-        segments = segments_of(np.array(shapes, object))[0] if shapes else np.empty((0, 4))
+        """Replace what stands: lines, and polygons, which are solid."""
+        parts = shapely.get_parts(list(obstacles))
+        is_solid = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
         self._space.remove(*self._standing)
-        self._standing = [pymunk.Segment(self._ground, (ax, ay), (bx, by), 0.0) for ax, ay, bx, by in segments.tolist()]
+        self._standing = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]
+        self._standing += self._segments(parts[~is_solid])
         self._space.add(*self._standing)
 
     def shut(self, name: str, line: BaseGeometry) -> None:
         """Let something stand that comes and goes by itself, such as a closed door; under a name, until `open`."""
         self.open(name)
-        leaves = [
-            pymunk.Segment(self._ground, row[:2], row[2:], 0.0)
-            for row in segments_of(np.array([line], object))[0].tolist()
-        ]
-        self._gates[name] = leaves
+        leaves = self._gates[name] = self._segments(np.array([line], object))
         self._space.add(*leaves)
 
     def open(self, name: str) -> None:
         """Take away what `shut` has put there, if it has."""
         self._space.remove(*self._gates.pop(name, ()))
+
+    def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
+        """What stands where these are."""
+        return [pymunk.Segment(self._ground, row[:2], row[2:], 0.0) for row in segments_of(lines)[0].tolist()]
 
     def add_robot(
         self, name: str, pose: tuple[float, float, float], radius_m: float, mass_kg: float, limits: Limits
@@ -324,8 +326,8 @@ class FloorPhysics:
 
     def _begun(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Two shapes begin to touch, in the middle of a step."""
-        first, second = arbiter.bodies
-        self._contacts.append(Contact(self._name_of.get(first.id, ""), self._name_of.get(second.id, "")))
+        first, second = self._moving.touching(arbiter)
+        self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
 
 
 @kernel

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from shapely import LineString
+from shapely import LineString, MultiPolygon, Point, Polygon, box
 
 from robocorba.simulation.physics import STEP_S, Contact, FloorPhysics, Limits
 
@@ -134,6 +134,17 @@ def test_what_stands_can_change_while_it_runs() -> None:
     floor.stand([LineString([(4, -5), (4, 5)])])
     run(floor, 4.0)
     assert floor.state()["A"][0] == pytest.approx(4 - RADIUS_M, abs=0.01)
+
+
+def test_polygons_that_stand_are_solid() -> None:
+    corner = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
+    floor = FloorPhysics([corner, MultiPolygon([box(9, 0, 12, 3), Point(10, 8).buffer(1)])])
+    assert floor.touching(0.5, 3.0, 0.1) == floor.touching(10.5, 1.5, 0.1) == floor.touching(10, 8, 0.1) == ""
+    assert floor.touching(2.5, 2.5, 1.4) is None
+    robot(floor, "A", 2.5, 2.5)
+    floor.command("A", (-1.0, 0.0, 0.0))
+    run(floor, 4.0)
+    assert floor.state()["A"][:2] == pytest.approx((1.0 + RADIUS_M, 2.5), abs=0.01)
 
 
 def carriers(force_n: float = 300.0, payload_kg: float = 4.0) -> FloorPhysics:
