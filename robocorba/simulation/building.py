@@ -58,7 +58,7 @@ class Robot:
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
         if not 0.0 <= valid_s <= MOST_VALID_S:
             raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MOST_VALID_S:g} s")
-        self.physics.command(self.body, (ahead, left, turn), valid_s)
+        self.physics.command(self.body, ahead, left, turn, valid_s)
 
     def brake(self) -> None:
         """Stand as soon as the ground allows, until another command."""

@@ -262,10 +262,9 @@ class FloorPhysics:
 
     # ---- time ----
 
-    def command(self, name: str, velocity: tuple[float, float, float], valid_s: float = math.inf) -> None:
+    def command(self, name: str, ahead: float, left: float, turn: float, valid_s: float = math.inf) -> None:
         """Move ahead, to the left and turn at these speeds, m/s and rad/s, for `valid_s`; what is beyond the robot's
         limits is slowed down, not turned aside. Nothing happens where there is no such robot."""
-        ahead, left, turn = velocity
         self._orders[name] = _pack_order(ahead, left, turn, self.time + valid_s)
         self._has_orders = True
 

@@ -304,6 +304,7 @@ def test_a_small_run_of_sensors(system: tuple[Any, Clients, Path], monkeypatch: 
 def test_work_of_a_process_is_counted(system: tuple[Any, Clients, Path]) -> None:
     server, _, state = system
     worked = Worked(pids_of(state, "simulation"))
-    for _ in range(500):
+    by = time.monotonic() + 30.0
+    while worked.seconds()[0] == 0.0 and time.monotonic() < by:  # the system counts in hundredths of a second
         server._get_state()
-    assert 0 < worked.seconds()[0] < 60
+    assert 0.0 < worked.seconds()[0] < 30.0

@@ -33,7 +33,7 @@ def test_a_robot_keeps_its_limits() -> None:
     floor = FloorPhysics()
     limits = Limits(0.8, 0.5, 1.0, 0.7)
     robot(floor, "A", 0.0, 0.0, limits=limits)
-    floor.command("A", (3.0, 4.0, 9.0))
+    floor.command("A", 3.0, 4.0, 9.0)
     before = np.zeros(3)
     for _ in range(150):
         floor.step()
@@ -49,7 +49,7 @@ def test_a_robot_keeps_its_limits() -> None:
 def test_commands_are_in_the_frame_of_the_robot() -> None:
     floor = FloorPhysics()
     robot(floor, "A", 1.0, 2.0, math.pi / 2)
-    floor.command("A", (0.5, 0.2, 0.0))
+    floor.command("A", 0.5, 0.2, 0.0)
     run(floor, 3.0)
     x, y, heading, vx, vy, _ = floor.state()["A"]
     assert (vx, vy, heading) == pytest.approx((-0.2, 0.5, math.pi / 2), abs=1e-6)
@@ -60,7 +60,7 @@ def test_commands_are_in_the_frame_of_the_robot() -> None:
 def test_a_wall_stops_a_robot_and_says_so_once() -> None:
     floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
     robot(floor, "A", 0.0, 0.0)
-    floor.command("A", (1.0, 0.0, 0.0))
+    floor.command("A", 1.0, 0.0, 0.0)
     contacts = run(floor, 5.0)
     assert len(contacts) == 1
     assert set(contacts[0]) == {"A", ""}
@@ -73,12 +73,12 @@ def test_a_robot_pushes_a_table_which_stops_without_it() -> None:
     floor = FloorPhysics()
     robot(floor, "A", 0.0, 0.0)
     floor.add_object("T1", (1.5, 0.0, 0.0), TABLE, 20.0)
-    floor.command("A", (0.5, 0.0, 0.0))
+    floor.command("A", 0.5, 0.0, 0.0)
     contacts = run(floor, 4.0)
     assert {"A", "T1"} in [set(contact) for contact in contacts]
     pushed = floor.state()["T1"][0]
     assert pushed > 1.7
-    floor.command("A", (-0.5, 0.0, 0.0))
+    floor.command("A", -0.5, 0.0, 0.0)
     run(floor, 2.0)
     moved, *_, vx, _, _ = floor.state()["T1"]
     assert moved - pushed < 0.1
@@ -89,8 +89,8 @@ def test_two_robots_do_not_go_through_each_other() -> None:
     floor = FloorPhysics()
     robot(floor, "A", 0.0, 0.0)
     robot(floor, "B", 3.0, 0.0, math.pi)
-    floor.command("A", (1.0, 0.0, 0.0))
-    floor.command("B", (1.0, 0.0, 0.0))
+    floor.command("A", 1.0, 0.0, 0.0)
+    floor.command("B", 1.0, 0.0, 0.0)
     run(floor, 5.0)
     state = floor.state()
     assert state["B"][0] - state["A"][0] > 2 * RADIUS_M - 0.02
@@ -100,12 +100,12 @@ def test_whoever_is_removed_is_gone_and_the_others_keep_their_commands() -> None
     floor = FloorPhysics()
     for number in range(5):
         robot(floor, f"R{number}", 0.0, 3.0 * number)
-        floor.command(f"R{number}", (0.1 * (number + 1), 0.0, 0.0))
+        floor.command(f"R{number}", 0.1 * (number + 1), 0.0, 0.0)
     run(floor, 1.0)
     floor.remove("R1")
     with pytest.raises(KeyError):
         floor.remove("R1")
-    floor.command("R1", (1.0, 0.0, 0.0))  # too late, and not for its successor
+    floor.command("R1", 1.0, 0.0, 0.0)  # too late, and not for its successor
     robot(floor, "R1", 5.0, 3.0)
     run(floor, 1.0)
     speeds = {name: row[3] for name, row in floor.state().items()}
@@ -118,8 +118,8 @@ def test_of_two_orders_the_last_one_holds_for_whoever_comes_between_steps() -> N
     floor = FloorPhysics()
     for number in range(40):
         robot(floor, f"R{number}", 0.0, 3.0 * number)
-        floor.command(f"R{number}", (1.0, 0.0, 0.0))
-        floor.command(f"R{number}", (0.3, 0.0, 0.0))
+        floor.command(f"R{number}", 1.0, 0.0, 0.0)
+        floor.command(f"R{number}", 0.3, 0.0, 0.0)
         floor.step()
         assert [row[1] for row in floor.state().values()] == [3.0 * other for other in range(number + 1)]
     run(floor, 1.0)
@@ -129,7 +129,7 @@ def test_of_two_orders_the_last_one_holds_for_whoever_comes_between_steps() -> N
 def test_what_stands_can_change_while_it_runs() -> None:
     floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
     robot(floor, "A", 0.0, 0.0)
-    floor.command("A", (1.0, 0.0, 0.0))
+    floor.command("A", 1.0, 0.0, 0.0)
     run(floor, 4.0)
     floor.stand([LineString([(4, -5), (4, 5)])])
     run(floor, 4.0)
@@ -142,7 +142,7 @@ def test_polygons_that_stand_are_solid() -> None:
     assert floor.touching(0.5, 3.0, 0.1) == floor.touching(10.5, 1.5, 0.1) == floor.touching(10, 8, 0.1) == ""
     assert floor.touching(2.5, 2.5, 1.4) is None
     robot(floor, "A", 2.5, 2.5)
-    floor.command("A", (-1.0, 0.0, 0.0))
+    floor.command("A", -1.0, 0.0, 0.0)
     run(floor, 4.0)
     assert floor.state()["A"][:2] == pytest.approx((1.0 + RADIUS_M, 2.5), abs=0.01)
 
@@ -163,7 +163,7 @@ def drive(floor: FloorPhysics, vx: float, vy: float) -> None:
     for name in "ABC":
         heading = floor.state()[name][2]
         ahead = vx * math.cos(heading) + vy * math.sin(heading)
-        floor.command(name, (ahead, -vx * math.sin(heading) + vy * math.cos(heading), 0.0))
+        floor.command(name, ahead, -vx * math.sin(heading) + vy * math.cos(heading), 0.0)
 
 
 def test_three_robots_carry_a_table_that_one_could_not() -> None:
@@ -186,7 +186,7 @@ def test_three_robots_carry_a_table_that_one_could_not() -> None:
 def test_a_grip_slips_where_its_force_does_not_do() -> None:
     floor = carriers(force_n=5.0)
     lost: set[str] = set()
-    floor.command("A", (-1.0, 0.0, 0.0))  # away from the others
+    floor.command("A", -1.0, 0.0, 0.0)  # away from the others
     for _ in range(200):
         lost |= set(floor.step().lost)
     assert "A" in lost
@@ -203,7 +203,7 @@ def test_a_table_that_was_let_go_stands() -> None:
         floor.step()
     for name in "ABC":
         floor.release(name)
-        floor.command(name, (-0.5, 0.0, 0.0))
+        floor.command(name, -0.5, 0.0, 0.0)
     before = floor.state()["T1"]
     run(floor, 1.0)
     after = floor.state()["T1"]
@@ -236,7 +236,7 @@ def trajectory(seed: int) -> str:
     for step in range(500):
         if step % 50 == 0:
             for number in range(30):
-                floor.command(f"R{number}", tuple(chance.uniform(-1, 1, 3)))
+                floor.command(f"R{number}", *chance.uniform(-1, 1, 3))
         digest.update(repr([set(contact) for contact in floor.step().contacts].__len__()).encode())
         digest.update(np.array(list(floor.state().values())).tobytes())
     return digest.hexdigest()
