@@ -131,7 +131,7 @@ def test_a_grant_that_is_over_is_told_and_the_next_one_begins(place: Place) -> N
     first, second = place.log_on("first", 2.0, 14.5), place.log_on("second", 4.0, 14.5)
     first.reserveAreas([struct(WEST)], 0.5)
     second.reserveAreas([struct(WEST)], 0.5)
-    assert 0.0 < second.reservation().longestWait <= 0.5
+    assert 0.0 < second.reservation().longestWait < 0.5 + 1e-9  # a difference of times, which are rounded
     eventually(lambda: phase(second) == RoboCorba.AREAS_GRANTED, what="the second one's turn")
     assert phase(first) == RoboCorba.NO_RESERVATION
     eventually(lambda: phase(second) == RoboCorba.NO_RESERVATION, what="its end")
