@@ -26,13 +26,14 @@ from omniORB import CORBA
 from bench.places import random_trips
 from bench.report import PROGRESS, quantile, timed_ms, write
 from clients.robot_processes import servers
+from robocorba.calls import describe
 from robocorba.conversion import errors as idl_errors
 from robocorba.conversion import maps, paths
 from robocorba.maps import native
 from robocorba.maps.changes import Key, elements_of, key_of
 from robocorba.maps.model import XY, Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
 from robocorba.maps.samples import load_sample
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba

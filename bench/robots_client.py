@@ -23,9 +23,10 @@ from omniORB import CORBA
 
 from bench.processes import Process
 from bench.report import timed_ms
+from robocorba.calls import describe
 from robocorba.conversion import errors as idl_errors
 from robocorba.conversion import scans, simulation
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.repeating import Repeating
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.virtual_sensor import ScanSpec

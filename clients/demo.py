@@ -29,6 +29,7 @@ from omniORB import CORBA
 from rich.console import Console
 
 from clients.robot_processes import Running, robocorba, servers
+from robocorba.calls import describe
 from robocorba.commands.mission import News, news, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
@@ -41,7 +42,8 @@ from robocorba.missions import page, timeline
 from robocorba.missions.record import REPORT_FILE
 from robocorba.missions.world import Thing
 from robocorba.names import MISSIONS
-from robocorba.orb import Orb, corbaname, describe
+from robocorba.naming import corbaname
+from robocorba.orb import Orb
 from robocorba.planning.request import PathRequest, Place
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.icons import Destination

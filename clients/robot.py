@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from omniORB import CORBA
 
 from robocorba import logs
+from robocorba.calls import describe
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.agent import AgentState, ControlAgent
 from robocorba.control.nearby import PoolNearby
@@ -21,7 +22,7 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
 from robocorba.missions import carry
 from robocorba.names import MISSIONS, ROBOTS
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.planning.request import Place
 from robocorba.programs import program
 from robocorba.programs.checker import Start, require

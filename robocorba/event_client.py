@@ -21,13 +21,14 @@ import msgpack
 import omniORB
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.conversion import events
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import InvalidEvent, NotReachable, Unconfirmed
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription, checked
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: A channel that is started again is waited for so long.

@@ -13,7 +13,8 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.errors import NotReachable, PortInUse, ServiceError
-from robocorba.orb import Orb, corbaname
+from robocorba.naming import corbaname
+from robocorba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 

@@ -40,10 +40,23 @@ PROGRAMS = {"servers", "clients", "bench", "tests"}
 CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA", "PortableServer"}
 ABOVE_DOMAIN = {
     f"robocorba.{name}"
-    for name in ("stubs", "servants", "commands", "orb", "conversion", "remote", "event_client", "supervision")
+    for name in (
+        "stubs",
+        "servants",
+        "commands",
+        "orb",
+        "naming",
+        "calls",
+        "conversion",
+        "remote",
+        "event_client",
+        "supervision",
+    )
 }
 #: Servants get what they need handed over.
-AROUND_SERVANTS = {f"robocorba.{name}" for name in ("orb", "remote", "commands", "supervision", "settings", "logs")}
+AROUND_SERVANTS = {
+    f"robocorba.{name}" for name in ("orb", "naming", "remote", "commands", "supervision", "settings", "logs")
+}
 #: Where the environment is read: our variables, and numba's own.
 ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernels.py")
 
@@ -120,6 +133,7 @@ def test_every_source_keeps_the_rules(file: Path) -> None:
         ("robocorba/servants/x.py", "from robocorba.servants import y", "a servant imports robocorba.servants.y"),
         ("robocorba/servants/x.py", "from .y import Z", "a servant imports robocorba.servants.y.Z"),
         ("robocorba/servants/x.py", "from robocorba.orb import Orb", "a servant imports robocorba.orb.Orb"),
+        ("robocorba/servants/x.py", "import robocorba.naming", "a servant imports robocorba.naming"),
         ("robocorba/servants/x.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
         ("robocorba/servants/x.py", "import sys\nsys.argv", "a servant uses argv"),
         ("robocorba/servants/x.py", "from sys import argv", "a servant uses argv"),

@@ -15,11 +15,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from robocorba.calls import describe
 from robocorba.conversion import errors as idl_errors
 from robocorba.conversion import paths
 from robocorba.errors import InvalidRequest, RoboCorbaError
 from robocorba.maps.model import Building
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.planning.request import (
     SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED,

@@ -13,9 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from robocorba.calls import describe
 from robocorba.commands.waiting import FIND_AGAIN_S
 from robocorba.errors import NotReachable
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.remote.floors import CALL_LIMIT_S, RemoteFloors
 from robocorba.simulation.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba

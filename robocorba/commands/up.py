@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robocorba.errors import RoboCorbaError
-from robocorba.orb import corbaname
+from robocorba.naming import corbaname
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.robot_state import ActorCommand, RobotState
@@ -15,7 +16,7 @@ from robocorba.conversion import robot
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import AdaptorFailed, NotReachable, RobotLost
 from robocorba.names import ADAPTORS
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3

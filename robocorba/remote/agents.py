@@ -7,13 +7,14 @@ from typing import TypeVar
 
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Begun
 from robocorba.conversion import robot
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import NotReachable
 from robocorba.names import ROBOTS
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 #: Of a call; to take another robot over takes longer, s.

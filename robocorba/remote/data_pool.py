@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.conversion import floors, maps, plans
 from robocorba.conversion.errors import domain_error
 from robocorba.data_pool.plans import Plan
@@ -15,7 +16,7 @@ from robocorba.data_pool.pool import DataPool
 from robocorba.errors import NotReachable, UnknownFloor
 from robocorba.maps.model import KIND_OF, Building, ElementKind, FloorMap, GeometricalMap
 from robocorba.names import ROBOTS
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.remote.floors import CALL_LIMIT_S, RemoteDatabase
 from robocorba.repeating import Repeating
 from robocorba.simulation.floor_update import FloorUpdate

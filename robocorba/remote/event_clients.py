@@ -10,12 +10,13 @@ from typing import Any
 import CosEventComm
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.conversion import events
 from robocorba.errors import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
 from robocorba.events.event import Run, Together
 from robocorba.events.proxies import Kind
 from robocorba.events.queue import Item
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 #: Longest call that tells a client that it is disconnected.

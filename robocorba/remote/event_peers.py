@@ -7,13 +7,14 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.conversion import events
 from robocorba.errors import InvalidPeer, NotDelivered, NotReachable, SessionOver
 from robocorba.events.event import Run
 from robocorba.events.federation import Notice
 from robocorba.events.store import PeerRecord
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.errors import NotReachable
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.remote.simulation import changes
 from robocorba.simulation.floor_update import FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba

@@ -8,13 +8,14 @@ from typing import Any
 import CosEventChannelAdmin
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.conversion import events
 from robocorba.conversion.contents import content_of
 from robocorba.errors import NotDelivered, NotReachable, Refused
 from robocorba.events.event import Encoding, Run
 from robocorba.events.foreign import Echoes
 from robocorba.events.queue import Item
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.remote.event_clients import PushConsumer, failure_of
 from robocorba.servants.foreign_consumer import ForeignConsumerServant
 

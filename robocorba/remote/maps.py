@@ -7,10 +7,11 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.conversion import maps
 from robocorba.errors import NotReachable
 from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap, GeometricalMap
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 #: The topological map is the path planning agent's.

@@ -6,10 +6,11 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.conversion import paths
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import NotReachable
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.planning.request import Path, PathRequest
 from robocorba.stubs import RoboCorba
 

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.conversion import maps
 from robocorba.errors import NotReachable, UnknownFloor
 from robocorba.maps.model import PathNode
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 FIND_LIMIT_S = 5.0

@@ -10,7 +10,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.orb import describe, limit_calls
+from robocorba.calls import describe, limit_calls
 from robocorba.simulation.load_balance import LoadBalance
 
 #: How long a robot waits for a sensor process where there is none, s, and how many wait at most: the threads that

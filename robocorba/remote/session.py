@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from omniORB import CORBA
 
+from robocorba.calls import describe, limit_calls
 from robocorba.control.robot_state import Velocity
 from robocorba.control.session import SessionState
 from robocorba.conversion import scans, simulation
@@ -19,7 +20,7 @@ from robocorba.conversion.errors import domain_error
 from robocorba.errors import NotReachable, PlaceTaken, RobotLost
 from robocorba.grids import Floats
 from robocorba.maps.polygons import FloorArea
-from robocorba.orb import Orb, describe, limit_calls
+from robocorba.orb import Orb
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation

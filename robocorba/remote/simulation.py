@@ -7,10 +7,11 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.conversion import floors, scans, simulation
 from robocorba.conversion.errors import domain_error
 from robocorba.errors import NotReachable
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.simulation.floor_update import FloorUpdate
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan

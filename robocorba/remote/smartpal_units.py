@@ -11,12 +11,13 @@ from typing import Any, NoReturn
 import numpy as np
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.control.adaptors import Surroundings
 from robocorba.control.smartpal_adaptor import Place, SmartPalAdaptor
 from robocorba.errors import AdaptorFailed, NotReachable, UnitFailed
 from robocorba.grids import Floats
 from robocorba.kinematics.smartpal import Side
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 

@@ -9,9 +9,10 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.calls import describe
 from robocorba.errors import NotReachable
 from robocorba.names import CHANNELS, SENSORS
-from robocorba.orb import Orb, describe
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 

@@ -13,7 +13,8 @@ import time
 import msgspec
 from omniORB import CORBA
 
-from robocorba.orb import Orb, describe
+from robocorba.calls import describe
+from robocorba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 

@@ -21,7 +21,8 @@ from typing import Any
 import msgspec
 from omniORB import CORBA
 
-from robocorba.orb import Orb, describe
+from robocorba.calls import describe
+from robocorba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 

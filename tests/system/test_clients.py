@@ -13,7 +13,8 @@ import pytest
 from omniORB import CORBA
 from PIL import Image
 
-from robocorba.orb import Orb, corbaname
+from robocorba.naming import corbaname
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 

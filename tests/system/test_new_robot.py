@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.orb import Orb, corbaname
+from robocorba.naming import corbaname
+from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 from tests.system.processes import Launcher, Running, eventually
 

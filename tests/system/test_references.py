@@ -13,7 +13,8 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.errors import NotReachable
-from robocorba.orb import Orb, corbaname
+from robocorba.naming import corbaname
+from robocorba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.system import find_omninames

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
+from robocorba.calls import limit_calls
 from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
 from robocorba.errors import AdaptorFailed, UnitFailed
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
-from robocorba.orb import limit_calls
 from robocorba.remote.smartpal_units import units_at
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 from tests.smartpal.driving import TICK_S, drive_to, ticks
