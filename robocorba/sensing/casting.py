@@ -151,7 +151,7 @@ def shorten_by_disc(px: float, py: float, radius: float, eye: Eye, rays: Floats)
 
 @kernel
 def is_hidden(lx: float, ly: float, hx: float, hy: float, eye: Eye, rays: Floats) -> bool:
-    """Whether no ray (3, n) reaches the box from (lx, ly) to (hx, hy), which lies beside the sensor; from there."""
+    """Whether no ray (3, n) reaches the box from (lx, ly) to (hx, hy), which lies beside the sensor."""
     if max(eye.ahead_x * lx, eye.ahead_x * hx) + max(eye.ahead_y * ly, eye.ahead_y * hy) < -BEHIND_M:
         return True
     dx, dy = max(lx, -hx, 0.0), max(ly, -hy, 0.0)

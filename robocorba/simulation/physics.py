@@ -102,7 +102,7 @@ class FloorPhysics:
 
     def stand(self, obstacles: Iterable[BaseGeometry]) -> None:
         """Replace what stands: lines, and polygons, which are solid."""
-        parts = shapely.get_parts(list(obstacles))
+        parts = shapely.get_parts([shape for shape in obstacles if not shape.is_empty])
         is_solid = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
         self._space.remove(*self._standing)
         self._standing = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]

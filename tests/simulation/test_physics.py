@@ -138,7 +138,7 @@ def test_what_stands_can_change_while_it_runs() -> None:
 
 def test_polygons_that_stand_are_solid() -> None:
     corner = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
-    floor = FloorPhysics([corner, MultiPolygon([box(9, 0, 12, 3), Point(10, 8).buffer(1)])])
+    floor = FloorPhysics([corner, Polygon(), MultiPolygon([box(9, 0, 12, 3), Point(10, 8).buffer(1)])])
     assert floor.touching(0.5, 3.0, 0.1) == floor.touching(10.5, 1.5, 0.1) == floor.touching(10, 8, 0.1) == ""
     assert floor.touching(2.5, 2.5, 1.4) is None
     robot(floor, "A", 2.5, 2.5)
