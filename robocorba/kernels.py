@@ -32,7 +32,7 @@ def kernel(function: F) -> F:
     """Compile a function when it is first called, to run without the interpreter's lock; NUMBA_CACHE_DIR wins.
 
     What is divided by zero is inf or NaN, as in numpy: where it could raise, numba counts the references to all arrays
-    of a call up and down, which costs more than most calls here do."""
+    of each call up and down."""
     if "NUMBA_CACHE_DIR" not in os.environ:
         folder = _folder(Path(function.__code__.co_filename).parent)
         if folder:

@@ -103,7 +103,7 @@ class NamingService:
             raise NotReachable(f"the naming service at {self.address} does not answer ({describe(wrong)})") from None
 
     def bind(self, name: str, reference: Any) -> None:
-        """Let a name stand for an object, whatever it stood for. Raises CORBA.SystemException."""
+        """Let a name stand for an object, whatever it stood for. Raises CORBA.SystemException, NotFound."""
         root, path = self._root(), self._components(name)
         try:
             root.rebind(path, reference)

@@ -3,8 +3,8 @@
 Cells are looked at from the sensor outwards. One that no ray of its directions reaches any more is passed over,
 so that what is behind walls costs next to nothing. Distances are those to lines met exactly; nothing is sampled.
 
-Of the kernels here, only `cast` calls others that take arrays: each such call would count references to all of them up
-and down, which took a third of the time.
+Of the kernels here, only `cast` calls others that take arrays. Those that do count references to all of their arrays up
+and down in each call, which took a quarter to a third of a scan.
 """
 
 from __future__ import annotations

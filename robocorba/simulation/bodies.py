@@ -45,7 +45,7 @@ class Bodies:
         return ids
 
     def touching(self, arbiter: pymunk.Arbiter) -> list[int]:
-        """Ids of the two bodies that an arbiter is about, at a quarter of what it costs to ask them."""
+        """Ids of the two bodies that an arbiter is about, without making objects of them and their shapes."""
         lib.cpArbiterGetBodies(arbiter._arbiter, self._first, self._second)
         return [int(ffi.cast("uintptr_t", lib.cpBodyGetUserData(one[0]))) for one in (self._first, self._second)]
 

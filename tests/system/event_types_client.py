@@ -7,7 +7,6 @@ ways, and prints one line for each: the type, the way, and `same` or what came.
 from __future__ import annotations
 
 import queue
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -24,13 +23,16 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
 
 IDL = Path(__file__).with_name("event_types.idl")
+ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 10.0
 
 
 def make_stubs(folder: str) -> Any:
     """The module Foreign."""
-    omniidl = Path(sys.executable).with_name("omniidl")  # by its path: it looks for its preprocessor beside itself
-    subprocess.run([str(omniidl), "-bpython", "-C", folder, str(IDL)], check=True)
+    sys.path.insert(0, str(ROOT / "idl"))
+    from make_stubs import omniidl
+
+    omniidl("-bpython", "-C", folder, str(IDL))
     sys.path.insert(0, folder)
     import Foreign  # type: ignore[import-not-found]
 
