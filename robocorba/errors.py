@@ -235,6 +235,14 @@ class NoPath(PathError):
         super().__init__("; ".join([reason, *map(str, self.blockers)]))
 
 
+class PlanningTimeout(PathError):
+    """A query was given up when its time was over; `floor` is the floor that was searched."""
+
+    def __init__(self, floor: str) -> None:
+        self.floor = floor
+        super().__init__(f"the search on floor {floor} ran out of time; ask for a shorter way, or raise the deadline")
+
+
 class SensingError(RoboCorbaError):
     """A virtual sensor refuses something."""
 

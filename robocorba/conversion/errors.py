@@ -56,6 +56,7 @@ _EXCEPTIONS: dict[type, Callable[[Any], Exception]] = {
     errors.NotFree: lambda e: RoboCorba.NotFree(
         e.which, RoboCorba.Point(e.floor, e.x, e.y), e.obstacle, e.clearance_m, e.required_m
     ),
+    errors.PlanningTimeout: lambda e: CORBA.TIMEOUT(0, CORBA.COMPLETED_NO),
     errors.InvalidScan: lambda e: RoboCorba.InvalidScan(e.field, e.reason),
     errors.SensorBehind: lambda e: RoboCorba.SensorBehind(e.lag_s, e.limit_s),
     errors.InvalidDescription: lambda e: RoboCorba.InvalidDescription(e.field, e.reason),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import numpy as np
 import shapely
 
 from robocorba.errors import Blocker
+from robocorba.grids import Longs
 from robocorba.maps.model import XY, Building
 from robocorba.planning import geometric, topological
 from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
@@ -16,6 +18,8 @@ from robocorba.planning.space import FloorSpace
 
 #: A robot of this radius shows whether the walls leave any way at all, m.
 THIN_M = 0.02
+#: Nodes of a piece of the topological map that are named, and one-way edges that are.
+NAMES_SHOWN, MOST_ONE_WAY = 4, 16
 #: A way that passes this near to a doorway leads through it, m.
 DOORWAY_M = 0.3
 
@@ -32,7 +36,7 @@ def what_stands_at(space: FloorSpace, x: float, y: float, radius: float) -> tupl
     return (f"{item_near.kind} {item_near.name}" if item_near else "nothing"), distance
 
 
-def why_no_path(snapshot: Snapshot, request: PathRequest) -> tuple[str, list[Blocker]]:
+def why_no_path(snapshot: Snapshot, request: PathRequest, deadline: float) -> tuple[str, list[Blocker]]:
     """A sentence, and the things that would have to change for a path to exist."""
     building = snapshot.building
     start, goal = request.start, request.goal
@@ -40,17 +44,26 @@ def why_no_path(snapshot: Snapshot, request: PathRequest) -> tuple[str, list[Blo
         unserved = _unserved(building, request)
         if unserved:
             return f"no elevator leads from {start.floor} to {goal.floor}", unserved
-    if request.mode is not RouteMode.GEOMETRIC:
+    on_roads = request.mode is RouteMode.TOPOLOGICAL or bool(request.graph and request.mode is RouteMode.SMOOTHED)
+    if on_roads:
         for which, place, outbound in (("start", start, True), ("goal", goal, False)):
-            if not len(topological.around_corners(snapshot, place, request.radius, outbound).nodes):
-                return f"the {which} reaches no path node", _around(snapshot, request, place)
+            if not len(topological.around_corners(snapshot, request, place, outbound, deadline).nodes):
+                return f"the {which} reaches no path node", _around(snapshot, request, place, deadline)
     thin = request._replace(radius=min(THIN_M, request.radius), avoid_elevators=frozenset(), graph="", alternatives=0)
-    find = geometric.ways if request.mode is RouteMode.GEOMETRIC else topological.ways
-    found = find(snapshot, thin)
+    if on_roads:
+        found = topological.ways(snapshot, thin._replace(mode=RouteMode.TOPOLOGICAL), deadline)
+    else:
+        found = geometric.ways(snapshot, thin, deadline)
     if found:
-        path = Path(found[0].tolist(), snapshot.roads.names, snapshot.version)
-        return f"no path for a robot of radius {request.radius:g} m", _narrow(snapshot, request, path)
-    return "start and goal are not connected", _unconnected(snapshot, request)
+        blockers = _narrow(snapshot, request, snapshot.path(found[0], thin))
+        if blockers:
+            return f"no path for a robot of radius {request.radius:g} m", blockers
+    if on_roads:
+        return "start and goal are not connected", _unconnected(snapshot, request, deadline)
+    if found:
+        return "one-way edges forbid every way", _one_way_edges(building, request)
+    floors = dict.fromkeys((start.floor, goal.floor))
+    return "start and goal are not connected", [Blocker("floor", "", floor, "its walls leave no way") for floor in floors]
 
 
 def _unserved(building: Building, request: PathRequest) -> list[Blocker]:
@@ -98,7 +111,7 @@ def _narrow_places(
         return found
     line = shapely.LineString([a, b])
     narrow_doors = [
-        Blocker("door", floor, door.name, f"is {math.dist(door.a, door.b):.2f} m wide, {needed:.2f} m needed")
+        Blocker("door", floor, door.name, "is {} m wide, {} m needed".format(*_told_apart(math.dist(door.a, door.b), needed)))
         for door in entry.geometrical.doors.values()
         if math.dist(door.a, door.b) < needed and line.distance(shapely.LineString([door.a, door.b])) < DOORWAY_M
     ]
@@ -106,19 +119,28 @@ def _narrow_places(
         return found + narrow_doors
     clearance, item = space.nearest_to_line(*a, *b, request.radius)
     if item is not None:
-        reason = f"is {clearance:.2f} m from the way, {request.radius:.2f} m needed"
+        reason = "is {} m from the way, {} m needed".format(*_told_apart(clearance, request.radius))
         found.append(Blocker(item.kind, "" if item.kind in ("elevator", "floor") else floor, item.name, reason))
     return found
 
 
-def _around(snapshot: Snapshot, request: PathRequest, place: Place) -> list[Blocker]:
+def _told_apart(first: float, second: float) -> tuple[str, str]:
+    """Two lengths with as many digits as it takes to see that they differ, two at least."""
+    for digits in range(2, 9):
+        texts = f"{first:.{digits}f}", f"{second:.{digits}f}"
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
+def _around(snapshot: Snapshot, request: PathRequest, place: Place, deadline: float) -> list[Blocker]:
     """Why a place reaches no node: the narrow spot on a thin robot's way, or the map without nodes."""
     entry = snapshot.building.floors[place.floor]
     if not entry.topological.nodes:
         return [Blocker("floor", "", place.floor, "has no path nodes; build its topological map")]
     nodes = sorted(entry.topological.nodes.values(), key=lambda node: math.dist(node.at, place[1:]))
-    freeways = snapshot.freeways(place.floor, min(THIN_M, request.radius))
-    legs = freeways.legs(place[1:], [node.at for node in nodes[:16]])
+    thin = snapshot.graph(place.floor, min(THIN_M, request.radius))
+    legs = thin.legs(place[1:], [node.at for node in nodes[:16]], deadline=deadline)
     best = min(legs, key=lambda leg: leg.length)
     if not math.isfinite(best.length):
         return [Blocker("floor", "", place.floor, "its walls close the place off")]
@@ -126,17 +148,33 @@ def _around(snapshot: Snapshot, request: PathRequest, place: Place) -> list[Bloc
     return list({blocker.name: blocker for blockers in found for blocker in blockers}.values())
 
 
-def _unconnected(snapshot: Snapshot, request: PathRequest) -> list[Blocker]:
-    """One-way edges where they are the reason, else the maps that end before the goal."""
-    entry = snapshot.building.floors
-    floors = dict.fromkeys((request.start.floor, request.goal.floor))
-    one_way = [
+def _unconnected(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Blocker]:
+    """The pieces of the topological map that start and goal are tied to or, where it is one piece, its one-way edges."""
+    component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
+    pieces = []
+    for place, outbound in ((request.start, True), (request.goal, False)):
+        nodes = topological.around_corners(snapshot, request, place, outbound, deadline).nodes
+        pieces.append(set(component[nodes].tolist()))
+    if pieces[0] & pieces[1]:
+        return _one_way_edges(snapshot.building, request)
+    start, goal = (_piece(snapshot, component, numbers) for numbers in pieces)
+    reason = f"its topological map is in pieces: {start}, tied to the start, is not connected with {goal}, tied to the goal"
+    return [Blocker("floor", "", floor, reason) for floor in dict.fromkeys((request.start.floor, request.goal.floor))]
+
+
+def _piece(snapshot: Snapshot, component: Longs, numbers: set[int]) -> str:
+    """How many nodes are in these components, and the names of the first of them."""
+    nodes = np.flatnonzero(np.isin(component, list(numbers)))
+    names = [snapshot.roads.names.nodes[node] for node in nodes[:NAMES_SHOWN].tolist()]
+    more = ", ..." if len(nodes) > NAMES_SHOWN else ""
+    return f"{len(nodes)} node{'s' if len(nodes) > 1 else ''} ({', '.join(names)}{more})"
+
+
+def _one_way_edges(building: Building, request: PathRequest) -> list[Blocker]:
+    """The one-way edges of the floors of start and goal."""
+    return [
         Blocker("edge", floor, edge.name, "is one-way")
-        for floor in floors
-        for edge in entry[floor].topological.edges.values()
+        for floor in dict.fromkeys((request.start.floor, request.goal.floor))
+        for edge in building.floors[floor].topological.edges.values()
         if edge.one_way
-    ]
-    if request.mode is RouteMode.GEOMETRIC:
-        return [Blocker("floor", "", floor, "its walls leave no way") for floor in floors]
-    gaps = [Blocker("floor", "", floor, "its topological map does not connect the two") for floor in floors]
-    return gaps + one_way[:16]
+    ][:MOST_ONE_WAY]

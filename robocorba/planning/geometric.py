@@ -11,25 +11,22 @@ import numpy as np
 from robocorba.grids import Floats
 from robocorba.maps.model import XY, Building
 from robocorba.planning.elevators import Ride, ride
-from robocorba.planning.freeway import Leg
 from robocorba.planning.request import Criterion, PathRequest
-from robocorba.planning.route import ELEVATOR, measure
+from robocorba.planning.route import ELEVATOR
 from robocorba.planning.snapshot import Snapshot
+from robocorba.planning.tangent_graph import NO_LANES, Leg
 
 #: A place that matters to the search: floor, and the elevator whose cabin it is; start and goal have own names.
 _Stop = tuple[str, str]
 
 
-def ways(snapshot: Snapshot, request: PathRequest) -> list[Floats]:
-    """The points of the shortest way and, as alternatives, of those by other elevators; empty where there is none."""
-    return [measure(way, snapshot.roads.elevations, request.speed) for way in _ways(snapshot, request)]
-
-
-def _ways(snapshot: Snapshot, request: PathRequest) -> list[Floats]:
+def ways(snapshot: Snapshot, request: PathRequest, deadline: float, obey_one_way: bool = False) -> list[Floats]:
+    """The shortest way and, as alternatives, those by other elevators; empty where there is none. One-way edges are
+    obeyed only where that is asked for."""
     for place in (request.start, request.goal):
         if not snapshot.spaces[place.floor].stands_free(place.x, place.y, request.radius):
             return []
-    best = _way(snapshot, request, request.avoid_elevators)
+    best = _way(snapshot, request, request.avoid_elevators, deadline, obey_one_way)
     if best is None:
         return []
     used = _elevators(snapshot, best)
@@ -38,7 +35,7 @@ def _ways(snapshot: Snapshot, request: PathRequest) -> list[Floats]:
         for shut in combinations(sorted(used), count):
             if len(found) > request.alternatives:
                 return found
-            other = _way(snapshot, request, request.avoid_elevators | set(shut))
+            other = _way(snapshot, request, request.avoid_elevators | set(shut), deadline, obey_one_way)
             if other is not None and _elevators(snapshot, other) not in seen:
                 seen.add(_elevators(snapshot, other))
                 found.append(other)
@@ -49,7 +46,9 @@ def _elevators(snapshot: Snapshot, way: Floats) -> frozenset[str]:
     return frozenset(snapshot.roads.elevators[int(index)] for index in way[:, ELEVATOR] if index >= 0)
 
 
-def _way(snapshot: Snapshot, request: PathRequest, avoid: frozenset[str]) -> Floats | None:
+def _way(
+    snapshot: Snapshot, request: PathRequest, avoid: frozenset[str], deadline: float, obey_one_way: bool
+) -> Floats | None:
     """Dijkstra over start, cabins and goal. Legs between them are found as the search comes to need them."""
     start, goal = request.start, request.goal
     by_time = request.best is Criterion.SHORTEST_TIME
@@ -79,7 +78,10 @@ def _way(snapshot: Snapshot, request: PathRequest, avoid: frozenset[str]) -> Flo
             ]
         else:
             targets = [stop for stop in at if stop[0] == here[0] and stop not in done]
-            legs = snapshot.freeways(here[0], request.radius).legs(at[here], [at[stop] for stop in targets])
+            lanes = snapshot.roads.parts[here[0]].lanes if obey_one_way else NO_LANES
+            legs = snapshot.graph(here[0], request.radius).legs(
+                at[here], [at[stop] for stop in targets], lanes=lanes, deadline=deadline
+            )
             steps = [(stop, leg.length / pace, leg) for stop, leg in zip(targets, legs, strict=True)]
         for stop, step, leg in steps:
             if so_far + step < cost.get(stop, math.inf):
@@ -128,11 +130,11 @@ def _assemble(
         floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here), came[there][1]
         if leg is None:
             wait, travel, _ = _ride(snapshot.building, here, there)
-            rows.append((floor, *at[here], node, roads.elevators.index(here[1]), math.inf, wait, travel))
+            rows.append((floor, *at[here], node, roads.elevators.index(here[1]), math.inf, wait, travel, 0.0))
         else:
             for i, point in enumerate(leg.points[:-1]):
-                rows.append((floor, *point, -1 if i else node, -1, math.inf, 0.0, 0.0))
-    rows.append((roads.floor_index[destination[0]], *at[destination], -1, -1, math.inf, 0.0, 0.0))
+                rows.append((floor, *point, -1 if i else node, -1, math.inf, 0.0, 0.0, 0.0))
+    rows.append((roads.floor_index[destination[0]], *at[destination], -1, -1, math.inf, 0.0, 0.0, 0.0))
     return np.array(rows, float)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from typing import NoReturn
 
 from robocorba.errors import NoPath, NotFree
@@ -23,11 +24,16 @@ from robocorba.planning.search import find_path
 from robocorba.planning.snapshot import Snapshot
 
 
+#: Time for one query [s]: less than the 10 s for which clients usually wait, so that work nobody waits for ends.
+TIME_LIMIT_S = 8.0
+
+
 class PathPlanner:
     """Plans on the building it was last given. Queries run in parallel and never wait for an update."""
 
-    def __init__(self, building: Building, version: int = 0) -> None:
-        self._snapshot = Snapshot(building, version)
+    def __init__(self, building: Building, version: int = 0, time_limit_s: float = TIME_LIMIT_S) -> None:
+        """A query is given up with PlanningTimeout after `time_limit_s`."""
+        self._snapshot, self._time_limit_s = Snapshot(building, version), time_limit_s
 
     @property
     def version(self) -> int:
@@ -65,14 +71,14 @@ class PathPlanner:
     def shortest(self, start: Place, goal: Place) -> Path:
         """The paper's getPath: the shortest path for a SmartPal, smoothed.
 
-        Raises InvalidPoint, UnknownFloor, NotFree or NoPath."""
+        Raises InvalidPoint, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
         snapshot = self._snapshot
         roads = snapshot.roads
         floors = roads.floor_index
         if start.floor in floors and goal.floor in floors and is_near(start) and is_near(goal):
             snapshot.count_query()
             # What nearly every query needs and nothing else: half of the time of a call is Python.
-            points = find_path(
+            is_detour, points = find_path(
                 *snapshot.world,
                 *snapshot.guide,
                 floors[start.floor],
@@ -83,34 +89,40 @@ class PathPlanner:
                 goal.y,
                 SMARTPAL_RADIUS_M,
                 SMARTPAL_SPEED,
-            ).tolist()
-            if points:
-                return Path(points, roads.names, snapshot.version)
+            )
+            if is_detour:
+                request = PathRequest(start, goal)
+                return snapshot.path(topological.without_detours(snapshot, request, points, self._deadline()), request)
+            if len(points):
+                return Path(points.tolist(), roads.names, snapshot.version)
         return self.paths(PathRequest(start, goal))[0]
+
+    def _deadline(self) -> float:
+        return time.monotonic() + self._time_limit_s
 
     def paths(self, request: PathRequest) -> list[Path]:
         """The best path and up to `request.alternatives` others, best first.
 
-        Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree or NoPath."""
+        Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
         snapshot = self._snapshot
         check_request(snapshot.building, request)
         snapshot = snapshot.as_asked(request)
+        deadline = self._deadline()
         find = geometric.ways if request.mode is RouteMode.GEOMETRIC else topological.ways
-        names, version = snapshot.roads.names, snapshot.version
-        paths = [Path(points.tolist(), names, version) for points in find(snapshot, request)]
+        paths = [snapshot.path(way, request) for way in find(snapshot, request, deadline)]
         if not paths:
-            _explain(snapshot, request)
+            _explain(snapshot, request, deadline)
         if len(paths) > 1:
             by_time = request.best is Criterion.SHORTEST_TIME
             paths.sort(key=lambda path: path.duration if by_time else path.distance)
         return paths
 
 
-def _explain(snapshot: Snapshot, request: PathRequest) -> NoReturn:
+def _explain(snapshot: Snapshot, request: PathRequest, deadline: float) -> NoReturn:
     """Raise what says why there is no path."""
     for which, place in (("start", request.start), ("goal", request.goal)):
         space = snapshot.spaces[place.floor]
         if not space.stands_free(place.x, place.y, request.radius):
             obstacle, clearance = diagnosis.what_stands_at(space, place.x, place.y, request.radius)
             raise NotFree(which, *place, obstacle, clearance, request.radius)
-    raise NoPath(*diagnosis.why_no_path(snapshot, request))
+    raise NoPath(*diagnosis.why_no_path(snapshot, request, deadline))

@@ -22,6 +22,9 @@ from robocorba.planning.space import FloorSpace, line_clearance
 #: Columns of Roads.measures: what an edge is like. A drive waits and travels 0 s; a ride's length is its climb.
 LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)
 
+#: Clearance of an edge that something lies across: no robot uses it, however small.
+BLOCKED = -1.0
+
 
 class Roads(NamedTuple):
     """Nodes by index, sorted by floor: xy (n, 2), floor (n,). Edges of node i are
@@ -68,10 +71,12 @@ class FloorRoads:
 
 @kernel
 def _clearances(grid: Grid, xy: Floats, ends: Longs, reach: float) -> Floats:
+    """How far each edge is from what blocks, m; BLOCKED where something lies across it."""
     found = np.empty(ends.shape[0])
     for i in range(ends.shape[0]):
         a, b = ends[i]
-        found[i] = line_clearance(grid, xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], reach)[0]
+        clear = line_clearance(grid, xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], reach)[0]
+        found[i] = clear if clear > 0.0 else BLOCKED
     return found
 
 

@@ -3,7 +3,8 @@
 A way is an array (k, COLUMNS), a row a stop: the index of its floor, x and y in m, the
 index of its node or -1, and how it goes on from there: the index of the elevator ridden
 or -1 for a drive, the speed limit in m/s (inf for none), the seconds to wait for the
-elevator and to travel in it. It begins and ends with a drive.
+elevator and to travel in it, and 1 where the drive must be made as drawn (a one-way edge, or
+one with a speed limit), else 0. It begins and ends with a drive.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from robocorba.grids import Floats
 from robocorba.kernels import kernel
 from robocorba.planning.request import PointKind
 
-FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS = range(8)
-COLUMNS = 8
+FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, FIXED = range(9)
+COLUMNS = 9
 
 _START, _NODE, _WAYPOINT, _ENTRY, _EXIT, _GOAL = (float(kind.value) for kind in PointKind)
 

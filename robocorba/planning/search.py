@@ -17,7 +17,7 @@ from robocorba.kernels import kernel
 from robocorba.planning.guide import Guide, read_guide, rides_on, step_cost
 from robocorba.planning.packing import Packed
 from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, Roads
-from robocorba.planning.route import COLUMNS, ELEVATOR, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
+from robocorba.planning.route import COLUMNS, ELEVATOR, FIXED, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
 from robocorba.planning.space import TOUCH_M, against_one_way, line_free
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_stands_free, unpack
 
@@ -33,6 +33,9 @@ JOINT_REACH_M = 6.0
 MOST_LOOKS = 256
 #: A place nearer to a node than this is on it, m.
 ON_NODE_M = 0.01
+#: A drive along the road map is left for free space where it is more than this many times as long, and at least
+#: DETOUR_M longer; path_planner.idl states both. A smaller factor makes every second query search free space as well.
+DETOUR, DETOUR_M = 2.5, 1.0
 
 
 @kernel
@@ -79,6 +82,44 @@ def joints(
         if count == MOST_JOINTS or length < ON_NODE_M:
             break
     return nodes[:count], lengths[:count]
+
+
+@kernel
+def joints_of_each(
+    grid: Grid,
+    lanes: Floats,
+    xy: Floats,
+    low: int,
+    high: int,
+    component: Longs,
+    x: float,
+    y: float,
+    radius: float,
+    outbound: bool,
+) -> tuple[Longs, Floats]:
+    """The same, the nearest node of each component (n,) of the road map that is in sight, however far."""
+    away = np.empty(high - low)
+    for i in range(high - low):
+        away[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
+    done = np.zeros(component.max() + 1 if component.shape[0] else 0, np.bool_)
+    nodes = np.empty(high - low, np.int64)
+    count = 0
+    for i in np.argsort(away):
+        node = low + i
+        if done[component[node]]:
+            continue
+        nx, ny = xy[node]
+        if not line_free(grid, x, y, nx, ny, radius):
+            continue
+        if outbound:
+            wrong_way = against_one_way(lanes, x, y, nx, ny, radius)
+        else:
+            wrong_way = against_one_way(lanes, nx, ny, x, y, radius)
+        if not wrong_way:
+            done[component[node]] = True
+            nodes[count] = node
+            count += 1
+    return nodes[:count], away[nodes[:count] - low]
 
 
 @kernel
@@ -225,18 +266,18 @@ def _left(
 
 
 @kernel
-def cut_corners(grid: Grid, lanes: Floats, points: Floats, fixed: Longs, radius: float) -> Longs:
+def cut_corners(grid: Grid, lanes: Floats, points: Floats, fixed: Floats, radius: float) -> Longs:
     """Indices of the points (k, 2) that remain when every corner that can be cut is cut.
 
-    fixed[i] keeps the line from point i to i + 1 as it is."""
+    fixed[i] > 0 keeps the line from point i to i + 1 as it is."""
     kept = np.empty(points.shape[0], np.int64)
     count, at, last = 0, 0, points.shape[0] - 1
     while at < last:
         kept[count] = at
         count += 1
         far = at + 1
-        if not fixed[at]:
-            while far < last and not fixed[far]:
+        if fixed[at] <= 0.0:
+            while far < last and fixed[far] <= 0.0:
                 far += 1
         while far > at + 1:
             ax, ay = points[at]
@@ -263,14 +304,70 @@ def find_path(
     goal_y: float,
     radius: float,
     speed: float,
-) -> Floats:
-    """The points of the shortest way for ends in sight of the road map, with corners cut; none where `find_way`
-    must tell why. It takes no more than it needs, because every argument costs."""
+) -> tuple[bool, Floats]:
+    """The shortest way for ends in sight of the road map, with corners cut: whether one of its drives may be a detour,
+    and the way itself if so, else its points; none where the way needs more than that, and `topological.ways` finds
+    it, or why there is none. It takes no more than it needs, because every argument costs."""
     world, guide = Packed(world_longs, world_floats), Packed(guide_longs, guide_floats)
     nodes, lengths = np.empty(0, np.int64), np.empty(0)
     start, goal = (start_floor, start_x, start_y), (goal_floor, goal_x, goal_y)
-    _, way = find_way(world, guide, start, nodes, lengths, goal, nodes, lengths, radius, 0.0, True, True, lengths)
-    return measure(way, unpack(world)[0].elevations, speed)
+    status, way = find_way(world, guide, start, nodes, lengths, goal, nodes, lengths, radius, 0.0, True, lengths)
+    if status != FOUND:
+        return False, way
+    way = smoothed(world, way, radius)
+    if is_detour(way):
+        return True, way
+    return False, points_of(world, way, radius, speed)
+
+
+@kernel
+def points_of(world: Packed, way: Floats, radius: float, speed: float) -> Floats:
+    """The points of a way driven at `speed` m/s, as in route.measure; none where it is not clear, whatever found it."""
+    ground, _ = unpack(world)
+    return measure(way if is_clear(ground, way, radius) else NO_ROWS, ground.elevations, speed)
+
+
+@kernel
+def is_detour(way: Floats) -> bool:
+    """Whether one of its drives is so long beside the straight line between its ends that free space may be shorter."""
+    at = 0
+    for i in range(way.shape[0]):
+        if i + 1 < way.shape[0] and way[i, ELEVATOR] < 0.0:
+            continue
+        straight = math.hypot(way[i, X] - way[at, X], way[i, Y] - way[at, Y])
+        if straight < most_free(drive_length(way, at, i)):
+            return True
+        at = i + 1
+    return False
+
+
+@kernel
+def most_free(length: float) -> float:
+    """How long the way through free space is at most for which roads of that length are left, m."""
+    return min(length / DETOUR, length - DETOUR_M)
+
+
+@kernel
+def drive_length(way: Floats, first: int, last: int) -> float:
+    """Length of the drives from one row to another on the same floor, m."""
+    length = 0.0
+    for i in range(first, last):
+        length += math.hypot(way[i + 1, X] - way[i, X], way[i + 1, Y] - way[i, Y])
+    return length
+
+
+@kernel
+def is_clear(ground: Ground, way: Floats, radius: float) -> bool:
+    """Whether every drive of a way keeps the radius from everything that blocks: what no answer may fail."""
+    for i in range(way.shape[0] - 1):
+        if way[i, ELEVATOR] >= 0.0:
+            continue
+        if way[i, FLOOR] != way[i + 1, FLOOR]:
+            return False
+        grid = floor_grid(ground, int(way[i, FLOOR]))
+        if not line_free(grid, way[i, X], way[i, Y], way[i + 1, X], way[i + 1, Y], radius):
+            return False
+    return True
 
 
 @kernel
@@ -285,15 +382,14 @@ def find_way(
     goal_lengths: Floats,
     radius: float,
     pace: float,
-    smooth: bool,
     straight: bool,
     factor: Floats,
 ) -> tuple[int, Floats]:
     """FOUND or why not, and the way (see route.py) from start to goal, (floor, x, y) both.
 
-    It is the fastest at `pace` m/s, or the shortest where pace is 0; `smooth` has its
-    corners cut, `straight` allows the line from start to goal. Where `starts` or `goals`
-    are empty, the nodes in sight are looked up."""
+    It is the fastest at `pace` m/s, or the shortest where pace is 0; `straight` allows the
+    line from start to goal. Where `starts` or `goals` are empty, the nodes in sight are
+    looked up."""
     ground, roads = unpack(world)
     start_floor, sx, sy = start
     goal_floor, gx, gy = goal
@@ -337,8 +433,7 @@ def find_way(
     )
     if not cost < np.inf:
         return NO_WAY, NO_ROWS
-    way = _way(roads, start, goal, nodes, edges)
-    return FOUND, _smoothed(ground, roads, edges, way, radius) if smooth else way
+    return FOUND, _way(roads, start, goal, nodes, edges)
 
 
 @kernel
@@ -362,16 +457,15 @@ def _way(
             edge = edges[i - 1]
             way[i, LIMIT], way[i, ELEVATOR] = roads.measures[edge, SPEED_LIMIT], roads.elevator[edge]
             way[i, WAITS], way[i, TRAVELS] = roads.measures[edge, WAIT], roads.measures[edge, TRAVEL]
+            way[i, FIXED] = roads.fixed[edge]
     return way
 
 
 @kernel
-def _smoothed(ground: Ground, roads: Roads, edges: Longs, way: Floats, radius: float) -> Floats:
+def smoothed(world: Packed, way: Floats, radius: float) -> Floats:
     """The way with the corners of each of its drives cut."""
+    ground, _ = unpack(world)
     count = way.shape[0]
-    fixed = np.zeros(count, np.int64)
-    for i in range(edges.shape[0]):
-        fixed[i + 1] = roads.fixed[edges[i]]
     kept = np.empty(count, np.int64)
     size, at = 0, 0
     while at < count:
@@ -380,7 +474,7 @@ def _smoothed(ground: Ground, roads: Roads, edges: Longs, way: Floats, radius: f
             end += 1
         floor = int(way[at, FLOOR])
         grid, lanes = floor_grid(ground, floor), floor_lanes(ground, floor)
-        corners = cut_corners(grid, lanes, way[at : end + 1, X : Y + 1], fixed[at : end + 1], radius)
+        corners = cut_corners(grid, lanes, way[at : end + 1, X : Y + 1], way[at : end + 1, FIXED], radius)
         for corner in corners:
             kept[size] = at + corner
             size += 1

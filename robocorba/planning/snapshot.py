@@ -6,21 +6,25 @@ import threading
 from collections import OrderedDict
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
-from robocorba.grids import Floats
+from robocorba.errors import NoPath
+from robocorba.grids import Floats, Longs
 from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building, ElementKind, MapObject, PolygonShape
 from robocorba.maps.movable import movables
-from robocorba.planning.freeway import Freeways
 from robocorba.planning.guide import make_guide
 from robocorba.planning.packing import Packed
-from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest
-from robocorba.planning.roads import RoadMap
-from robocorba.planning.space import FloorSpace
+from robocorba.planning.request import SMARTPAL_RADIUS_M, Path, PathRequest
+from robocorba.planning.roads import CLEARANCE, RoadMap
+from robocorba.planning.search import points_of
+from robocorba.planning.space import TOUCH_M, FloorSpace
+from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
 
-#: So many (floor, radius) pairs keep their sight lines, the latest used.
-MOST_FREEWAYS = 64
+#: Tangent graphs kept, one for each floor and radius; the least recently used is dropped first.
+MOST_GRAPHS = 64
 #: So many variants of the building, with forbidden areas or without movables, are kept, the latest used.
 MOST_VARIANTS = 8
 
@@ -45,28 +49,54 @@ class Snapshot:
         self._asked = 0
         self._guides: dict[tuple[float, frozenset[str]], Packed] = {}
         self._lock = threading.Lock()
-        self._freeways: OrderedDict[tuple[str, float], Freeways] = OrderedDict()
+        self._graphs: OrderedDict[tuple[str, float], TangentGraph] = OrderedDict()
         self._variants: OrderedDict[tuple, Snapshot] = OrderedDict()
         self._factors: dict[tuple[frozenset[str], str], Floats] = {}
+        self._components: dict[tuple[float, frozenset[str], str], Longs] = {}
         if before:
-            for key, freeways in list(before._freeways.items()):
-                same_space = freeways.space is self.spaces.get(key[0])
-                if same_space and np.array_equal(freeways.lanes, self.roads.parts[key[0]].lanes):
-                    self._freeways[key] = freeways
+            with before._lock:
+                kept = list(before._graphs.items())
+            self._graphs.update((key, graph) for key, graph in kept if graph.space is self.spaces.get(key[0]))
 
-    def freeways(self, floor: str, radius_m: float) -> Freeways:
-        """The shortest legs on a floor for a radius."""
+    def graph(self, floor: str, radius_m: float) -> TangentGraph:
+        """The shortest legs through the free space of a floor for a radius."""
         with self._lock:
-            known = self._freeways.get((floor, radius_m))
-            if known:
-                self._freeways.move_to_end((floor, radius_m))
-                return known
-        made = Freeways(self.spaces[floor], self.roads.parts[floor].lanes, radius_m)
-        with self._lock:
-            self._freeways[floor, radius_m] = made
-            while len(self._freeways) > MOST_FREEWAYS:
-                self._freeways.popitem(last=False)
-        return made
+            found = self._graphs.setdefault((floor, radius_m), TangentGraph(self.spaces[floor], radius_m))
+            self._graphs.move_to_end((floor, radius_m))
+            while len(self._graphs) > MOST_GRAPHS:
+                self._graphs.popitem(last=False)
+        return found
+
+    def components(self, radius_m: float, avoid_elevators: frozenset[str], graph: str) -> Longs:
+        """The number of the component of the road map that each node is in, for a robot of that radius. One-way edges
+        count as if they were two-way."""
+        key = (radius_m, avoid_elevators, graph)
+        known = self._components.get(key)
+        if known is None:
+            roads = self.roads.roads
+            factor = self.factor(avoid_elevators, graph)
+            usable = roads.measures[:, CLEARANCE] >= radius_m - TOUCH_M
+            if len(factor):
+                usable &= np.isfinite(factor)
+            origin = np.repeat(np.arange(len(roads.xy)), np.diff(roads.first))
+            links = csr_array(
+                (np.ones(int(usable.sum()), np.int8), (origin[usable], roads.to[usable])), (len(roads.xy),) * 2
+            )
+            known = connected_components(links, directed=False)[1].astype(np.int64)
+            if len(self._components) >= MOST_VARIANTS:
+                self._components.clear()
+            self._components[key] = known
+        return known
+
+    def path(self, way: Floats, request: PathRequest) -> Path:
+        """The path that a way is. Raises NoPath where the way is not clear, whatever found it."""
+        points = points_of(self.world, way, request.radius, request.speed)
+        if not len(points):
+            raise NoPath(
+                f"the path that was found comes nearer than {request.radius:g} m to an obstacle and is withheld; "
+                "this is a defect: please report the map, start and goal"
+            )
+        return Path(points.tolist(), self.roads.names, self.version)
 
     def as_asked(self, request: PathRequest) -> Snapshot:
         """This building with every area that the request avoids standing there as a solid object, and without what can

@@ -7,6 +7,7 @@ the cells it touches. Distances are exact, and the kernels run without the GIL.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +17,8 @@ from shapely import Polygon
 from robocorba.grids import Floats, Grid, Longs, build_grid, column_of, row_of, segments_of, span
 from robocorba.kernels import kernel
 from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import Building
+from robocorba.maps.model import XY, Building
+from robocorba.planning.floor_mesh import FloorMesh
 
 #: A robot may touch what it drives past, but not by more than rounding, m.
 TOUCH_M = 1e-9
@@ -41,6 +43,15 @@ class FloorSpace:
             ground = Polygon(outline).difference(ground)
         self.region = segments_of(np.array([ground.boundary], object))[0]
         self.inside = int(bool(outline))
+        self._mesh: FloorMesh | None = None
+        self._lock = threading.Lock()
+
+    def mesh(self, points: Sequence[XY]) -> FloorMesh:
+        """A triangulation of everything that blocks, which covers these points; made when first asked for."""
+        with self._lock:
+            if self._mesh is None or not self._mesh.covers(points):
+                self._mesh = FloorMesh(self.grid, bool(self.inside), points)
+            return self._mesh
 
     def is_ground(self, x: float, y: float) -> bool:
         """Whether a point lies inside the outline and outside every solid object."""

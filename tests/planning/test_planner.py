@@ -146,9 +146,14 @@ def test_an_avoided_elevator_is_named() -> None:
     assert [(b.kind, b.name) for b in refusal.value.blockers] == [("elevator", "E1")]
 
 
-def test_a_floor_without_a_map_is_named() -> None:
+def test_a_floor_without_a_map_is_crossed_through_free_space_unless_roads_are_asked_for() -> None:
+    planner = PathPlanner(room(10.0, 6.0, wall("w", 5.0, 0.0, 5.0, 5.0)))
+    goal = Place("L1", 9.0, 1.0)
+    assert planner.shortest(WEST, goal).distance == pytest.approx(
+        planner.paths(PathRequest(WEST, goal, mode=RouteMode.GEOMETRIC))[0].distance
+    )
     with pytest.raises(NoPath) as refusal:
-        PathPlanner(room(10.0, 6.0, wall("w", 5.0, 0.0, 5.0, 5.0))).shortest(WEST, Place("L1", 9.0, 1.0))
+        planner.paths(PathRequest(WEST, goal, mode=RouteMode.TOPOLOGICAL))
     assert "topological map" in refusal.value.blockers[0].reason
 
 

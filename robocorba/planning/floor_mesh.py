@@ -1,0 +1,103 @@
+"""The walls of a floor as a triangulation: what shortest ways through free space are searched on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from robocorba.grids import Floats, Grid, Longs
+from robocorba.kernels import kernel
+from robocorba.maps.model import XY
+from robocorba.planning.triangulation import Mesh, crossings, empty_mesh, enlarged, insert_points, insert_walls
+
+#: Angles that differ by less are equal, rad.
+SAME_RAD = 1e-7
+#: Ground that a mesh covers around all walls, m.
+LEAST_MARGIN_M = 1.0
+#: Ground that it covers beyond that where a floor has no outline, beside the extent of the walls, m.
+OPEN_M = 50.0
+
+
+class FloorMesh:
+    """The walls of a floor as a triangulation: the same for robots of any radius."""
+
+    def __init__(self, grid: Grid, bounded: bool, also: Sequence[XY] = ()) -> None:
+        """The mesh covers the walls and the points `also`, and where no outline bounds the floor the ground around."""
+        segments = grid.segments
+        self.bounds = _bounds(segments, also, 0.0 if bounded else 1.0)
+        extra = crossings(grid)
+        self.mesh: Mesh = empty_mesh(self.bounds, 2 * len(segments) + len(extra))
+        insert_points(self.mesh, extra)
+        self.ends: Longs = np.empty(2 * len(segments), np.int64)
+        insert_walls(self.mesh, segments, _order(segments.reshape(-1, 2)), self.ends)
+        self._finish(segments)
+
+    def _finish(self, segments: Floats) -> None:
+        used = int(self.mesh.size[1])
+        self.mesh = enlarged(self.mesh, 0)
+        self.xy: Floats = self.mesh.frame[:2] + self.mesh.frame[2] * self.mesh.at
+        self.xy[self.ends[::-1]] = segments.reshape(-1, 2)[::-1]
+        moved = np.abs(self.xy[self.ends] - segments.reshape(-1, 2)).max(initial=0.0)
+        #: By how much ends of walls that count as one vertex are apart at most, m.
+        self.merged_m = float(moved)
+        self.low, self.span = wall_arcs(used, segments, self.ends)
+
+    def covers(self, points: Sequence[XY]) -> bool:
+        """Whether all points lie where the mesh can look from them."""
+        x0, y0, x1, y1 = self.bounds
+        return all(x0 <= x <= x1 and y0 <= y <= y1 for x, y in points)
+
+
+def _bounds(segments: Floats, also: Sequence[XY], open_part: float) -> tuple[float, float, float, float]:
+    points = np.concatenate([segments.reshape(-1, 2), np.array(also, float).reshape(-1, 2)])
+    if not len(points):
+        points = np.zeros((1, 2))
+    low, high = points.min(axis=0), points.max(axis=0)
+    around = LEAST_MARGIN_M + open_part * (OPEN_M + float((high - low).max()))
+    return float(low[0] - around), float(low[1] - around), float(high[0] + around), float(high[1] + around)
+
+
+def _order(points: Floats) -> Longs:
+    """An order in which each point is near the one before: in rows of cells, to and fro."""
+    if not len(points):
+        return np.empty(0, np.int64)
+    low, extent = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
+    rows = max(int(math.sqrt(len(points) / 2)), 1)
+    row = ((points[:, 1] - low[1]) / extent * rows).astype(np.int64)
+    along = np.where(row % 2, -points[:, 0], points[:, 0])
+    return np.lexsort((along, row)).astype(np.int64)
+
+
+@kernel
+def wall_arcs(vertices: int, segments: Floats, ends: Longs) -> tuple[Floats, Floats]:
+    """low (n,) and span (n,): the arc of each vertex on which a robot touches none of the walls that meet there, in
+    rad; a negative span where there is none. ends (2m,) are the vertices of segments (m, 4)."""
+    first = np.zeros(vertices + 1, np.int64)
+    for i in range(segments.shape[0]):
+        if ends[2 * i] != ends[2 * i + 1]:
+            first[ends[2 * i] + 1] += 1
+            first[ends[2 * i + 1] + 1] += 1
+    for v in range(vertices):
+        first[v + 1] += first[v]
+    angles = np.empty(first[vertices])
+    fill = first[:-1].copy()
+    for i in range(segments.shape[0]):
+        a, b = ends[2 * i], ends[2 * i + 1]
+        if a == b:
+            continue
+        ax, ay, bx, by = segments[i]
+        angle = math.atan2(by - ay, bx - ax)
+        angles[fill[a]], angles[fill[b]] = angle, angle + math.pi if angle <= 0.0 else angle - math.pi
+        fill[a] += 1
+        fill[b] += 1
+    low, span = np.zeros(vertices), np.full(vertices, -1.0)
+    for v in range(vertices):
+        around = np.sort(angles[first[v] : first[v + 1]])
+        for i in range(around.shape[0]):
+            last = i + 1 == around.shape[0]
+            gap = around[0] + 2 * math.pi - around[i] if last else around[i + 1] - around[i]
+            if gap > math.pi + SAME_RAD:
+                low[v], span[v] = around[i] + math.pi / 2, gap - math.pi
+    return low, span

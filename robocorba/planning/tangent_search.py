@@ -1,0 +1,438 @@
+"""A* over circles around vertices and the lines that touch them; see tangent_graph.py for the idea.
+
+Lines that leave a vertex are found when the search first comes to it, and kept. Whether such a line is free is
+tested when the search takes it, which it does for few of them, and kept as well.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robocorba.grids import Floats, Grid, Longs
+from robocorba.kernels import kernel
+from robocorba.planning.space import against_one_way, line_free
+from robocorba.planning.tangents import SAME_RAD, angle_on, arc_corners, arc_is_free, free_arc, tangent
+from robocorba.planning.triangulation import Mesh
+from robocorba.planning.visible_region import Scratch, seen_from
+
+#: How a search ended.
+DONE, NO_ROOM, NO_BUDGET = range(3)
+#: What is known of an arc, and of a line.
+UNKNOWN, FREE, BLOCKED = range(3)
+#: With more goals than this the search spreads evenly instead of aiming at them.
+MOST_AIMED_AT = 8
+#: Cost of work in units of one visited triangle.
+LINE_WORK = 8
+
+
+class Lines(NamedTuple):
+    """Lines that leave the circles of vertices, in the order in which they were found: those of vertex v with turn +1
+    are first[2 v]:first[2 v] + count[2 v] (count -1: not looked for yet), with turn -1 the same of 2 v + 1.
+
+    to: 2 w for the circle of w taken with turn +1, 2 w + 1 with turn -1; leave, arrive: angles on the two arcs; length
+    in m; state: UNKNOWN, FREE or BLOCKED; used: how many there are."""
+
+    first: Longs
+    count: Longs
+    to: Longs
+    leave: Floats
+    arrive: Floats
+    length: Floats
+    state: NDArray[np.int8]
+    used: Longs
+
+
+class Arcs(NamedTuple):
+    """The arcs of vertices: `low` (rad) where it begins and `span` its length (negative: none), from the walls that
+    meet there; within it `first` to `last` can be free for the radius; `state` UNKNOWN, FREE (nothing else is near),
+    or BLOCKED, and `usable` whether there is a free part at all."""
+
+    low: Floats
+    span: Floats
+    first: Floats
+    last: Floats
+    state: NDArray[np.int8]
+    usable: NDArray[np.bool_]
+
+
+class Labels(NamedTuple):
+    """What one search knows: the least cost (m) to the end of each line; of each circle the angle and the cost less
+    its arc of an earlier arrival; the first link from each circle to a goal. Valid where the epoch is the search's."""
+
+    cost: Floats
+    cost_epoch: Longs
+    angle: Floats
+    offset: Floats
+    circle_epoch: Longs
+    link: Longs
+    link_epoch: Longs
+    epoch: Longs
+
+
+class Radii(NamedTuple):
+    """Of the robot, and of the circles on which it turns: not less, in m. Ends of walls less than `same_m` apart are
+    one vertex."""
+
+    robot: float
+    turn: float
+    same_m: float
+
+
+@kernel
+def _arc_known(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool:
+    """Find out once what of a vertex's arc is free; whether there is any of it."""
+    if arcs.state[v] == UNKNOWN:
+        first, last, alone = free_arc(
+            grid, xy[v, 0], xy[v, 1], arcs.low[v], arcs.span[v], radii.turn, radii.same_m
+        )
+        arcs.first[v], arcs.last[v] = first, last
+        arcs.usable[v] = last >= first - SAME_RAD
+        arcs.state[v] = FREE if alone else BLOCKED
+    return arcs.usable[v]
+
+
+@kernel
+def _on_arc(arcs: Arcs, v: int, heading: float, turn: int) -> float:
+    """The angle on the arc of v at which a robot with that heading touches it; -1 off the arc."""
+    angle = angle_on(arcs.low[v], heading, turn)
+    if angle < arcs.first[v] - SAME_RAD or angle > arcs.last[v] + SAME_RAD:
+        return -1.0
+    return min(max(angle, 0.0), arcs.span[v])
+
+
+@kernel
+def _find_lines(mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, scratch: Scratch, v: int, radii: Radii) -> int:
+    """Note the lines that leave vertex v; the work it took, -1 where there is no room for them."""
+    seen, visited = seen_from(mesh, xy, v, 0.0, 0.0, scratch)
+    count = 0
+    for i in range(seen):
+        w = scratch.seen[i]
+        if arcs.span[w] > 0.0 and _arc_known(arcs, xy, grid, w, radii):
+            scratch.seen[count] = w
+            count += 1
+    if lines.used[0] + 4 * count > lines.to.shape[0]:
+        return -1
+    at = lines.used[0]
+    for side in range(2):
+        turn = 1 - 2 * side
+        lines.first[2 * v + side] = at
+        for i in range(count):
+            w = scratch.seen[i]
+            dx, dy = xy[w, 0] - xy[v, 0], xy[w, 1] - xy[v, 1]
+            for other in range(2):
+                heading, length = tangent(dx, dy, radii.turn, turn, 1 - 2 * other)
+                if length < 0.0:
+                    continue
+                leave = _on_arc(arcs, v, heading, turn)
+                if leave < 0.0:
+                    continue
+                arrive = _on_arc(arcs, w, heading, 1 - 2 * other)
+                if arrive < 0.0:
+                    continue
+                lines.to[at] = 2 * w + other
+                lines.leave[at], lines.arrive[at], lines.length[at] = leave, arrive, length
+                lines.state[at] = UNKNOWN
+                at += 1
+        lines.count[2 * v + side] = at - lines.first[2 * v + side]
+    lines.used[0] = at
+    return visited + 4 * seen
+
+
+@kernel
+def _longer(array: Floats) -> Floats:
+    found = np.empty((2 * array.shape[0], array.shape[1]))
+    found[: array.shape[0]] = array
+    return found
+
+
+@kernel
+def search(
+    mesh: Mesh,
+    xy: Floats,
+    grid: Grid,
+    lines: Lines,
+    arcs: Arcs,
+    labels: Labels,
+    scratch: Scratch,
+    start_x: float,
+    start_y: float,
+    goals: Floats,
+    enough: int,
+    longest: float,
+    lanes: Floats,
+    outbound: bool,
+    radii: Radii,
+    budget: int,
+) -> tuple[int, Floats, Longs, Floats]:
+    """How it ended, the lengths (m) of the shortest ways from the start to the `enough` nearest of the goals (n, 2),
+    inf for the others; where the corners of each begin (n + 1) in the corners (k, 2), ends included.
+
+    Ways longer than `longest` are not looked for, and none goes against the one-way edges `lanes` (m, 4), driven from
+    the start or, where not `outbound`, to it. It gives up after `budget` units of work."""
+    wanted = goals.shape[0]
+    found = np.full(wanted, np.inf)
+    found_by = np.full(wanted, -1, np.int64)
+    labels.epoch[0] += 1
+    epoch = labels.epoch[0]
+    work = 0
+    # A record is a line taken: parent record, circle reached (or -1 - goal), angle at which the parent was left, angle
+    # of arrival, line (or -1), cost at arrival.
+    records = np.empty((256, 6))
+    size = 0
+    links = np.empty((64, 4))  # next link, goal, angle, length
+    linked = 0
+    queue = [(0.0, 0) for _ in range(0)]
+    aimed = goals if wanted <= MOST_AIMED_AT else goals[:0]
+
+    seen, visited = seen_from(mesh, xy, -1, start_x, start_y, scratch)
+    work += visited + 4 * seen
+    for i in range(seen):
+        v = scratch.seen[i]
+        if arcs.span[v] <= 0.0 or _by_way_of(xy, v, start_x, start_y, aimed, radii.turn) > longest:
+            continue
+        if not _arc_known(arcs, xy, grid, v, radii):
+            continue
+        for side in range(2):
+            heading, length = tangent(xy[v, 0] - start_x, xy[v, 1] - start_y, radii.turn, 0, 1 - 2 * side)
+            if length < 0.0:
+                continue
+            angle = _on_arc(arcs, v, heading, 1 - 2 * side)
+            if angle < 0.0:
+                continue
+            estimate = length + _left(aimed, xy, arcs, v, angle, radii.turn)
+            if estimate > longest:
+                continue
+            if size == records.shape[0]:
+                records = _longer(records)
+            records[size, 0], records[size, 1], records[size, 2] = -1.0, 2 * v + side, 0.0
+            records[size, 3], records[size, 4], records[size, 5] = angle, -1.0, length
+            heapq.heappush(queue, (estimate, size))
+            size += 1
+    leads_on = size > 0
+    for g in range(wanted):
+        gx, gy = goals[g]
+        length = math.hypot(gx - start_x, gy - start_y)
+        if length <= longest:
+            if size == records.shape[0]:
+                records = _longer(records)
+            records[size, 0], records[size, 1], records[size, 2] = -1.0, -1.0 - g, 0.0
+            records[size, 3], records[size, 4], records[size, 5] = 0.0, -1.0, length
+            heapq.heappush(queue, (length, size))
+            size += 1
+        if not leads_on:
+            continue
+        seen, visited = seen_from(mesh, xy, -1, gx, gy, scratch)
+        work += visited + 4 * seen
+        for i in range(seen):
+            v = scratch.seen[i]
+            if arcs.span[v] <= 0.0 or _by_way_of(xy, v, start_x, start_y, goals[g : g + 1], radii.turn) > longest:
+                continue
+            if not _arc_known(arcs, xy, grid, v, radii):
+                continue
+            for side in range(2):
+                heading, length = tangent(gx - xy[v, 0], gy - xy[v, 1], radii.turn, 1 - 2 * side, 0)
+                if length < 0.0:
+                    continue
+                angle = _on_arc(arcs, v, heading, 1 - 2 * side)
+                if angle < 0.0:
+                    continue
+                circle = 2 * v + side
+                if linked == links.shape[0]:
+                    links = _longer(links)
+                links[linked, 0] = labels.link[circle] if labels.link_epoch[circle] == epoch else -1
+                links[linked, 1], links[linked, 2], links[linked, 3] = g, angle, length
+                labels.link[circle], labels.link_epoch[circle] = linked, epoch
+                linked += 1
+
+    complete = 0
+    status = DONE
+    while queue and complete < enough:
+        if work > budget:
+            status = NO_BUDGET
+            break
+        _, record = heapq.heappop(queue)
+        parent, target, line = int(records[record, 0]), int(records[record, 1]), int(records[record, 4])
+        cost = records[record, 5]
+        if target < 0 and cost >= found[-1 - target]:
+            continue
+        # Is the line free that was taken?
+        if parent < 0:
+            ax, ay = start_x, start_y
+        else:
+            ax, ay = _place(xy, arcs, int(records[parent, 1]) // 2, records[record, 2], radii.turn)
+        if target < 0:
+            bx, by = goals[-1 - target]
+        else:
+            bx, by = _place(xy, arcs, target // 2, records[record, 3], radii.turn)
+        if line < 0 or lines.state[line] == UNKNOWN:
+            work += LINE_WORK
+            free = line_free(grid, ax, ay, bx, by, radii.robot)
+            if line >= 0:
+                lines.state[line] = FREE if free else BLOCKED
+        else:
+            free = lines.state[line] == FREE
+        if free and lanes.shape[0]:
+            if outbound:
+                free = not against_one_way(lanes, ax, ay, bx, by, radii.robot)
+            else:
+                free = not against_one_way(lanes, bx, by, ax, ay, radii.robot)
+        if not free:
+            continue
+        if target < 0:
+            found[-1 - target], found_by[-1 - target] = cost, record
+            complete += 1
+            continue
+        v, side = target // 2, target % 2
+        angle = records[record, 3]
+        passed = angle if side == 0 else arcs.span[v] - angle
+        offset = cost - radii.turn * passed
+        if labels.circle_epoch[target] == epoch:
+            if labels.angle[target] <= passed + 1e-12 and labels.offset[target] <= offset + 1e-12:
+                continue  # whatever leaves later is reached as cheaply by the earlier arrival
+            if passed <= labels.angle[target] and offset <= labels.offset[target]:
+                labels.angle[target], labels.offset[target] = passed, offset
+        else:
+            labels.circle_epoch[target], labels.angle[target], labels.offset[target] = epoch, passed, offset
+        if lines.count[target] < 0:
+            took = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
+            if took < 0:
+                status = NO_ROOM
+                break
+            work += took
+        turn = 1 - 2 * side
+        begin = arcs.low[v] + angle
+        link = labels.link[target] if labels.link_epoch[target] == epoch else -1
+        while link >= 0:
+            turned = turn * (links[link, 2] - angle)
+            goal = int(links[link, 1])
+            total = cost + radii.turn * max(turned, 0.0) + links[link, 3]
+            if turned >= -1e-9 and total < found[goal] and total <= longest:
+                work += 1
+                if arcs.state[v] == FREE or arc_is_free(
+                    grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + links[link, 2], radii.robot
+                ):
+                    if size == records.shape[0]:
+                        records = _longer(records)
+                    records[size, 0], records[size, 1], records[size, 2] = record, -1.0 - goal, links[link, 2]
+                    records[size, 3], records[size, 4], records[size, 5] = 0.0, -1.0, total
+                    heapq.heappush(queue, (total, size))
+                    size += 1
+            link = int(links[link, 0])
+        first = lines.first[target]
+        work += lines.count[target]
+        for i in range(first, first + lines.count[target]):
+            if lines.state[i] == BLOCKED:
+                continue
+            turned = turn * (lines.leave[i] - angle)
+            if turned < -1e-9:
+                continue
+            total = cost + radii.turn * max(turned, 0.0) + lines.length[i]
+            if labels.cost_epoch[i] == epoch and labels.cost[i] <= total + 1e-12:
+                continue
+            w = lines.to[i] // 2
+            estimate = total + _left(aimed, xy, arcs, w, lines.arrive[i], radii.turn)
+            if estimate > longest:
+                continue
+            if arcs.state[v] != FREE and turned > 1e-12:
+                work += LINE_WORK
+                if not arc_is_free(
+                    grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + lines.leave[i], radii.robot
+                ):
+                    continue
+            labels.cost[i], labels.cost_epoch[i] = total, epoch
+            if size == records.shape[0]:
+                records = _longer(records)
+            records[size, 0], records[size, 1], records[size, 2] = record, lines.to[i], lines.leave[i]
+            records[size, 3], records[size, 4], records[size, 5] = lines.arrive[i], i, total
+            heapq.heappush(queue, (estimate, size))
+            size += 1
+    corners, first_corner = _corners(xy, arcs, records, found_by, start_x, start_y, goals, radii.turn)
+    return status, found, first_corner, corners
+
+
+@kernel
+def _by_way_of(xy: Floats, v: int, x: float, y: float, goals: Floats, radius: float) -> float:
+    """What a way from (x, y) by the circle of a vertex to the nearest goal takes at least, m; 0 without goals."""
+    least = np.inf if goals.shape[0] else 0.0
+    for g in range(goals.shape[0]):
+        least = min(least, math.hypot(goals[g, 0] - xy[v, 0], goals[g, 1] - xy[v, 1]))
+    return least + math.hypot(xy[v, 0] - x, xy[v, 1] - y) - 2.0 * radius
+
+
+@kernel
+def _place(xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> tuple[float, float]:
+    """The place at an angle of a vertex's arc."""
+    angle += arcs.low[v]
+    return xy[v, 0] + radius * math.cos(angle), xy[v, 1] + radius * math.sin(angle)
+
+
+@kernel
+def _left(goals: Floats, xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> float:
+    """What is left at least from a place on an arc to the nearest goal, m; 0 without goals."""
+    if not goals.shape[0]:
+        return 0.0
+    x, y = _place(xy, arcs, v, angle, radius)
+    least = np.inf
+    for g in range(goals.shape[0]):
+        least = min(least, math.hypot(goals[g, 0] - x, goals[g, 1] - y))
+    return least
+
+
+@kernel
+def _corners(
+    xy: Floats,
+    arcs: Arcs,
+    records: Floats,
+    found_by: Longs,
+    start_x: float,
+    start_y: float,
+    goals: Floats,
+    radius: float,
+) -> tuple[Floats, Longs]:
+    """The corners of the ways found, ends included, one behind the other, and where each begins."""
+    wanted = goals.shape[0]
+    first = np.zeros(wanted + 1, np.int64)
+    corners = np.empty((0, 2))
+    for write in range(2):
+        count = 0
+        for g in range(wanted):
+            first[g] = count
+            if found_by[g] < 0:
+                continue
+            steps = 0
+            record = found_by[g]
+            while record >= 0:
+                steps += 1
+                record = int(records[record, 0])
+            chain = np.empty(steps, np.int64)
+            record = found_by[g]
+            for i in range(steps - 1, -1, -1):
+                chain[i] = record
+                record = int(records[record, 0])
+            if write:
+                corners[count, 0], corners[count, 1] = start_x, start_y
+            count += 1
+            for i in range(steps - 1):
+                v = int(records[chain[i], 1]) // 2
+                count = arc_corners(
+                    xy[v, 0],
+                    xy[v, 1],
+                    radius,
+                    arcs.low[v] + records[chain[i], 3],
+                    arcs.low[v] + records[chain[i + 1], 2],
+                    corners,
+                    count,
+                    write == 1,
+                )
+            if write:
+                corners[count, 0], corners[count, 1] = goals[g]
+            count += 1
+        first[wanted] = count
+        if write == 0:
+            corners = np.empty((count, 2))
+    return corners, first

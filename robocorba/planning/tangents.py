@@ -1,0 +1,132 @@
+"""Circles around vertices, and the lines that touch them: what shortest ways of a round robot are made of.
+
+The centre of a robot that turns at vertex v moves on a circle around it. A *turn* is +1 where it goes around
+counter-clockwise (v on its left) and -1 clockwise. Places on the circle are angles counted from `low[v]`, where the
+walls that meet in v begin to leave room: the arc of v. From heading h the robot is at the angle h - turn * pi / 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+from robocorba.grids import Floats, Grid, column_of, row_of
+from robocorba.kernels import kernel
+from robocorba.planning.floor_mesh import SAME_RAD
+from robocorba.planning.space import line_free
+
+#: An arc is driven as lines that touch it from outside, one for each so many radians: at most 0.33 % longer.
+SIDE_RAD = math.pi / 16
+
+
+@kernel
+def free_arc(
+    grid: Grid, x: float, y: float, low: float, span: float, radius: float, same_m: float
+) -> tuple[float, float, bool]:
+    """The part of a vertex's arc that no end of another wall blocks, as angles from `low` (the second below the first
+    where nothing is left), and whether nothing else is near enough to block any of it."""
+    segments, start, items, frame = grid
+    near = 2.0 * radius
+    reach = near * 1.01 + same_m
+    first, last, alone = 0.0, span, True
+    columns = int(frame[3])
+    for _ in range(8):
+        moved = False
+        for row in range(row_of(frame, y - reach), row_of(frame, y + reach) + 1):
+            for column in range(column_of(frame, x - reach), column_of(frame, x + reach) + 1):
+                cell = row * columns + column
+                for i in range(start[cell], start[cell + 1]):
+                    ax, ay, bx, by = segments[items[i]]
+                    far_a, far_b = math.hypot(ax - x, ay - y), math.hypot(bx - x, by - y)
+                    if far_a > same_m and far_b > same_m and alone:
+                        alone = _beyond(ax - x, ay - y, bx - x, by - y, reach)
+                    for end in range(2):
+                        ex, ey, far = (ax, ay, far_a) if end == 0 else (bx, by, far_b)
+                        if far <= same_m or far >= near:
+                            continue
+                        wide = math.acos(far / near) - SAME_RAD
+                        middle = (math.atan2(ey - y, ex - x) - low) % (2 * math.pi)
+                        for turn in range(-1, 2):
+                            left = middle - wide + turn * 2 * math.pi
+                            right = middle + wide + turn * 2 * math.pi
+                            if left < first < right:
+                                first, moved = right, True
+                            if left < last < right:
+                                last, moved = left, True
+        if not moved or last < first:
+            break
+    return first, last, alone
+
+
+@kernel
+def _beyond(ax: float, ay: float, bx: float, by: float, reach: float) -> bool:
+    """Whether the line from a to b keeps `reach` from the origin."""
+    dx, dy = bx - ax, by - ay
+    length2 = dx * dx + dy * dy
+    t = min(max(-(ax * dx + ay * dy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    return math.hypot(ax + t * dx, ay + t * dy) > reach
+
+
+@kernel
+def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int) -> tuple[float, float]:
+    """Heading (rad) and length (m) of the line that leaves the circle here with one turn and touches the circle
+    there, (dx, dy) away, with another; a turn of 0 is a point. The length is negative where there is none."""
+    apart = math.hypot(dx, dy)
+    offset = (turn_here - turn_there) * radius
+    if abs(offset) > apart:
+        if abs(offset) > apart + 1e-9:
+            return 0.0, -1.0
+        offset = math.copysign(apart, offset)
+    if apart == 0.0:
+        return 0.0, -1.0
+    heading = math.atan2(dy, dx) + math.asin(offset / apart)
+    return heading, math.sqrt(max(apart * apart - offset * offset, 0.0))
+
+
+@kernel
+def angle_on(low: float, heading: float, turn: int) -> float:
+    """The angle on an arc that begins at `low` of a robot that touches the circle with that heading."""
+    angle = (heading - turn * (math.pi / 2) - low) % (2 * math.pi)
+    return angle - 2 * math.pi if angle > 2 * math.pi - SAME_RAD else angle
+
+
+@kernel
+def arc_corners(
+    x: float, y: float, radius: float, begin: float, end: float, corners: Floats, count: int, write: bool
+) -> int:
+    """Write the corners of the lines that go around (x, y) from one angle (rad) to another, behind the `count` that
+    are there (only counting them unless `write`); returns how many there are then."""
+    turned = end - begin
+    if abs(turned) < 1e-12:
+        return count
+    sides = int(math.ceil(abs(turned) / SIDE_RAD))
+    step = turned / sides
+    far = radius / math.cos(step / 2)
+    if write:
+        for i in range(sides):
+            angle = begin + (i + 0.5) * step
+            corners[count + i, 0], corners[count + i, 1] = x + far * math.cos(angle), y + far * math.sin(angle)
+    return count + sides
+
+
+@kernel
+def arc_is_free(
+    grid: Grid, x: float, y: float, turn_radius: float, begin: float, end: float, radius: float
+) -> bool:
+    """Whether a robot of `radius` can drive the lines of `arc_corners` and those that lead to and from them."""
+    turned = end - begin
+    if abs(turned) < 1e-12:
+        return True
+    sides = int(math.ceil(abs(turned) / SIDE_RAD))
+    step = turned / sides
+    far = turn_radius / math.cos(step / 2)
+    ax, ay = x + turn_radius * math.cos(begin), y + turn_radius * math.sin(begin)
+    for i in range(sides + 1):
+        if i < sides:
+            angle, away = begin + (i + 0.5) * step, far
+        else:
+            angle, away = end, turn_radius
+        bx, by = x + away * math.cos(angle), y + away * math.sin(angle)
+        if not line_free(grid, ax, ay, bx, by, radius):
+            return False
+        ax, ay = bx, by
+    return True

@@ -1,0 +1,150 @@
+"""Which vertices of a triangulation can be seen from a point, by triangular expansion.
+
+Rays are as wide as SLACK_STEPS of the lattice, so that rounding never hides a vertex: what is returned is at least
+what is visible, and what uses it verifies each line against the exact geometry.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from robocorba.grids import Floats, Longs
+from robocorba.kernels import kernel
+from robocorba.planning.triangulation import Mesh, _after_in_star, _corner_of, _first_of_star, locate, on_lattice
+
+#: How far beside a ray a vertex still counts as seen, in steps of the lattice.
+SLACK_STEPS = 4.0
+
+
+class Scratch(NamedTuple):
+    """Room for one expansion: edges to cross and the rays that bound the view, the vertices seen, and the number of
+    the expansion that saw each vertex last."""
+
+    edges: Longs
+    rays: Floats
+    seen: Longs
+    stamp: Longs
+    counter: Longs
+
+
+def make_scratch(mesh: Mesh) -> Scratch:
+    """Scratch for a mesh."""
+    triangles, vertices = mesh.corner.shape[0], mesh.at.shape[0]
+    return Scratch(
+        np.empty((triangles + 8, 2), np.int64),
+        np.empty((triangles + 8, 4)),
+        np.empty(vertices, np.int64),
+        np.zeros(vertices, np.int64),
+        np.zeros(1, np.int64),
+    )
+
+
+@kernel
+def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: Scratch) -> tuple[int, int]:
+    """Fill scratch.seen with the vertices visible from a vertex or, where that is -1, from the point (x, y) in m;
+    returns how many they are and how many triangles were visited. xy (n, 2) are the vertices in m."""
+    scratch.counter[0] += 1
+    epoch = scratch.counter[0]
+    edges, rays, seen, stamp = scratch.edges, scratch.rays, scratch.seen, scratch.stamp
+    slack = SLACK_STEPS * mesh.frame[2]
+    count = height = 0
+    if vertex < 0:
+        column, row = on_lattice(mesh, x, y)
+        here = locate(mesh, column, row, mesh.some[0])
+        for k in range(3):
+            v = mesh.corner[here, k]
+            if math.hypot(xy[v, 0] - x, xy[v, 1] - y) <= slack:
+                vertex = v
+    if vertex >= 0:
+        x, y = xy[vertex, 0], xy[vertex, 1]
+        stamp[vertex] = epoch
+        first = here = _first_of_star(mesh, vertex)
+        while True:
+            k = (_corner_of(mesh, here, vertex) + 1) % 3
+            count = _note(mesh.corner[here, k], stamp, epoch, seen, count)
+            count = _note(mesh.corner[here, (k + 1) % 3], stamp, epoch, seen, count)
+            height = _open(mesh, xy, here, k, x, y, edges, rays, height)
+            here = _after_in_star(mesh, vertex, here)
+            if here < 0 or here == first:
+                break
+    else:
+        for k in range(3):
+            count = _note(mesh.corner[here, k], stamp, epoch, seen, count)
+            height = _open(mesh, xy, here, k, x, y, edges, rays, height)
+    visited = 0
+    while height:
+        height -= 1
+        visited += 1
+        triangle, k = edges[height]
+        lx, ly, rx, ry = rays[height]
+        there = mesh.across[triangle, k]
+        j = _edge_index(mesh, there, triangle)
+        apex = mesh.corner[there, (j + 2) % 3]
+        ax, ay = xy[apex, 0] - x, xy[apex, 1] - y
+        beside_right = rx * ay - ry * ax  # how far the apex is to the left of the right ray, m
+        beside_left = ax * ly - ay * lx  # and to the right of the left one
+        if beside_right >= -slack and beside_left >= -slack:
+            count = _note(apex, stamp, epoch, seen, count)
+        far = math.hypot(ax, ay)
+        if far > 0.0:
+            ax, ay = ax / far, ay / far
+        right_edge, left_edge = (j + 1) % 3, (j + 2) % 3
+        if beside_right >= -slack and mesh.across[there, right_edge] >= 0 and not mesh.wall[there, right_edge]:
+            edges[height, 0], edges[height, 1] = there, right_edge
+            if beside_left >= 0.0:
+                rays[height, 0], rays[height, 1] = ax, ay
+            else:
+                rays[height, 0], rays[height, 1] = lx, ly
+            rays[height, 2], rays[height, 3] = rx, ry
+            height += 1
+        if beside_left >= -slack and mesh.across[there, left_edge] >= 0 and not mesh.wall[there, left_edge]:
+            edges[height, 0], edges[height, 1] = there, left_edge
+            rays[height, 0], rays[height, 1] = lx, ly
+            if beside_right >= 0.0:
+                rays[height, 2], rays[height, 3] = ax, ay
+            else:
+                rays[height, 2], rays[height, 3] = rx, ry
+            height += 1
+        if height + 2 > edges.shape[0]:
+            break
+    return count, visited
+
+
+@kernel
+def _edge_index(mesh: Mesh, triangle: int, neighbour: int) -> int:
+    for k in range(3):
+        if mesh.across[triangle, k] == neighbour:
+            return k
+    return -1
+
+
+@kernel
+def _note(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) -> int:
+    """Add a vertex to what is seen, once."""
+    if stamp[vertex] == epoch:
+        return count
+    stamp[vertex] = epoch
+    seen[count] = vertex
+    return count + 1
+
+
+@kernel
+def _open(
+    mesh: Mesh, xy: Floats, triangle: int, k: int, x: float, y: float, edges: Longs, rays: Floats, height: int
+) -> int:
+    """Put an edge of the first triangle on the stack, unless a wall lies on it."""
+    if mesh.across[triangle, k] < 0 or mesh.wall[triangle, k]:
+        return height
+    right, left = mesh.corner[triangle, k], mesh.corner[triangle, (k + 1) % 3]
+    lx, ly = xy[left, 0] - x, xy[left, 1] - y
+    rx, ry = xy[right, 0] - x, xy[right, 1] - y
+    far_left, far_right = math.hypot(lx, ly), math.hypot(rx, ry)
+    if far_left == 0.0 or far_right == 0.0:
+        return height
+    edges[height, 0], edges[height, 1] = triangle, k
+    rays[height, 0], rays[height, 1] = lx / far_left, ly / far_left
+    rays[height, 2], rays[height, 3] = rx / far_right, ry / far_right
+    return height + 1
