@@ -11,9 +11,9 @@ from scipy.sparse.csgraph import connected_components
 
 from robocorba.errors import NoPath
 from robocorba.grids import Floats, Longs
-from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building, ElementKind, MapObject, PolygonShape
 from robocorba.maps.movable import movables
+from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.guide import make_guide
 from robocorba.planning.packing import Packed
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Path, PathRequest
@@ -39,8 +39,8 @@ class Snapshot:
         self.spaces: dict[str, FloorSpace] = {}
         for floor in building.floors:
             known = before.spaces.get(floor) if before else None
-            unchanged = known is not None and known.owners is obstacles(building, floor)
-            self.spaces[floor] = known if known and unchanged else FloorSpace(building, floor)
+            unchanged = known is not None and known.source.same_as(FloorSource(building, floor))
+            self.spaces[floor] = known if known and unchanged else FloorSpace(building, floor, known)
         self.roads: RoadMap = RoadMap(building, self.spaces, before.roads if before else None)
         lanes = [part.lanes for part in self.roads.parts.values()]
         self.world = pack_world(list(self.spaces.values()), lanes, self.roads.elevations, self.roads.roads)

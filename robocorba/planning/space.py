@@ -10,15 +10,15 @@ import math
 import threading
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
-import shapely
-from shapely import Polygon
 
-from robocorba.grids import Floats, Grid, Longs, build_grid, column_of, row_of, segments_of, span
+from robocorba.grids import Floats, Grid, build_grid, column_of, row_of, segments_of, span
 from robocorba.kernels import kernel
-from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import XY, Building
+from robocorba.maps.geometry import Obstacle, blocking, obstacles
+from robocorba.maps.model import XY, Building, GeometricalMap
 from robocorba.planning.floor_mesh import FloorMesh
+from robocorba.planning.floor_source import FloorSource, Touched
 
 #: A robot may touch what it drives past, but not by more than rounding, m.
 TOUCH_M = 1e-9
@@ -27,24 +27,62 @@ TOUCH_M = 1e-9
 class FloorSpace:
     """The free space of one floor.
 
-    `grid` holds every obstacle's segments, `owners[i]` what segment i belongs to,
-    `region` the borders of the ground on which a robot can stand at all, and `inside` is 1
-    where a ray from such a point crosses them an odd number of times, else 0."""
+    `grid` holds every obstacle's segments, `owners[i]` what segment i belongs to. `borders` are the sides of the
+    outline and of all solid objects, one ring behind the other; `rings` (k, 6) has the box around each ring (min x,
+    min y, max x, max y in m), its first side and how many it has, the outline first; `inside` is 1 where there is an
+    outline."""
 
-    def __init__(self, building: Building, floor: str) -> None:
-        found = obstacles(building, floor)
-        self.floor = floor
-        self.grid, self._owner_of = _compile(found)
-        self.owners = found
-        outline = building.floors[floor].floor.outline
-        solids = [item.geometry for item in found if item.geometry.geom_type == "Polygon"]
-        ground = shapely.union_all(solids)
-        if outline:
-            ground = Polygon(outline).difference(ground)
-        self.region = segments_of(np.array([ground.boundary], object))[0]
-        self.inside = int(bool(outline))
+    def __init__(self, building: Building, floor: str, before: FloorSpace | None = None) -> None:
+        """With `before`, the space of the same floor in an earlier building, only what differs is made anew."""
+        entry = building.floors[floor]
+        self.floor, self.source = floor, FloorSource(building, floor)
+        touched = self.source.touched_since(before.source, building) if before else None
+        if before is None or touched is None:
+            self.owners: Sequence[Obstacle] = obstacles(building, floor)
+            segments, self._owner_of = segments_of(np.array([item.geometry for item in self.owners], object))
+        else:
+            segments = self._changed(before, touched, building)
+        self.grid = build_grid(segments)
+        self.inside = int(bool(entry.floor.outline))
+        self.borders, self.rings = self._rings(segments)
         self._mesh: FloorMesh | None = None
         self._lock = threading.Lock()
+
+    def _changed(self, before: FloorSpace, touched: Touched, building: Building) -> Floats:
+        """Take over what was not touched; returns all segments."""
+        names = {("wall", name) for name in touched.walls} | {("object", name) for name in touched.objects}
+        names |= {("door", name) for name in touched.doors}
+        plan = self.source.plan
+        local = GeometricalMap(
+            walls={name: plan.walls[name] for name in touched.walls if name in plan.walls},
+            objects={name: plan.objects[name] for name in touched.objects if name in plan.objects},
+            doors=plan.doors,
+        )
+        made = [
+            item
+            for item in blocking(local, msgspec.structs.replace(self.source.floor, outline=()), self.source.elevators)
+            if (item.kind, item.name) in names
+        ]
+        kept = np.array([(item.kind, item.name) not in names for item in before.owners], bool)
+        number = np.cumsum(kept) - 1
+        stays = kept[before._owner_of] if len(before._owner_of) else np.empty(0, bool)
+        segments, owner_of = segments_of(np.array([item.geometry for item in made], object))
+        self.owners = [item for item, keep in zip(before.owners, kept.tolist(), strict=True) if keep] + made
+        self._owner_of = np.concatenate([number[before._owner_of[stays]], owner_of + int(kept.sum())]).astype(np.int64)
+        return np.concatenate([before.grid.segments[stays], segments])
+
+    def _rings(self, segments: Floats) -> tuple[Floats, Floats]:
+        solid = np.array([item.geometry.geom_type == "Polygon" for item in self.owners], bool)
+        outline = np.array([item.kind == "floor" for item in self.owners], bool)
+        wanted = np.flatnonzero((solid | outline)[self._owner_of]) if len(self.owners) else np.empty(0, np.int64)
+        wanted = wanted[np.argsort(np.where(outline[self._owner_of[wanted]], -1, self._owner_of[wanted]), kind="stable")]
+        borders, owner = segments[wanted], self._owner_of[wanted]
+        first = np.flatnonzero(np.diff(owner, prepend=-1)) if len(owner) else np.empty(0, np.int64)
+        if not len(first):
+            return np.empty((0, 4)), np.empty((0, 6))
+        low, high = np.minimum(borders[:, :2], borders[:, 2:]), np.maximum(borders[:, :2], borders[:, 2:])
+        boxes = [np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)]
+        return borders, np.column_stack([*boxes, first, np.diff(first, append=len(borders))])
 
     def mesh(self, points: Sequence[XY]) -> FloorMesh:
         """A triangulation of everything that blocks, which covers these points; made when first asked for."""
@@ -55,11 +93,11 @@ class FloorSpace:
 
     def is_ground(self, x: float, y: float) -> bool:
         """Whether a point lies inside the outline and outside every solid object."""
-        return bool(crosses_odd(self.region, x, y)) == self.inside
+        return bool(is_ground(self.borders, self.rings, self.inside, x, y))
 
     def stands_free(self, x: float, y: float, radius_m: float) -> bool:
         """Whether a robot of that radius can stand at a point."""
-        return bool(stands_free(self.grid, self.region, self.inside, x, y, radius_m))
+        return bool(stands_free(self.grid, self.borders, self.rings, self.inside, x, y, radius_m))
 
     def nearest(self, x: float, y: float, reach_m: float) -> tuple[float, Obstacle | None]:
         """Distance to the nearest obstacle and which it is; (reach_m, None) where none is nearer."""
@@ -76,11 +114,6 @@ class FloorSpace:
     def line_is_free(self, ax: float, ay: float, bx: float, by: float, radius_m: float) -> bool:
         """Whether a robot of that radius can drive straight from a to b, both on the ground."""
         return bool(line_free(self.grid, ax, ay, bx, by, radius_m))
-
-
-def _compile(found: Sequence[Obstacle]) -> tuple[Grid, Longs]:
-    segments, owners = segments_of(np.array([item.geometry for item in found], object))
-    return build_grid(segments), owners
 
 
 @kernel
@@ -162,20 +195,28 @@ def nearest_segment(grid: Grid, x: float, y: float, reach: float) -> tuple[float
 
 
 @kernel
-def crosses_odd(border: Floats, x: float, y: float) -> bool:
-    """Whether a ray from the point crosses closed borders an odd number of times."""
-    odd = False
-    for i in range(border.shape[0]):
-        ax, ay, bx, by = border[i]
-        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
-            odd = not odd
-    return odd
+def is_ground(borders: Floats, rings: Floats, inside: int, x: float, y: float) -> bool:
+    """Whether a point lies inside the outline, if there is one, and outside every solid object; see FloorSpace."""
+    for k in range(rings.shape[0]):
+        x0, y0, x1, y1 = rings[k, 0], rings[k, 1], rings[k, 2], rings[k, 3]
+        odd = False
+        if x0 <= x <= x1 and y0 <= y <= y1:
+            first = int(rings[k, 4])
+            for i in range(first, first + int(rings[k, 5])):
+                ax, ay, bx, by = borders[i]
+                if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
+                    odd = not odd
+        if odd != (inside == 1 and k == 0):
+            return False
+    return True
 
 
 @kernel
-def stands_free(grid: Grid, region: Floats, inside: int, x: float, y: float, radius: float) -> bool:
+def stands_free(
+    grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float
+) -> bool:
     """Whether a point lies on the ground with nothing nearer than `radius`."""
-    return line_free(grid, x, y, x, y, radius) and crosses_odd(region, x, y) == inside
+    return line_free(grid, x, y, x, y, radius) and is_ground(borders, rings, inside, x, y)
 
 
 @kernel

@@ -74,8 +74,7 @@ class TangentGraph:
         self._arcs = Arcs(
             self._mesh.low,
             self._mesh.span,
-            np.zeros(vertices),
-            np.zeros(vertices),
+            np.zeros((vertices, 4)),
             np.full(vertices, UNKNOWN, np.int8),
             np.zeros(vertices, np.bool_),
         )

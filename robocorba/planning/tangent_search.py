@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
 from robocorba.planning.space import against_one_way, line_free
-from robocorba.planning.tangents import SAME_RAD, angle_on, arc_corners, arc_is_free, free_arc, tangent
+from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh
 from robocorba.planning.visible_region import Scratch, seen_from
 
@@ -49,13 +49,12 @@ class Lines(NamedTuple):
 
 class Arcs(NamedTuple):
     """The arcs of vertices: `low` (rad) where it begins and `span` its length (negative: none), from the walls that
-    meet there; within it `first` to `last` can be free for the radius; `state` UNKNOWN, FREE (nothing else is near),
-    or BLOCKED, and `usable` whether there is a free part at all."""
+    meet there; `ends` (n, 4), the unit vectors towards the ends of the part that can be free for the radius; `state`
+    UNKNOWN, FREE (nothing else is near), or BLOCKED, and `usable` whether there is a free part at all."""
 
     low: Floats
     span: Floats
-    first: Floats
-    last: Floats
+    ends: Floats
     state: NDArray[np.int8]
     usable: NDArray[np.bool_]
 
@@ -90,19 +89,29 @@ def _arc_known(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool
         first, last, alone = free_arc(
             grid, xy[v, 0], xy[v, 1], arcs.low[v], arcs.span[v], radii.turn, radii.same_m
         )
-        arcs.first[v], arcs.last[v] = first, last
+        arcs.ends[v, 0], arcs.ends[v, 1] = math.cos(arcs.low[v] + first), math.sin(arcs.low[v] + first)
+        arcs.ends[v, 2], arcs.ends[v, 3] = math.cos(arcs.low[v] + last), math.sin(arcs.low[v] + last)
         arcs.usable[v] = last >= first - SAME_RAD
         arcs.state[v] = FREE if alone else BLOCKED
     return arcs.usable[v]
 
 
 @kernel
-def _on_arc(arcs: Arcs, v: int, heading: float, turn: int) -> float:
-    """The angle on the arc of v at which a robot with that heading touches it; -1 off the arc."""
-    angle = angle_on(arcs.low[v], heading, turn)
-    if angle < arcs.first[v] - SAME_RAD or angle > arcs.last[v] + SAME_RAD:
-        return -1.0
-    return min(max(angle, 0.0), arcs.span[v])
+def _on_arc(arcs: Arcs, v: int, ex: float, ey: float) -> bool:
+    """Whether the free part of the arc of v has a place in the direction of the unit vector e from v."""
+    ax, ay, bx, by = arcs.ends[v]
+    return (
+        ax * ey - ay * ex >= -SAME_RAD and ex * by - ey * bx >= -SAME_RAD and (ax + bx) * ex + (ay + by) * ey >= -SAME_RAD
+    )
+
+
+@kernel
+def _angle(arcs: Arcs, v: int, ex: float, ey: float) -> float:
+    """The angle on the arc of v of a place in the direction of the unit vector e."""
+    angle = (math.atan2(ey, ex) - arcs.low[v]) % (2 * math.pi)
+    if angle > arcs.span[v]:  # by rounding, before its beginning or behind its end
+        return 0.0 if angle > math.pi + arcs.span[v] / 2 else arcs.span[v]
+    return angle
 
 
 @kernel
@@ -125,17 +134,15 @@ def _find_lines(mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, sc
             w = scratch.seen[i]
             dx, dy = xy[w, 0] - xy[v, 0], xy[w, 1] - xy[v, 1]
             for other in range(2):
-                heading, length = tangent(dx, dy, radii.turn, turn, 1 - 2 * other)
-                if length < 0.0:
+                hx, hy, length = tangent(dx, dy, radii.turn, turn, 1 - 2 * other)
+                if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
                     continue
-                leave = _on_arc(arcs, v, heading, turn)
-                if leave < 0.0:
+                there = 1 - 2 * other
+                if not _on_arc(arcs, w, there * hy, -there * hx):
                     continue
-                arrive = _on_arc(arcs, w, heading, 1 - 2 * other)
-                if arrive < 0.0:
-                    continue
-                lines.to[at] = 2 * w + other
-                lines.leave[at], lines.arrive[at], lines.length[at] = leave, arrive, length
+                lines.to[at], lines.length[at] = 2 * w + other, length
+                lines.leave[at] = _angle(arcs, v, turn * hy, -turn * hx)
+                lines.arrive[at] = _angle(arcs, w, there * hy, -there * hx)
                 lines.state[at] = UNKNOWN
                 at += 1
         lines.count[2 * v + side] = at - lines.first[2 * v + side]
@@ -198,12 +205,11 @@ def search(
         if not _arc_known(arcs, xy, grid, v, radii):
             continue
         for side in range(2):
-            heading, length = tangent(xy[v, 0] - start_x, xy[v, 1] - start_y, radii.turn, 0, 1 - 2 * side)
-            if length < 0.0:
+            turn = 1 - 2 * side
+            hx, hy, length = tangent(xy[v, 0] - start_x, xy[v, 1] - start_y, radii.turn, 0, turn)
+            if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
                 continue
-            angle = _on_arc(arcs, v, heading, 1 - 2 * side)
-            if angle < 0.0:
-                continue
+            angle = _angle(arcs, v, turn * hy, -turn * hx)
             estimate = length + _left(aimed, xy, arcs, v, angle, radii.turn)
             if estimate > longest:
                 continue
@@ -235,12 +241,11 @@ def search(
             if not _arc_known(arcs, xy, grid, v, radii):
                 continue
             for side in range(2):
-                heading, length = tangent(gx - xy[v, 0], gy - xy[v, 1], radii.turn, 1 - 2 * side, 0)
-                if length < 0.0:
+                turn = 1 - 2 * side
+                hx, hy, length = tangent(gx - xy[v, 0], gy - xy[v, 1], radii.turn, turn, 0)
+                if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
                     continue
-                angle = _on_arc(arcs, v, heading, 1 - 2 * side)
-                if angle < 0.0:
-                    continue
+                angle = _angle(arcs, v, turn * hy, -turn * hx)
                 circle = 2 * v + side
                 if linked == links.shape[0]:
                     links = _longer(links)

@@ -2,7 +2,8 @@
 
 The centre of a robot that turns at vertex v moves on a circle around it. A *turn* is +1 where it goes around
 counter-clockwise (v on its left) and -1 clockwise. Places on the circle are angles counted from `low[v]`, where the
-walls that meet in v begin to leave room: the arc of v. From heading h the robot is at the angle h - turn * pi / 2.
+walls that meet in v begin to leave room: the arc of v. With the heading h the robot is at the angle h - turn * pi / 2,
+which is in the direction of turn * (sin h, -cos h).
 """
 
 from __future__ import annotations
@@ -67,26 +68,20 @@ def _beyond(ax: float, ay: float, bx: float, by: float, reach: float) -> bool:
 
 
 @kernel
-def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int) -> tuple[float, float]:
-    """Heading (rad) and length (m) of the line that leaves the circle here with one turn and touches the circle
-    there, (dx, dy) away, with another; a turn of 0 is a point. The length is negative where there is none."""
+def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int) -> tuple[float, float, float]:
+    """Heading as a unit vector and length (m) of the line that leaves the circle here with one turn and touches the
+    circle there, (dx, dy) away, with another; a turn of 0 is a point. The length is negative where there is none."""
     apart = math.hypot(dx, dy)
-    offset = (turn_here - turn_there) * radius
-    if abs(offset) > apart:
-        if abs(offset) > apart + 1e-9:
-            return 0.0, -1.0
-        offset = math.copysign(apart, offset)
     if apart == 0.0:
-        return 0.0, -1.0
-    heading = math.atan2(dy, dx) + math.asin(offset / apart)
-    return heading, math.sqrt(max(apart * apart - offset * offset, 0.0))
-
-
-@kernel
-def angle_on(low: float, heading: float, turn: int) -> float:
-    """The angle on an arc that begins at `low` of a robot that touches the circle with that heading."""
-    angle = (heading - turn * (math.pi / 2) - low) % (2 * math.pi)
-    return angle - 2 * math.pi if angle > 2 * math.pi - SAME_RAD else angle
+        return 0.0, 0.0, -1.0
+    sine = (turn_here - turn_there) * radius / apart
+    if abs(sine) > 1.0:
+        if abs(sine) * apart > apart + 1e-9:
+            return 0.0, 0.0, -1.0
+        sine = math.copysign(1.0, sine)
+    cosine = math.sqrt(1.0 - sine * sine)
+    ux, uy = dx / apart, dy / apart
+    return ux * cosine - uy * sine, ux * sine + uy * cosine, apart * cosine
 
 
 @kernel

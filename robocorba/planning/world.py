@@ -18,7 +18,7 @@ class Ground(NamedTuple):
     """All floors in one: what grid, region and one-way edges of each hold, one behind the other.
 
     Floor f has frames[f], start[first_cell[f]:first_cell[f + 1]], borders[first_border[f]:first_border[f + 1]],
-    lanes[first_lane[f]:first_lane[f + 1]], and the nodes first_node[f]:first_node[f + 1]."""
+    rings[first_ring[f]:first_ring[f + 1]], lanes[first_lane[f]:first_lane[f + 1]], and the nodes first_node[f]:first_node[f + 1]."""
 
     segments: Floats
     start: Longs
@@ -27,6 +27,8 @@ class Ground(NamedTuple):
     first_cell: Longs
     borders: Floats
     first_border: Longs
+    rings: Floats
+    first_ring: Longs
     inside: Longs
     lanes: Floats
     first_lane: Longs
@@ -42,21 +44,23 @@ def pack_world(spaces: Sequence[FloorSpace], lanes: Sequence[Floats], elevations
     floats = [
         _joined([grid.segments for grid in grids]),
         _joined([grid.frame for grid in grids]),
-        _joined([space.region for space in spaces]),
+        _joined([space.borders for space in spaces]),
         _joined(lanes),
         roads.xy,
         roads.measures,
         elevations,
+        _joined([space.rings for space in spaces]),
     ]
     longs = [
         _joined([grid.start + first for grid, first in zip(grids, first_item, strict=False)]),
         _joined([grid.items + first for grid, first in zip(grids, first_segment, strict=False)]),
         _firsts([grid.start for grid in grids]),
-        _firsts([space.region for space in spaces]),
+        _firsts([space.borders for space in spaces]),
         np.array([space.inside for space in spaces]),
         _firsts(lanes),
         *(roads.floor, roads.first, roads.to, roads.elevator, roads.fixed),
         np.searchsorted(roads.floor, np.arange(len(spaces) + 1)),
+        _firsts([space.rings for space in spaces]),
     ]
     return pack(floats, longs)
 
@@ -74,26 +78,28 @@ def unpack(world: Packed) -> tuple[Ground, Roads]:
     """The parts of a world, as views."""
     ground = Ground(
         rows(world, 0, 4),
-        numbers(world, 7),
         numbers(world, 8),
-        rows(world, 1, 5),
         numbers(world, 9),
-        rows(world, 2, 4),
+        rows(world, 1, 5),
         numbers(world, 10),
+        rows(world, 2, 4),
         numbers(world, 11),
-        rows(world, 3, 4),
+        rows(world, 7, 6),
+        numbers(world, 20),
         numbers(world, 12),
+        rows(world, 3, 4),
+        numbers(world, 13),
         rows(world, 6, 1)[:, 0],
-        numbers(world, 18),
+        numbers(world, 19),
     )
     roads = Roads(
         rows(world, 4, 2),
-        numbers(world, 13),
         numbers(world, 14),
         numbers(world, 15),
         numbers(world, 16),
-        rows(world, 5, 5),
         numbers(world, 17),
+        rows(world, 5, 5),
+        numbers(world, 18),
     )
     return ground, roads
 
@@ -114,5 +120,6 @@ def floor_lanes(ground: Ground, floor: int) -> Floats:
 @kernel
 def floor_stands_free(ground: Ground, floor: int, x: float, y: float, radius: float) -> bool:
     """Whether a robot of that radius can stand at a point of a floor."""
-    region = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]
-    return stands_free(floor_grid(ground, floor), region, ground.inside[floor], x, y, radius)
+    borders = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]
+    rings = ground.rings[ground.first_ring[floor] : ground.first_ring[floor + 1]]
+    return stands_free(floor_grid(ground, floor), borders, rings, ground.inside[floor], x, y, radius)
