@@ -20,7 +20,7 @@ from tests.planning.judge import Judge
 from tests.planning.scenes import edge, node, room, wall
 
 CASES = {**DRAWN, **IMPORTED, **grids(32), **rooms_at_random(range(3)), **buildings_at_random(range(10))}
-QUERIES = 100
+QUERIES = 80
 #: A geometric path may be longer than the shortest by this factor: arcs are driven as chords outside of them.
 LONGER = 1.01
 #: On paths shorter than this the chords of one arc count for more, m.
