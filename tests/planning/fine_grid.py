@@ -21,9 +21,11 @@ from robocorba.maps.model import XY, Building
 FORGIVEN_M = 1e-6
 #: Side of a cell, m.
 GRID_CELL_M = 0.04
-#: Clearance beyond the robot's radius at the centre of a free cell, m. With half a cell or more, a robot can drive
-#: from the centre of each free cell to that of the next; see OctileGraph for diagonal moves.
-GRID_MARGIN_M = GRID_CELL_M / 2
+#: Clearance beyond the robot's radius that every way on the grid keeps, m. More than obstacles grown by polygons need.
+SPARE_M = 0.01
+#: Clearance beyond the radius at the centre of a free cell, m: from one to the next, half a cell of it can be lost.
+#: See OctileGraph for diagonal moves.
+GRID_MARGIN_M = SPARE_M + GRID_CELL_M / 2
 #: A place is on the grid if a straight drive leads to a free cell that is no farther, m.
 GRID_REACH_M = 0.3
 #: How many of the nearest free cells are tried for such a drive.
@@ -51,6 +53,10 @@ class FloorGeometry:
 
     def stands_free(self, at: XY, radius_m: float) -> bool:
         return not self.touching([(at, at)], radius_m)
+
+    def clearance(self, at: XY) -> float:
+        """How far a place is from the nearest obstacle, m."""
+        return float(shapely.distance(self.shapes, Point(at)).min(initial=math.inf))
 
     def touching(self, lines: Sequence[tuple[XY, XY]], radius_m: float) -> set[int]:
         """Indices of the lines that come nearer than the radius to something, or leave the outline."""
@@ -168,6 +174,8 @@ class FineGrid:
         rows, columns = np.nonzero(self.free[bottom:top, left:right])
         rows, columns = rows + bottom, columns + left
         away = np.hypot(self._x[columns] - at[0], self._y[rows] - at[1])
+        # A robot that stands near something may keep its distance from it, but the drive must not squeeze through.
+        needed = min(self._floor.clearance(at), self._radius + SPARE_M)
         found: dict[int, tuple[Cell, float]] = {}
         for i in np.argsort(away)[:GRID_TRIES]:
             cell = (int(rows[i]), int(columns[i]))
@@ -175,6 +183,6 @@ class FineGrid:
             if part in found:
                 continue
             centre = (float(self._x[cell[1]]), float(self._y[cell[0]]))
-            if not self._floor.touching([(at, centre)], self._radius):
+            if not self._floor.touching([(at, centre)], needed):
                 found[part] = (cell, float(away[i]))
         return sorted(found.values(), key=lambda link: link[1])

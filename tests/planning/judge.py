@@ -23,7 +23,7 @@ from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import XY, Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
-from tests.planning.fine_grid import FORGIVEN_M, FineGrid, FloorGeometry
+from tests.planning.fine_grid import FORGIVEN_M, SPARE_M, FineGrid, FloorGeometry
 from tests.planning.visibility import VisibilityGraph, cabin_place
 
 Array: TypeAlias = NDArray[np.float64]
@@ -194,7 +194,8 @@ class Judge:
         line = LineString([start[1:], goal[1:]])
         if without_lanes and any(line.distance(lane) <= request.radius for lane in floor.lanes):
             return False
-        return not floor.touches([(start[1:], goal[1:])], request.radius + 2 * FORGIVEN_M)
+        needed = min(floor.clearance(start[1:]), floor.clearance(goal[1:]), request.radius + SPARE_M)
+        return needed >= request.radius and not floor.touching([(start[1:], goal[1:])], needed)
 
     def grid(self, floor: str, radius_m: float, without_lanes: bool = False) -> FineGrid:
         """The fine grid of a floor for a radius; without what lies beside one-way edges, if asked for."""

@@ -95,7 +95,7 @@ def test_touches_are_those_that_the_package_finds(radius_m: float) -> None:
 
 def test_a_way_is_known_through_a_door_that_is_wide_enough() -> None:
     west, east = Place("L1", 1.0, 1.0), Place("L1", 9.0, 5.0)
-    for width, has_way in ((0.79, False), (0.9, True)):
+    for width, has_way in ((0.79, False), (0.95, True)):
         for mode in RouteMode:
             assert Judge(two_rooms(width)).has_way(PathRequest(west, east, mode=mode)) is has_way
 

@@ -19,6 +19,8 @@ from robocorba.planning.request import Place
 Array: TypeAlias = NDArray[np.float64]
 #: Sides of a quarter of an arc; grown obstacles are up to 0.5 % of the radius too large.
 ARC_SIDES = 12
+#: Vertices nearer to each other are the same, m.
+SAME_VERTEX_M = 1e-7
 #: Points at the same place are so far apart, m: a sparse graph has no edges of length 0.
 SHORTEST_EDGE_M = 1e-12
 
@@ -96,6 +98,8 @@ def _bends(space: shapely.Geometry) -> Array:
     found = [np.empty((0, 2))]
     for ring in rings:
         at = shapely.get_coordinates(ring)[:-1]
+        # Unions leave vertices that are the same but for rounding: at none of them does the ring seem to bend.
+        at = at[np.hypot(*(at - np.roll(at, 1, axis=0)).T) > SAME_VERTEX_M]
         into, out = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
-        found.append(at[into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0] < -1e-12])
+        found.append(at[into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0] < 0.0])
     return np.concatenate(found)
