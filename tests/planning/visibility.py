@@ -48,9 +48,15 @@ class VisibilityGraph:
             served = [name for name, elevator in building.elevators.items() if floor in elevator.floors()]
             numbers |= {(name, floor): count + i for i, name in enumerate(served)}
             cabins = np.array([cabin_place(building, name, floor) for name in served], float).reshape(-1, 2)
-            points = np.concatenate([cabins, _bends(space)])
+            bends = _bends(space)
+            points = np.concatenate([cabins, bends[:, 0]])
             self._points[floor], self._first[floor] = points, count
-            edges.append(self._seen(floor, points, *np.triu_indices(len(points), 1)) + np.array([count, count, 0.0]))
+            a, b = np.triu_indices(len(points), 1)
+            touching = np.ones(len(a), np.bool_)
+            for at, other in ((a, b), (b, a)):
+                corner = at >= len(cabins)
+                touching[corner] &= _touches(bends[at[corner] - len(cabins)], points[other[corner]])
+            edges.append(self._seen(floor, points, a[touching], b[touching]) + np.array([count, count, 0.0]))
             count += len(points)
         self._count = count
         heights = {name: entry.floor.elevation for name, entry in building.floors.items()}
@@ -93,13 +99,25 @@ class VisibilityGraph:
 
 
 def _bends(space: shapely.Geometry) -> Array:
-    """The points (n, 2) of a free space at which a shortest path can turn: those that point into it."""
+    """(n, 3, 2): the corners of a free space at which a shortest path can turn, and their neighbours on the border."""
     rings = shapely.get_rings(shapely.orient_polygons(shapely.get_parts(space)))  # free space on the left
-    found = [np.empty((0, 2))]
+    found = [np.empty((0, 3, 2))]
     for ring in rings:
         at = shapely.get_coordinates(ring)[:-1]
         # Unions leave vertices that are the same but for rounding: at none of them does the ring seem to bend.
         at = at[np.hypot(*(at - np.roll(at, 1, axis=0)).T) > SAME_VERTEX_M]
-        into, out = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
-        found.append(at[into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0] < 0.0])
+        before, after = np.roll(at, 1, axis=0), np.roll(at, -1, axis=0)
+        found.append(np.stack([at, before, after], axis=1)[_cross(at - before, after - at) < 0.0])
     return np.concatenate(found)
+
+
+def _touches(bends: Array, seen_from: Array) -> NDArray[np.bool_]:
+    """Whether lines from points to corners pass the obstacle there on one side, as all lines of shortest paths do."""
+    line = bends[:, 0] - seen_from
+    before, after = _cross(line, bends[:, 1] - bends[:, 0]), _cross(line, bends[:, 2] - bends[:, 0])
+    slack = 1e-9 * (1.0 + np.abs(line).sum(axis=1))
+    return ~(((before > slack) & (after < -slack)) | ((before < -slack) & (after > slack)))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
