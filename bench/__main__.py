@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 #: In this order where no name is given.
-BENCHES = ("get_path", "large_building", "editing")
+BENCHES = ("get_path", "large_building", "editing", "every_query", "geometric")
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -1,0 +1,75 @@
+"""The buildings that the planner has to get right: drawn, generated and imported ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from bench.grid_maps import KINDS, building_of
+from robocorba.maps.formats import read_map
+from robocorba.maps.model import Building
+from robocorba.maps.samples import SAMPLES, load_sample
+from tests.planning.generated import isolated_node, one_way_hall, random_building, two_halls, with_random_roads
+from tests.planning.scenes import random_room, tower, two_rooms
+
+#: Real buildings, tested where they are present.
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
+#: Side of a cell of the generated grid maps, m.
+GRID_CELL_M = 0.5
+#: Kinds of grid maps, and how many random nodes they get.
+GRID_KINDS = (("rooms of 8", 0), ("maze of 4", 30), ("cave", 30), ("city", 0), ("laser", 30))
+
+
+class Case(NamedTuple):
+    """A building and the radius of its robot. `is_small`: a visibility graph tells exact lengths within seconds."""
+
+    make: Callable[[], Building]
+    radius_m: float
+    is_small: bool = True
+
+
+def _grid(kind: str, size: int, nodes: int) -> Building:
+    return with_random_roads(building_of(KINDS[kind](size, 1), GRID_CELL_M), nodes, seed=1)
+
+
+def _real(file: str) -> Building:
+    return read_map(REAL / file).building
+
+
+#: Drawn and imported buildings by name. The sizes of robots fit the buildings.
+DRAWN: dict[str, Case] = {
+    "two halls": Case(two_halls, 0.4),
+    "one-way hall": Case(one_way_hall, 0.4),
+    "isolated node": Case(isolated_node, 0.4),
+    "two rooms": Case(partial(two_rooms, 1.2), 0.4),
+    "tower": Case(tower, 0.4),
+    "tower, L3 not served": Case(partial(tower, 3, ("L1", "L2")), 0.4),
+    **{name: Case(partial(load_sample, name), 0.4, is_small=name == "paper-scene") for name in SAMPLES},
+}
+REAL_FILES = ("office.building.yaml", "hotel.building.yaml")
+IMPORTED: dict[str, Case] = {
+    file: Case(partial(_real, file), 0.25, is_small=False) for file in REAL_FILES if (REAL / file).exists()
+}
+
+
+def grids(size: int) -> dict[str, Case]:
+    """Grid maps of size x size cells, some with a random road map."""
+    return {
+        f"{kind}, {nodes} nodes": Case(partial(_grid, kind, size, nodes), 0.2, is_small=False)
+        for kind, nodes in GRID_KINDS
+    }
+
+
+def rooms_at_random(seeds: range) -> dict[str, Case]:
+    """Single rooms with boxes and walls, without a road map."""
+    return {f"random room {seed}": Case(partial(random_room, seed), 0.4) for seed in seeds}
+
+
+def buildings_at_random(seeds: range) -> dict[str, Case]:
+    """Generated buildings; every third is for a large robot."""
+    return {
+        f"random building {seed}": Case(partial(random_building, seed), 0.4 if seed % 3 == 0 else 0.25)
+        for seed in seeds
+    }

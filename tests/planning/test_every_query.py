@@ -1,0 +1,111 @@
+"""No path goes through anything, no way that exists is refused, and geometric paths are the shortest: on every map."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robocorba.maps.model import Building
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import PathRequest, Place, PointKind, RouteMode
+from tests.maps.buildings import buildings
+from tests.planning.adversary import Adversary
+from tests.planning.every_building import DRAWN, IMPORTED, buildings_at_random, grids, rooms_at_random
+from tests.planning.generated import isolated_node, one_way_hall, two_halls
+from tests.planning.judge import Judge
+from tests.planning.scenes import edge, node, room, wall
+
+CASES = {**DRAWN, **IMPORTED, **grids(32), **rooms_at_random(range(3)), **buildings_at_random(range(10))}
+QUERIES = 80
+#: A geometric path may be longer than the shortest by this factor: arcs are driven as chords outside of them.
+LONGER = 1.01
+#: On paths shorter than this the chords of one arc count for more, m.
+SHORT_M = 0.5
+#: Of geometric paths on large buildings, so many are compared to the fine grid.
+COMPARED_ON_GRID = 25
+
+
+@lru_cache(maxsize=1)
+def place_of_trial(name: str) -> tuple[Building, PathPlanner, Judge]:
+    """One building at a time: its modes are tested one after the other."""
+    building = CASES[name].make()
+    return building, PathPlanner(building), Judge(building)
+
+
+@pytest.mark.parametrize("mode", RouteMode)
+@pytest.mark.parametrize("name", CASES)
+def test_every_answer_is_right(name: str, mode: RouteMode) -> None:
+    building, planner, judge = place_of_trial(name)
+    case = CASES[name]
+    wrong, compared = [], 0
+    for query in Adversary(building, case.radius_m, judge.stands_free, seed=len(name)).queries(QUERIES):
+        request = PathRequest(query.start, query.goal, radius=case.radius_m, mode=mode)
+        verdict = judge.verdict(planner, request)
+        if not verdict.is_right:
+            wrong.append(f"{query}: {verdict}")
+        elif mode is RouteMode.GEOMETRIC and verdict.outcome == "found" and verdict.length_m > SHORT_M:
+            compared += 1
+            if not case.is_small and compared > COMPARED_ON_GRID:
+                continue
+            shortest = judge.shortest_length(request, case.is_small)
+            if verdict.length_m > LONGER * shortest:
+                wrong.append(f"{query}: {verdict.length_m} m long, {shortest} m is enough")
+    assert not wrong, f"{len(wrong)} of {QUERIES} answers are wrong, such as\n" + "\n".join(wrong[:3])
+
+
+coarse = st.tuples(st.integers(-2, 10), st.integers(-2, 10)).map(lambda at: (at[0] / 2, at[1] / 2))
+fine = st.tuples(*[st.floats(-1.0, 9.5, allow_nan=False).map(lambda value: round(value, 3))] * 2)
+
+
+@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+@given(
+    buildings().filter(lambda building: bool(building.floors)),
+    st.lists(st.tuples(st.integers(0, 2), coarse | fine), min_size=2, max_size=6),
+    st.sampled_from([0.1, 0.25, 0.4]),
+)
+def test_every_answer_is_right_in_any_building(
+    building: Building, spots: list[tuple[int, tuple[float, float]]], radius_m: float
+) -> None:
+    floors = list(building.floors)
+    places = [Place(floors[index % len(floors)], *at) for index, at in spots]
+    planner, judge = PathPlanner(building), Judge(building)
+    for start in places[::2]:
+        for goal in places[1::2]:
+            for mode in RouteMode:
+                verdict = judge.verdict(planner, PathRequest(start, goal, radius=radius_m, mode=mode))
+                assert verdict.is_right, (start, goal, radius_m, mode, verdict)
+
+
+def test_no_shortcut_leads_through_a_wall_where_the_goal_sees_no_node() -> None:
+    path = PathPlanner(two_halls()).shortest(Place("L1", 11.0, 7.0), Place("L1", 11.0, 2.0))
+    assert path.distance == pytest.approx(15.91, rel=0.01)
+    assert Judge(two_halls()).touches(path, 0.4) == []
+
+
+def test_a_geometric_path_ignores_one_way_edges() -> None:
+    start, goal = Place("L1", 18.0, 1.0), Place("L1", 2.0, 3.0)
+    path = PathPlanner(one_way_hall()).paths(PathRequest(start, goal, mode=RouteMode.GEOMETRIC))[0]
+    assert [point.kind for point in path.points] == [PointKind.START, PointKind.GOAL]
+    assert path.distance == pytest.approx(math.dist(start[1:], goal[1:]))
+
+
+@pytest.mark.parametrize("mode", RouteMode)
+def test_an_isolated_node_does_not_hide_the_road_map(mode: RouteMode) -> None:
+    start, goal = Place("L1", 1.0, 4.0), Place("L1", 18.8, 6.8)
+    for ends in ((start, goal), (goal, start)):
+        path = PathPlanner(isolated_node()).paths(PathRequest(*ends, mode=mode))[0]
+        assert path.distance >= math.dist(start[1:], goal[1:]) - 1e-9
+        assert Judge(isolated_node()).touches(path, 0.4) == []
+
+
+def test_an_isolated_node_in_sight_does_not_hide_a_road_map_around_the_corner() -> None:
+    building = room(
+        12.0, 8.0, wall("w", 0.0, 4.0, 10.0, 4.0), node("a", 1, 1), node("b", 6, 1), node("alone", 2, 7), edge("a", "b")
+    )
+    path = PathPlanner(building).shortest(Place("L1", 1.0, 7.0), Place("L1", 1.0, 2.0))
+    assert path.distance == pytest.approx(19.7, abs=0.3)
+    assert Judge(building).touches(path, 0.4) == []
