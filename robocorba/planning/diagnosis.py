@@ -63,7 +63,9 @@ def why_no_path(snapshot: Snapshot, request: PathRequest, deadline: float) -> tu
     if found:
         return "one-way edges forbid every way", _one_way_edges(building, request)
     floors = dict.fromkeys((start.floor, goal.floor))
-    return "start and goal are not connected", [Blocker("floor", "", floor, "its walls leave no way") for floor in floors]
+    return "start and goal are not connected", [
+        Blocker("floor", "", floor, "its walls leave no way") for floor in floors
+    ]
 
 
 def _unserved(building: Building, request: PathRequest) -> list[Blocker]:
@@ -111,7 +113,12 @@ def _narrow_places(
         return found
     line = shapely.LineString([a, b])
     narrow_doors = [
-        Blocker("door", floor, door.name, "is {} m wide, {} m needed".format(*_told_apart(math.dist(door.a, door.b), needed)))
+        Blocker(
+            "door",
+            floor,
+            door.name,
+            "is {} m wide, {} m needed".format(*_told_apart(math.dist(door.a, door.b), needed)),
+        )
         for door in entry.geometrical.doors.values()
         if math.dist(door.a, door.b) < needed and line.distance(shapely.LineString([door.a, door.b])) < DOORWAY_M
     ]
@@ -144,12 +151,12 @@ def _around(snapshot: Snapshot, request: PathRequest, place: Place, deadline: fl
     best = min(legs, key=lambda leg: leg.length)
     if not math.isfinite(best.length):
         return [Blocker("floor", "", place.floor, "its walls close the place off")]
-    found = [_narrow_places(snapshot, request, place.floor, {""}, a, b) for a, b in pairwise(best.points)]
+    found = [_narrow_places(snapshot, request, place.floor, {""}, a, b) for a, b in pairwise(best.points.tolist())]
     return list({blocker.name: blocker for blockers in found for blocker in blockers}.values())
 
 
 def _unconnected(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Blocker]:
-    """The pieces of the topological map that start and goal are tied to or, where it is one piece, its one-way edges."""
+    """The pieces of the topological map that start and goal are tied to; its one-way edges where it is one piece."""
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
     pieces = []
     for place, outbound in ((request.start, True), (request.goal, False)):
@@ -158,7 +165,9 @@ def _unconnected(snapshot: Snapshot, request: PathRequest, deadline: float) -> l
     if pieces[0] & pieces[1]:
         return _one_way_edges(snapshot.building, request)
     start, goal = (_piece(snapshot, component, numbers) for numbers in pieces)
-    reason = f"its topological map is in pieces: {start}, tied to the start, is not connected with {goal}, tied to the goal"
+    reason = (
+        f"its topological map is in pieces: {start}, tied to the start, is not connected with {goal}, tied to the goal"
+    )
     return [Blocker("floor", "", floor, reason) for floor in dict.fromkeys((request.start.floor, request.goal.floor))]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
 from robocorba.maps.model import XY
+from robocorba.planning.dead_ends import ways_out
 from robocorba.planning.triangulation import Mesh, crossings, empty_mesh, enlarged, insert_points, insert_walls
 
 #: Angles that differ by less are equal, rad.
@@ -42,6 +43,7 @@ class FloorMesh:
         moved = np.abs(self.xy[self.ends] - segments.reshape(-1, 2)).max(initial=0.0)
         #: By how much ends of walls that count as one vertex are apart at most, m.
         self.merged_m = float(moved)
+        self.way_out = ways_out(self.mesh)
         self.low, self.span = wall_arcs(used, segments, self.ends)
 
     def covers(self, points: Sequence[XY]) -> bool:

@@ -12,7 +12,7 @@ from robocorba.grids import Floats
 from robocorba.maps.model import XY, Building
 from robocorba.planning.elevators import Ride, ride
 from robocorba.planning.request import Criterion, PathRequest
-from robocorba.planning.route import ELEVATOR
+from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
 from robocorba.planning.snapshot import Snapshot
 from robocorba.planning.tangent_graph import NO_LANES, Leg
 
@@ -125,17 +125,19 @@ def _assemble(
     while stops[-1] != origin:
         stops.append(came[stops[-1]][0])
     roads = snapshot.roads
-    rows: list[tuple[float, ...]] = []
+    parts: list[Floats] = []
     for here, there in pairwise(reversed(stops)):
         floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here), came[there][1]
         if leg is None:
             wait, travel, _ = _ride(snapshot.building, here, there)
-            rows.append((floor, *at[here], node, roads.elevators.index(here[1]), math.inf, wait, travel, 0.0))
+            rows = waypoints(floor, np.array([at[here]], float))
+            rows[0, [ELEVATOR, WAITS, TRAVELS]] = roads.elevators.index(here[1]), wait, travel
         else:
-            for i, point in enumerate(leg.points[:-1]):
-                rows.append((floor, *point, -1 if i else node, -1, math.inf, 0.0, 0.0, 0.0))
-    rows.append((roads.floor_index[destination[0]], *at[destination], -1, -1, math.inf, 0.0, 0.0, 0.0))
-    return np.array(rows, float)
+            rows = waypoints(floor, leg.points[:-1])
+        rows[0, NODE] = node
+        parts.append(rows)
+    parts.append(waypoints(roads.floor_index[destination[0]], np.array([at[destination]], float)))
+    return np.concatenate(parts)
 
 
 def _node(snapshot: Snapshot, stop: _Stop) -> int:

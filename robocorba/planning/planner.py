@@ -23,7 +23,6 @@ from robocorba.planning.request import (
 from robocorba.planning.search import find_path
 from robocorba.planning.snapshot import Snapshot
 
-
 #: Time for one query [s]: less than the 10 s for which clients usually wait, so that work nobody waits for ends.
 TIME_LIMIT_S = 8.0
 

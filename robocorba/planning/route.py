@@ -23,6 +23,14 @@ COLUMNS = 9
 _START, _NODE, _WAYPOINT, _ENTRY, _EXIT, _GOAL = (float(kind.value) for kind in PointKind)
 
 
+def waypoints(floor: float, places: Floats) -> Floats:
+    """The rows of drives over places (k, 2) of a floor, off the graph."""
+    rows = np.empty((len(places), COLUMNS))
+    rows[:] = (floor, 0.0, 0.0, -1.0, -1.0, math.inf, 0.0, 0.0, 0.0)
+    rows[:, X : Y + 1] = places
+    return rows
+
+
 @kernel
 def measure(way: Floats, elevations: Floats, speed: float) -> Floats:
     """The points of a way driven at `speed` m/s, a row each as in request.Path; `elevations` of the floors in m."""

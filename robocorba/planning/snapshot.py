@@ -5,13 +5,14 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 
+import msgspec
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from robocorba.errors import NoPath
 from robocorba.grids import Floats, Longs
-from robocorba.maps.model import Building, ElementKind, MapObject, PolygonShape
+from robocorba.maps.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
 from robocorba.maps.movable import movables
 from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.guide import make_guide
@@ -122,12 +123,26 @@ class Snapshot:
                 name += "'"
             solid = MapObject(name=name, shape=PolygonShape(points=polygon), at=(0.0, 0.0))
             building = building.with_element(floor, solid)
-        made = Snapshot(building, self.version, self)
+        return self._keep_variant(key, Snapshot(building, self.version, self))
+
+    def _keep_variant(self, key: tuple, made: Snapshot) -> Snapshot:
         with self._lock:
             self._variants[key] = made
             while len(self._variants) > MOST_VARIANTS:
                 self._variants.popitem(last=False)
         return made
+
+    def with_one_way_edges_closed(self) -> Snapshot:
+        """This building with a wall along every one-way edge, for ways that keep clear of them."""
+        key = ("one-way edges closed",)
+        with self._lock:
+            known = self._variants.get(key)
+        if known:
+            return known
+        floors = {name: _with_walls_on_one_way_edges(entry) for name, entry in self.building.floors.items()}
+        return self._keep_variant(
+            key, Snapshot(msgspec.structs.replace(self.building, floors=floors), self.version, self)
+        )
 
     def count_query(self) -> None:
         """A building that was asked for as many paths as it has nodes gets a table of all costs: it has paid for it."""
@@ -163,6 +178,15 @@ class Snapshot:
                 self._factors.clear()
             self._factors[avoid_elevators, graph] = known
         return known
+
+
+def _with_walls_on_one_way_edges(entry: FloorMap) -> FloorMap:
+    nodes, walls = entry.topological.nodes, dict(entry.geometrical.walls)
+    for edge in entry.topological.edges.values():
+        if edge.one_way:
+            name = f"one-way edge {edge.name}"
+            walls[name] = Wall(name=name, a=nodes[edge.a].at, b=nodes[edge.b].at)
+    return msgspec.structs.replace(entry, geometrical=msgspec.structs.replace(entry.geometrical, walls=walls))
 
 
 def _without_movables(building: Building, floors: frozenset[str]) -> Building:

@@ -19,6 +19,7 @@ from robocorba.maps.geometry import Obstacle, blocking, obstacles
 from robocorba.maps.model import XY, Building, GeometricalMap
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.floor_source import FloorSource, Touched
+from robocorba.planning.segments import segments_distance2
 
 #: A robot may touch what it drives past, but not by more than rounding, m.
 TOUCH_M = 1e-9
@@ -75,7 +76,9 @@ class FloorSpace:
         solid = np.array([item.geometry.geom_type == "Polygon" for item in self.owners], bool)
         outline = np.array([item.kind == "floor" for item in self.owners], bool)
         wanted = np.flatnonzero((solid | outline)[self._owner_of]) if len(self.owners) else np.empty(0, np.int64)
-        wanted = wanted[np.argsort(np.where(outline[self._owner_of[wanted]], -1, self._owner_of[wanted]), kind="stable")]
+        wanted = wanted[
+            np.argsort(np.where(outline[self._owner_of[wanted]], -1, self._owner_of[wanted]), kind="stable")
+        ]
         borders, owner = segments[wanted], self._owner_of[wanted]
         first = np.flatnonzero(np.diff(owner, prepend=-1)) if len(owner) else np.empty(0, np.int64)
         if not len(first):
@@ -114,35 +117,6 @@ class FloorSpace:
     def line_is_free(self, ax: float, ay: float, bx: float, by: float, radius_m: float) -> bool:
         """Whether a robot of that radius can drive straight from a to b, both on the ground."""
         return bool(line_free(self.grid, ax, ay, bx, by, radius_m))
-
-
-@kernel
-def _point_segment2(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
-    dx, dy = bx - ax, by - ay
-    length2 = dx * dx + dy * dy
-    t = 0.0
-    if length2 > 0.0:
-        t = min(max(((x - ax) * dx + (y - ay) * dy) / length2, 0.0), 1.0)
-    ex, ey = x - ax - t * dx, y - ay - t * dy
-    return ex * ex + ey * ey
-
-
-@kernel
-def _cross(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-
-
-@kernel
-def segments_distance2(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
-    """Squared distance of the segments ab and cd."""
-    if (_cross(ax, ay, bx, by, cx, cy) > 0.0) != (_cross(ax, ay, bx, by, dx, dy) > 0.0) and (
-        _cross(cx, cy, dx, dy, ax, ay) > 0.0
-    ) != (_cross(cx, cy, dx, dy, bx, by) > 0.0):
-        return 0.0
-    return min(
-        min(_point_segment2(ax, ay, cx, cy, dx, dy), _point_segment2(bx, by, cx, cy, dx, dy)),
-        min(_point_segment2(cx, cy, ax, ay, bx, by), _point_segment2(dx, dy, ax, ay, bx, by)),
-    )
 
 
 @kernel
@@ -212,9 +186,7 @@ def is_ground(borders: Floats, rings: Floats, inside: int, x: float, y: float) -
 
 
 @kernel
-def stands_free(
-    grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float
-) -> bool:
+def stands_free(grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float) -> bool:
     """Whether a point lies on the ground with nothing nearer than `radius`."""
     return line_free(grid, x, y, x, y, radius) and is_ground(borders, rings, inside, x, y)
 

@@ -21,6 +21,7 @@ import numpy as np
 from robocorba.errors import PlanningTimeout
 from robocorba.grids import Floats
 from robocorba.maps.model import XY
+from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_search import (
@@ -31,6 +32,7 @@ from robocorba.planning.tangent_search import (
     Labels,
     Lines,
     Radii,
+    reach_m,
     search,
 )
 from robocorba.planning.visible_region import make_scratch
@@ -47,10 +49,10 @@ NO_LANES: Floats = np.empty((0, 4))
 
 
 class Leg(NamedTuple):
-    """A drive on one floor: its length in m (inf where there is none) and its corners, ends included."""
+    """A drive on one floor: its length in m (inf where there is none) and its corners (k, 2), ends included."""
 
     length: float
-    points: list[XY]
+    points: Floats
 
 
 class TangentGraph:
@@ -71,6 +73,9 @@ class TangentGraph:
         same = max(2 * self._mesh.merged_m, 2 * float(self._mesh.mesh.frame[2]))
         self._radii = Radii(self.radius, turn, same)
         self._scratch = make_scratch(self._mesh.mesh)
+        way_out = self._mesh.way_out
+        near = near_core(self._mesh.mesh, self._mesh.xy, way_out, reach_m(self._radii))
+        self._dead_ends = DeadEnds(way_out, near, np.zeros(vertices, np.int64))
         self._arcs = Arcs(
             self._mesh.low,
             self._mesh.span,
@@ -107,8 +112,12 @@ class TangentGraph:
     def _more_room(self) -> None:
         """Make twice the room, keeping the lines."""
         old, room = self._lines, 2 * len(self._lines.to)
-        longer = [np.concatenate([array, np.zeros_like(array)]) for array in old[2:7]]
-        self._lines = Lines(old.first, old.count, *longer, old.used)
+        grown = {
+            name: np.concatenate([array, np.zeros_like(array)])
+            for name, array in old._asdict().items()
+            if name in ("to", "leave", "arrive", "length", "state")
+        }
+        self._lines = old._replace(**grown)
         labels = self._labels
         self._labels = labels._replace(cost=np.empty(room), cost_epoch=np.zeros(room, np.int64))
 
@@ -150,6 +159,7 @@ class TangentGraph:
                     self._arcs,
                     self._labels,
                     self._scratch,
+                    self._dead_ends,
                     *origin,
                     goals,
                     most,
@@ -164,11 +174,7 @@ class TangentGraph:
             finally:
                 self._lock.release()
             if status == DONE:
-                ways = corners.tolist()
-                return [
-                    Leg(length, [(x, y) for x, y in ways[first[i] : first[i + 1]]])
-                    for i, length in enumerate(lengths.tolist())
-                ]
+                return [Leg(length, corners[first[i] : first[i + 1]]) for i, length in enumerate(lengths.tolist())]
             if time.monotonic() > deadline:
                 raise PlanningTimeout(self.space.floor)
             if status != NO_ROOM:

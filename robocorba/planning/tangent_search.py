@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
+from robocorba.planning.dead_ends import DeadEnds, stamp_way_out
 from robocorba.planning.space import against_one_way, line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh
@@ -32,13 +33,13 @@ LINE_WORK = 8
 
 class Lines(NamedTuple):
     """Lines that leave the circles of vertices, in the order in which they were found: those of vertex v with turn +1
-    are first[2 v]:first[2 v] + count[2 v] (count -1: not looked for yet), with turn -1 the same of 2 v + 1.
+    are first[2 v]:first[2 v] + number[2 v] (number -1: not looked for yet), with turn -1 the same of 2 v + 1.
 
     to: 2 w for the circle of w taken with turn +1, 2 w + 1 with turn -1; leave, arrive: angles on the two arcs; length
     in m; state: UNKNOWN, FREE or BLOCKED; used: how many there are."""
 
     first: Longs
-    count: Longs
+    number: Longs
     to: Longs
     leave: Floats
     arrive: Floats
@@ -86,9 +87,7 @@ class Radii(NamedTuple):
 def _arc_known(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool:
     """Find out once what of a vertex's arc is free; whether there is any of it."""
     if arcs.state[v] == UNKNOWN:
-        first, last, alone = free_arc(
-            grid, xy[v, 0], xy[v, 1], arcs.low[v], arcs.span[v], radii.turn, radii.same_m
-        )
+        first, last, alone = free_arc(grid, xy[v, 0], xy[v, 1], arcs.low[v], arcs.span[v], radii.turn, radii.same_m)
         arcs.ends[v, 0], arcs.ends[v, 1] = math.cos(arcs.low[v] + first), math.sin(arcs.low[v] + first)
         arcs.ends[v, 2], arcs.ends[v, 3] = math.cos(arcs.low[v] + last), math.sin(arcs.low[v] + last)
         arcs.usable[v] = last >= first - SAME_RAD
@@ -101,7 +100,9 @@ def _on_arc(arcs: Arcs, v: int, ex: float, ey: float) -> bool:
     """Whether the free part of the arc of v has a place in the direction of the unit vector e from v."""
     ax, ay, bx, by = arcs.ends[v]
     return (
-        ax * ey - ay * ex >= -SAME_RAD and ex * by - ey * bx >= -SAME_RAD and (ax + bx) * ex + (ay + by) * ey >= -SAME_RAD
+        ax * ey - ay * ex >= -SAME_RAD
+        and ex * by - ey * bx >= -SAME_RAD
+        and (ax + bx) * ex + (ay + by) * ey >= -SAME_RAD
     )
 
 
@@ -115,7 +116,9 @@ def _angle(arcs: Arcs, v: int, ex: float, ey: float) -> float:
 
 
 @kernel
-def _find_lines(mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, scratch: Scratch, v: int, radii: Radii) -> int:
+def _find_lines(
+    mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, scratch: Scratch, v: int, radii: Radii
+) -> int:
     """Note the lines that leave vertex v; the work it took, -1 where there is no room for them."""
     seen, visited = seen_from(mesh, xy, v, 0.0, 0.0, scratch)
     count = 0
@@ -145,9 +148,15 @@ def _find_lines(mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, sc
                 lines.arrive[at] = _angle(arcs, w, there * hy, -there * hx)
                 lines.state[at] = UNKNOWN
                 at += 1
-        lines.count[2 * v + side] = at - lines.first[2 * v + side]
+        lines.number[2 * v + side] = at - lines.first[2 * v + side]
     lines.used[0] = at
     return visited + 4 * seen
+
+
+@kernel
+def reach_m(radii: Radii) -> float:
+    """How far into a dead end a way that passes it may turn, m; see dead_ends.py."""
+    return 2.0 * radii.turn + radii.same_m
 
 
 @kernel
@@ -166,6 +175,7 @@ def search(
     arcs: Arcs,
     labels: Labels,
     scratch: Scratch,
+    ends: DeadEnds,
     start_x: float,
     start_y: float,
     goals: Floats,
@@ -187,6 +197,9 @@ def search(
     labels.epoch[0] += 1
     epoch = labels.epoch[0]
     work = 0
+    stamp_way_out(mesh, xy, ends, start_x, start_y, reach_m(radii), epoch)
+    for g in range(wanted):
+        stamp_way_out(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
     # A record is a line taken: parent record, circle reached (or -1 - goal), angle at which the parent was left, angle
     # of arrival, line (or -1), cost at arrival.
     records = np.empty((256, 6))
@@ -200,7 +213,9 @@ def search(
     work += visited + 4 * seen
     for i in range(seen):
         v = scratch.seen[i]
-        if arcs.span[v] <= 0.0 or _by_way_of(xy, v, start_x, start_y, aimed, radii.turn) > longest:
+        if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
+            continue
+        if _by_way_of(xy, v, start_x, start_y, aimed, radii.turn) > longest:
             continue
         if not _arc_known(arcs, xy, grid, v, radii):
             continue
@@ -236,7 +251,9 @@ def search(
         work += visited + 4 * seen
         for i in range(seen):
             v = scratch.seen[i]
-            if arcs.span[v] <= 0.0 or _by_way_of(xy, v, start_x, start_y, goals[g : g + 1], radii.turn) > longest:
+            if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
+                continue
+            if _by_way_of(xy, v, start_x, start_y, goals[g : g + 1], radii.turn) > longest:
                 continue
             if not _arc_known(arcs, xy, grid, v, radii):
                 continue
@@ -303,7 +320,7 @@ def search(
                 labels.angle[target], labels.offset[target] = passed, offset
         else:
             labels.circle_epoch[target], labels.angle[target], labels.offset[target] = epoch, passed, offset
-        if lines.count[target] < 0:
+        if lines.number[target] < 0:
             took = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
             if took < 0:
                 status = NO_ROOM
@@ -329,9 +346,10 @@ def search(
                     size += 1
             link = int(links[link, 0])
         first = lines.first[target]
-        work += lines.count[target]
-        for i in range(first, first + lines.count[target]):
-            if lines.state[i] == BLOCKED:
+        work += lines.number[target]
+        for i in range(first, first + lines.number[target]):
+            w = lines.to[i] // 2
+            if lines.state[i] == BLOCKED or not (ends.near_core[w] or ends.stamp[w] == epoch):
                 continue
             turned = turn * (lines.leave[i] - angle)
             if turned < -1e-9:
@@ -339,7 +357,6 @@ def search(
             total = cost + radii.turn * max(turned, 0.0) + lines.length[i]
             if labels.cost_epoch[i] == epoch and labels.cost[i] <= total + 1e-12:
                 continue
-            w = lines.to[i] // 2
             estimate = total + _left(aimed, xy, arcs, w, lines.arrive[i], radii.turn)
             if estimate > longest:
                 continue

@@ -93,7 +93,7 @@ def arc_corners(
     turned = end - begin
     if abs(turned) < 1e-12:
         return count
-    sides = int(math.ceil(abs(turned) / SIDE_RAD))
+    sides = math.ceil(abs(turned) / SIDE_RAD)
     step = turned / sides
     far = radius / math.cos(step / 2)
     if write:
@@ -104,14 +104,12 @@ def arc_corners(
 
 
 @kernel
-def arc_is_free(
-    grid: Grid, x: float, y: float, turn_radius: float, begin: float, end: float, radius: float
-) -> bool:
+def arc_is_free(grid: Grid, x: float, y: float, turn_radius: float, begin: float, end: float, radius: float) -> bool:
     """Whether a robot of `radius` can drive the lines of `arc_corners` and those that lead to and from them."""
     turned = end - begin
     if abs(turned) < 1e-12:
         return True
-    sides = int(math.ceil(abs(turned) / SIDE_RAD))
+    sides = math.ceil(abs(turned) / SIDE_RAD)
     step = turned / sides
     far = turn_radius / math.cos(step / 2)
     ax, ay = x + turn_radius * math.cos(begin), y + turn_radius * math.sin(begin)

@@ -11,7 +11,7 @@ from robocorba.grids import Floats, Longs
 from robocorba.maps.model import XY
 from robocorba.planning import geometric
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
-from robocorba.planning.route import COLUMNS, ELEVATOR, FLOOR, LIMIT, NODE, X, Y
+from robocorba.planning.route import ELEVATOR, FLOOR, LIMIT, NODE, X, Y, waypoints
 from robocorba.planning.search import (
     FOUND,
     GOAL_NOT_FREE,
@@ -36,16 +36,19 @@ NEAR_NODES, MORE_NODES = 8, 256
 MOST_COMPONENTS = 32
 
 
+NO_CORNERS: Floats = np.empty((0, 2))
+
+
 class Tie:
     """How a place is tied to the road map: nodes, how far each is (m), and the corners on the way to it."""
 
-    def __init__(self, nodes: Sequence[int], lengths: Sequence[float], ways: Sequence[list[XY]] = ()) -> None:
+    def __init__(self, nodes: Sequence[int], lengths: Sequence[float], ways: Sequence[Floats] = ()) -> None:
         self.nodes, self.lengths = np.array(nodes, np.int64), np.array(lengths, float)
         self._corners = dict(zip(nodes, ways, strict=False))
 
-    def corners(self, node: int) -> list[XY]:
-        """Corners between the place and one of the nodes, in driving order."""
-        return self._corners.get(node, [])
+    def corners(self, node: int) -> Floats:
+        """Corners (k, 2) between the place and one of the nodes, in driving order."""
+        return self._corners.get(node, NO_CORNERS)
 
 
 #: What is looked up by the search itself: the nearest nodes in sight.
@@ -59,7 +62,7 @@ def ways(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Floa
     best = _find(snapshot, request, factor, deadline, smooth=smooth, straight=smooth)
     if best is None:
         leaves_roads = smooth and not request.graph
-        return geometric.ways(snapshot, request, deadline, obey_one_way=True) if leaves_roads else []
+        return _through_free_space(snapshot, request, deadline) if leaves_roads else []
     if not request.alternatives:
         return [best]
     found: dict[tuple[float, ...], Floats] = {}
@@ -74,6 +77,15 @@ def ways(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Floa
             break
         _make_dearer(snapshot, factor, along[1:-1, NODE].astype(np.int64).tolist())
     return list(found.values())
+
+
+def _through_free_space(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Floats]:
+    """The best way and alternatives where the road map has none. One-way edges are obeyed: no drive runs against one,
+    or else, since ways turn at walls only, all keep clear of them."""
+    found = geometric.ways(snapshot, request, deadline, obey_one_way=True)
+    if found or not any(len(part.lanes) for part in snapshot.roads.parts.values()):
+        return found
+    return geometric.ways(snapshot.with_one_way_edges_closed(), request, deadline)
 
 
 def _find(
@@ -113,14 +125,11 @@ def _find(
     return way if request.graph else without_detours(snapshot, request, way, deadline)
 
 
-def _with_corners(way: Floats, lead: list[XY], tail: list[XY]) -> Floats:
+def _with_corners(way: Floats, lead: Floats, tail: Floats) -> Floats:
     """The way with the corners between its ends and the map."""
-    return np.concatenate([way[:1], _waypoints(way[0, FLOOR], lead), way[1:-1], _waypoints(way[-1, FLOOR], tail), way[-1:]])
-
-
-def _waypoints(floor: float, corners: Sequence[XY]) -> Floats:
-    rows = np.array([(floor, *corner, -1, -1, math.inf, 0, 0, 0) for corner in corners], float)
-    return rows.reshape(-1, COLUMNS)
+    return np.concatenate(
+        [way[:1], waypoints(way[0, FLOOR], lead), way[1:-1], waypoints(way[-1, FLOOR], tail), way[-1:]]
+    )
 
 
 def without_detours(snapshot: Snapshot, request: PathRequest, way: Floats, deadline: float) -> Floats:
@@ -145,7 +154,7 @@ def without_detours(snapshot: Snapshot, request: PathRequest, way: Floats, deadl
             if math.isfinite(leg.length) and not _is_slower(request, drive, leg.length):
                 first = drive[:1].copy()
                 first[0, LIMIT] = math.inf
-                drive = np.concatenate([first, _waypoints(way[i, FLOOR], leg.points[1:-1]), drive[-1:]])
+                drive = np.concatenate([first, waypoints(way[i, FLOOR], leg.points[1:-1]), drive[-1:]])
         parts.append(drive)
         at = i + 1
     return np.concatenate(parts)
@@ -187,7 +196,9 @@ def around_corners(snapshot: Snapshot, request: PathRequest, place: Place, outbo
     if not len(order):
         return IN_SIGHT
     for near_by in (_nearest(order, component), order[NEAR_NODES:MORE_NODES]):
-        nodes = [int(node) for node in near_by if space.stands_free(*xy[node].tolist(), request.radius)]
+        nodes = [
+            int(node) for node in near_by if space.stands_free(float(xy[node, 0]), float(xy[node, 1]), request.radius)
+        ]
         targets: list[XY] = [(float(xy[node, 0]), float(xy[node, 1])) for node in nodes]
         legs = graph.legs(place[1:], targets, lanes=lanes, outbound=outbound, deadline=deadline)
         near = sorted((leg.length, i) for i, leg in enumerate(legs) if math.isfinite(leg.length))
@@ -197,7 +208,7 @@ def around_corners(snapshot: Snapshot, request: PathRequest, place: Place, outbo
         return IN_SIGHT
     seen = set(component[[nodes[i] for _, i in near[:MOST_JOINTS]]].tolist())
     kept = near[:MOST_JOINTS] + [item for item in near[MOST_JOINTS:] if not _seen(seen, int(component[nodes[item[1]]]))]
-    corners = [legs[i].points[1:-1] if outbound else legs[i].points[-2:0:-1] for _, i in kept]
+    corners = [legs[i].points[1:-1] if outbound else legs[i].points[1:-1][::-1] for _, i in kept]
     return Tie([nodes[i] for _, i in kept], [length for length, _ in kept], corners)
 
 
@@ -222,7 +233,7 @@ def _joined(straight: Tie, around: Tie) -> Tie:
     return Tie(
         [*straight.nodes.tolist(), *nodes],
         [*straight.lengths.tolist(), *(lengths[node] for node in nodes)],
-        [*([] for _ in straight.nodes), *(around.corners(node) for node in nodes)],
+        [*(NO_CORNERS for _ in straight.nodes), *(around.corners(node) for node in nodes)],
     )
 
 

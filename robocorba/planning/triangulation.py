@@ -92,8 +92,8 @@ def enlarged(mesh: Mesh, vertices: int) -> Mesh:
 @kernel
 def on_lattice(mesh: Mesh, x: float, y: float) -> tuple[int, int]:
     """The nearest point of the lattice within the frame."""
-    column = int(math.floor((x - mesh.frame[0]) / mesh.frame[2] + 0.5))
-    row = int(math.floor((y - mesh.frame[1]) / mesh.frame[2] + 0.5))
+    column = math.floor((x - mesh.frame[0]) / mesh.frame[2] + 0.5)
+    row = math.floor((y - mesh.frame[1]) / mesh.frame[2] + 0.5)
     return min(max(column, 0), LATTICE), min(max(row, 0), LATTICE)
 
 
@@ -435,7 +435,7 @@ def insert_points(mesh: Mesh, points: Floats) -> None:
 @kernel
 def crossings(grid: Grid) -> Floats:
     """Points (n, 2) at which segments of a grid cross each other, away from their ends."""
-    segments, start, items, frame = grid
+    segments, start, items, _frame = grid
     found = np.empty((16, 2))
     count = 0
     for cell in range(start.shape[0] - 1):

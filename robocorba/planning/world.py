@@ -18,7 +18,8 @@ class Ground(NamedTuple):
     """All floors in one: what grid, region and one-way edges of each hold, one behind the other.
 
     Floor f has frames[f], start[first_cell[f]:first_cell[f + 1]], borders[first_border[f]:first_border[f + 1]],
-    rings[first_ring[f]:first_ring[f + 1]], lanes[first_lane[f]:first_lane[f + 1]], and the nodes first_node[f]:first_node[f + 1]."""
+    rings[first_ring[f]:first_ring[f + 1]], lanes[first_lane[f]:first_lane[f + 1]], and the nodes
+    first_node[f]:first_node[f + 1]."""
 
     segments: Floats
     start: Longs

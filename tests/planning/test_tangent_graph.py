@@ -98,7 +98,7 @@ class EveryTangent:
         return bool((shapely.distance(shapely.points(places), self.blocked) >= self.radius - FORGIVEN_M).all())
 
 
-def way_faults(space: FloorSpace, points: list[XY], radius: float) -> list[tuple[XY, XY]]:
+def way_faults(space: FloorSpace, points: np.ndarray, radius: float) -> list[tuple[XY, XY]]:
     """The drives that come nearer to something than the radius, by shapely."""
     blocked = shapely.union_all([item.geometry for item in space.owners])
     return [(a, b) for a, b in pairwise(points) if LineString([a, b]).distance(blocked) < radius - 1e-6]
@@ -113,7 +113,7 @@ def test_no_way_is_shorter(seed: int) -> None:
     for start, goal in zip(places[::2], places[1::2], strict=True):
         (leg,) = graph.legs(start[1:], [goal[1:]])
         assert leg.length == pytest.approx(reference.length(start[1:], goal[1:]), abs=1e-6)
-        if leg.points:
+        if len(leg.points):
             assert way_faults(space, leg.points, radius) == []
             driven = sum(math.dist(a, b) for a, b in pairwise(leg.points))
             assert leg.length - 1e-9 <= driven <= 1.0034 * leg.length
@@ -165,7 +165,7 @@ def test_a_search_ends_at_its_deadline() -> None:
         began = time.monotonic()
         with pytest.raises(PlanningTimeout):
             graph.legs((1.0, 1.0), [(11.0, 8.0)], deadline=began + 0.05)
-    assert graph.legs((1.0, 1.0), [(11.0, 8.0)])[0].points
+    assert len(graph.legs((1.0, 1.0), [(11.0, 8.0)])[0].points)
 
 
 def test_threads_share_a_graph() -> None:

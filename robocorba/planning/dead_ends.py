@@ -1,0 +1,120 @@
+"""Parts of a floor that a shortest way enters only where it begins or ends in them.
+
+A triangle that can be left over one edge alone is a dead end, and so is what becomes one when these are taken away.
+What remains is the core. A way from one place in the core to another has no reason to enter a dead end, except that a
+robot of radius r, held off by what stands in front of it, may reach r into it: so the vertices up to 2 r from its
+opening still count. In mazes nearly everything is a dead end.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from robocorba.grids import Floats, Longs
+from robocorba.kernels import kernel
+from robocorba.planning.segments import segments_distance2
+from robocorba.planning.triangulation import Flags, Mesh, locate, on_lattice
+
+#: The way out of a triangle of the core.
+IN_CORE = -1
+
+
+class DeadEnds(NamedTuple):
+    """way_out (t,): the triangle through which each dead end is left, IN_CORE in the core; near_core (n,): the
+    vertices at which ways through the core may turn; stamp (n,): the last search for which others count, too."""
+
+    way_out: Longs
+    near_core: Flags
+    stamp: Longs
+
+
+@kernel
+def ways_out(mesh: Mesh) -> Longs:
+    """The triangle through which each dead end is left, IN_CORE for triangles of the core."""
+    count = mesh.corner.shape[0]
+    found = np.full(count, IN_CORE, np.int64)
+    openings = np.zeros(count, np.int64)
+    stack = np.empty(count, np.int64)
+    height = 0
+    for t in range(count):
+        for k in range(3):
+            if mesh.across[t, k] >= 0 and not mesh.wall[t, k]:
+                openings[t] += 1
+        if openings[t] == 1:
+            stack[height] = t
+            height += 1
+    while height:
+        height -= 1
+        t = stack[height]
+        if openings[t] != 1:  # the last one of a part without any core
+            continue
+        for k in range(3):
+            n = mesh.across[t, k]
+            if n >= 0 and not mesh.wall[t, k] and openings[n] > 0 and found[n] != t:
+                found[t] = n
+                openings[t] = 0
+                openings[n] -= 1
+                if openings[n] == 1:
+                    stack[height] = n
+                    height += 1
+                break
+    return found
+
+
+@kernel
+def near_core(mesh: Mesh, xy: Floats, way_out: Longs, reach: float) -> Flags:
+    """The vertices (n,) of the core, and those of dead ends within `reach` m of their opening."""
+    found = np.zeros(mesh.at.shape[0], np.bool_)
+    stamp = np.zeros(mesh.at.shape[0], np.int64)
+    stack = np.empty(mesh.corner.shape[0], np.int64)
+    for t in range(mesh.corner.shape[0]):
+        if way_out[t] == IN_CORE:
+            _stamp_triangle(mesh, xy, way_out, t, reach, stamp, 1, stack)
+    for v in range(found.shape[0]):
+        found[v] = stamp[v] == 1
+    return found
+
+
+@kernel
+def stamp_way_out(mesh: Mesh, xy: Floats, ends: DeadEnds, x: float, y: float, reach: float, epoch: int) -> None:
+    """Stamp the vertices along the way from a place out of its dead end, and those within `reach` m beside it."""
+    column, row = on_lattice(mesh, x, y)
+    t = locate(mesh, column, row, mesh.some[0])
+    if ends.way_out[t] == IN_CORE:
+        return
+    stack = np.empty(256, np.int64)
+    while t != IN_CORE:
+        _stamp_triangle(mesh, xy, ends.way_out, t, reach, ends.stamp, epoch, stack)
+        t = ends.way_out[t]
+
+
+@kernel
+def _stamp_triangle(
+    mesh: Mesh, xy: Floats, way_out: Longs, triangle: int, reach: float, stamp: Longs, epoch: int, stack: Longs
+) -> None:
+    """Stamp the vertices of a triangle and, of the dead ends that open to it, those within reach of the opening."""
+    for k in range(3):
+        a, b = mesh.corner[triangle, k], mesh.corner[triangle, (k + 1) % 3]
+        stamp[a] = epoch
+        n = mesh.across[triangle, k]
+        if n < 0 or mesh.wall[triangle, k] or way_out[n] != triangle:
+            continue
+        stack[0], height = n, 1
+        while height:
+            height -= 1
+            t = stack[height]
+            for j in range(3):
+                p, q = mesh.corner[t, j], mesh.corner[t, (j + 1) % 3]
+                apart2 = segments_distance2(
+                    xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[p, 0], xy[p, 1], xy[q, 0], xy[q, 1]
+                )
+                if apart2 >= reach * reach:
+                    continue
+                for v in (p, q):
+                    stamp[v] = epoch
+                beyond = mesh.across[t, j]
+                if beyond >= 0 and not mesh.wall[t, j] and way_out[beyond] == t and height < stack.shape[0]:
+                    stack[height] = beyond
+                    height += 1

@@ -1,0 +1,34 @@
+"""Distances between points and line segments, in m."""
+
+from __future__ import annotations
+
+from robocorba.kernels import kernel
+
+
+@kernel
+def _point_segment2(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+    dx, dy = bx - ax, by - ay
+    length2 = dx * dx + dy * dy
+    t = 0.0
+    if length2 > 0.0:
+        t = min(max(((x - ax) * dx + (y - ay) * dy) / length2, 0.0), 1.0)
+    ex, ey = x - ax - t * dx, y - ay - t * dy
+    return ex * ex + ey * ey
+
+
+@kernel
+def _cross(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+
+@kernel
+def segments_distance2(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
+    """Squared distance of the segments ab and cd."""
+    if (_cross(ax, ay, bx, by, cx, cy) > 0.0) != (_cross(ax, ay, bx, by, dx, dy) > 0.0) and (
+        _cross(cx, cy, dx, dy, ax, ay) > 0.0
+    ) != (_cross(cx, cy, dx, dy, bx, by) > 0.0):
+        return 0.0
+    return min(
+        min(_point_segment2(ax, ay, cx, cy, dx, dy), _point_segment2(bx, by, cx, cy, dx, dy)),
+        min(_point_segment2(cx, cy, ax, ay, bx, by), _point_segment2(dx, dy, ax, ay, bx, by)),
+    )
