@@ -18,17 +18,21 @@ WRITTEN = ("native", "openrmf", "ros", "nav2")
 __all__ = ["WRITTEN", "Imported", "read_map", "write_map"]
 
 
-def read_map(path: str | Path) -> Imported:
+def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls") -> Imported:
     """Read a native map, an Open-RMF building.yaml or a ROS map_server YAML, whichever the content is.
 
+    The options are for ROS maps. `unknown` cells are blocked or free. `specks` says what
+    happens to occupied specks: keep them, remove those beside walls, or all.
     Raises MapFileError with file, line, key and reason where it is none of them or wrong."""
+    options = ros_map.RosOptions(unknown, specks)
+    options.check(str(path))
     file = read_yaml(path)
     if native.is_native(file.data):
         return Imported(native.load(path), "native")
     if openrmf.is_openrmf(file.data):
         return openrmf.read(file)
     if ros_map.is_ros_map(file.data):
-        return ros_map.read(file)
+        return ros_map.read(file, options)
     raise MapFileError(
         str(path),
         1,

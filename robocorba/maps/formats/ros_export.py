@@ -13,7 +13,7 @@ from robocorba.errors import MapFileError
 from robocorba.maps.formats.files import floor_paths, write_file
 from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, Canvas
 from robocorba.maps.formats.losses import Losses
-from robocorba.maps.formats.ros_map import FREE_BELOW, OCCUPIED_ABOVE
+from robocorba.maps.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.model import Building
 
