@@ -122,14 +122,10 @@ def test_what_is_occupied_becomes_few_blocks(tmp_path: Path) -> None:
 def test_several_floors_get_a_file_each(tmp_path: Path) -> None:
     floor = _flat().floors["G"]
     upper = FloorMap(Floor(name="a b", level=1, elevation=3.0), floor.geometrical)
-    losses = write_map(Building("two", {"G": floor, "a b": upper}), tmp_path / "two.yaml", "ros", resolution_m=0.1)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "two-G.pgm",
-        "two-G.yaml",
-        "two-a_b.pgm",
-        "two-a_b.yaml",
-    ]
-    assert "doors became gaps in the walls: G door, a b door" in losses
+    exported = write_map(Building("two", {"G": floor, "a b": upper}), tmp_path / "two.yaml", "ros", resolution_m=0.1)
+    assert [path.name for path in exported.files] == ["two-G.yaml", "two-G.pgm", "two-a_b.yaml", "two-a_b.pgm"]
+    assert sorted(exported.files) == sorted(tmp_path.iterdir())
+    assert "doors became gaps in the walls: G door, a b door" in exported.losses
 
 
 def _room() -> np.ndarray:

@@ -8,14 +8,14 @@ from robocorba.errors import MapFileError
 from robocorba.maps import native
 from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_map
 from robocorba.maps.formats.files import write_file
-from robocorba.maps.formats.losses import Imported
+from robocorba.maps.formats.losses import Exported, Imported
 from robocorba.maps.model import Building
 from robocorba.maps.yaml_file import read_yaml
 
 #: Formats that `write_map` writes.
 WRITTEN = ("native", "openrmf", "ros", "nav2")
 
-__all__ = ["WRITTEN", "Imported", "read_map", "write_map"]
+__all__ = ["WRITTEN", "Exported", "Imported", "read_map", "write_map"]
 
 
 def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls") -> Imported:
@@ -48,8 +48,8 @@ def write_map(
     *,
     resolution_m: float = ros_export.DEFAULT_RESOLUTION_M,
     image: str = "pgm",
-) -> tuple[str, ...]:
-    """Write a building in one of the formats WRITTEN and return a sentence for everything that was lost.
+) -> Exported:
+    """Write a building in one of the formats WRITTEN. Returns the files, and a sentence for everything that was lost.
 
     native and openrmf write `path`. ros writes a YAML file and a picture for each floor,
     nav2 a GeoJSON file for each floor: named like `path` where the building has one
@@ -57,11 +57,11 @@ def write_map(
     (pgm or png) are for ros. Raises MapFileError where a file can't be written."""
     if format == "native":
         native.save(building, path)
-        return ()
+        return Exported((Path(path),))
     if format == "openrmf":
         text, losses = openrmf_export.dumps(building)
         write_file(Path(path), text.encode())
-        return losses
+        return Exported((Path(path),), losses)
     if format == "ros":
         return ros_export.write(building, path, resolution_m, image)
     if format == "nav2":
