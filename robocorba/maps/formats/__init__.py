@@ -6,7 +6,7 @@ from pathlib import Path
 
 from robocorba.errors import MapFileError
 from robocorba.maps import native
-from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_map
+from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_floors, ros_map
 from robocorba.maps.formats.files import write_file
 from robocorba.maps.formats.losses import Exported, Imported
 from robocorba.maps.model import Building
@@ -19,7 +19,7 @@ __all__ = ["WRITTEN", "Exported", "Imported", "read_map", "write_map"]
 
 
 def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls") -> Imported:
-    """Read a native map, an Open-RMF building.yaml or a ROS map_server YAML, whichever the content is.
+    """Read a native map, an Open-RMF building.yaml, a ROS map_server YAML or a list of these: the content decides.
 
     The options are for ROS maps. `unknown` cells are blocked or free. `specks` says what
     happens to occupied specks: keep them, remove those beside walls, or all.
@@ -31,13 +31,16 @@ def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls
         return Imported(native.load(path), "native")
     if openrmf.is_openrmf(file.data):
         return openrmf.read(file)
+    if ros_floors.is_ros_floors(file.data):
+        return ros_floors.read(file, options)
     if ros_map.is_ros_map(file.data):
         return ros_map.read(file, options)
     raise MapFileError(
         str(path),
         1,
         "",
-        "neither a RoboCorba map (robocorba: 1) nor an Open-RMF building (levels:) nor a ROS map (image:)",
+        "neither a RoboCorba map (robocorba: 1) nor an Open-RMF building (levels:) nor a ROS map (image:) "
+        "nor a list of ROS maps (ros_maps: 1)",
     )
 
 
