@@ -115,6 +115,20 @@ def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 1
 
 
+def test_import_joins_ros_maps_of_several_floors() -> None:
+    lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros"))
+    listed = [
+        f"- {{name: {name}, elevation: {height}, map: out-{name}.yaml}}" for name, height in (("L1", 0), ("L2", 4))
+    ]
+    Path("list.yaml").write_text("\n".join(["ros_maps: 1", "name: two", "floors:", *listed]))
+    *_, last = lines(robocorba_map("import", "list.yaml", "joined.yaml"))
+    assert last.startswith("wrote joined.yaml: 2 floors, ")
+    Path("list.yaml").write_text(Path("list.yaml").read_text().replace("out-L2", "out-L3"))
+    assert refusal("import", "list.yaml", "joined.yaml") == (
+        "robocorba map import: list.yaml:5: floors[1].map: there is no file of that name"
+    )
+
+
 def test_import_draws_roads_where_there_are_none() -> None:
     bare = two_floors()
     for kind in (ElementKind.EDGE, ElementKind.NODE):

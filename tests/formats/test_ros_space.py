@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from PIL import Image
 
 from robocorba.errors import MapFileError
 from robocorba.maps import validation
@@ -132,6 +133,13 @@ def test_unknown_cells_of_a_nav2_map_block_and_are_reported(tmp_path: Path) -> N
         "unknown cells: 1600 of grey 205 (16.0 m2) are below free_thresh 0.25 and block all the same, "
         "since map_saver writes unknown cells in this grey; --unknown free makes them free"
     ) in read_map(path).losses
+
+
+def test_unknown_cells_of_a_picture_with_opacity_block(tmp_path: Path) -> None:
+    """In mode trinary map_server counts opacity as a shade, which makes grey 205 lighter than any threshold."""
+    path = _nav2_room(tmp_path, free_thresh=0.196)
+    Image.open(tmp_path / "map.png").convert("LA").save(tmp_path / "map.png")
+    assert _ground(path).area == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize("free_thresh", [0.25, 0.196])
