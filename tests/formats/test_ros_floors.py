@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robocorba.errors import MapFileError
 from robocorba.maps import validation
@@ -18,6 +20,8 @@ from robocorba.maps.topology import topological_map
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
 from robocorba.planning.space import FloorSpace
+from tests.formats.hostile import HOSTILE, changed, places
+from tests.formats.rmf_files import written
 from tests.formats.ros_files import BLACK, GREY, WHITE, write_ros
 
 LIST: dict[str, Any] = {
@@ -180,3 +184,18 @@ def test_what_is_wrong_in_a_listed_map_is_named_there(tmp_path: Path) -> None:
         read_map(path)
     assert caught.value.file == str(listed)
     assert caught.value.key == "resolution"
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(list(places(LIST))), st.sampled_from(HOSTILE))
+def test_a_hostile_value_anywhere(
+    tmp_path_factory: pytest.TempPathFactory, place: tuple[Any, ...], change: Any
+) -> None:
+    folder = tmp_path_factory.mktemp("hostile")
+    path = _written(folder)
+    path.write_bytes(written(changed(LIST, place, change)))
+    try:
+        assert validation.problems(read_map(path).building) == []
+    except MapFileError as wrong:
+        assert wrong.line >= 1
+        assert len(str(wrong)) < 2_000

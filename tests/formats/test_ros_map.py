@@ -224,6 +224,7 @@ def test_transparent_cells_are_unknown_in_scale_mode(tmp_path: Path) -> None:
         ({"resolution": 1e-9}, "resolution", "metres a cell"),
         ({"origin": [1.0]}, "origin", "x, y, yaw"),
         ({"origin": [math.inf, 0, 0]}, "origin[0]", "too large|finite"),
+        ({"origin": [1e6, 0, 0]}, "origin", "reaches beyond 1e\\+06 m"),
         ({"negate": 3}, "negate", "0 or 1"),
         ({"mode": "dual"}, "mode", "trinary"),
         ({"free_thresh": 0.9}, "free_thresh", "free_thresh < occupied_thresh"),

@@ -116,9 +116,10 @@ def _check(file: YamlFile, building: Building) -> None:
 def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
     if wrong.kind == "building":
         return "$.name"
-    key = "elevators" if wrong.kind == "elevator" else "floors"
-    names = [entry["name"] for entry in file.data.get(key) or []]
-    return f"$.{key}[{names.index(wrong.name)}]"
+    is_elevator = wrong.kind == "elevator"
+    key, name = ("elevators", wrong.name) if is_elevator else ("floors", wrong.floor or wrong.name)
+    names = [entry["name"] for entry in file.data[key]]
+    return f"$.{key}[{names.index(name)}]"
 
 
 def _floor_map(

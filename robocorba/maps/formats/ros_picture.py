@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from robocorba.maps.element_rules import MAX_NUMBER
 from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.yaml_item import Item
@@ -93,6 +94,10 @@ def read_cells(root: Item, settings: Settings, unknown_is_free: bool, losses: Lo
     `unknown_is_free` makes all unknown cells free."""
     image = root.need("image")
     picture = _picture(image, Path(image.file.name).parent)
+    rows, columns = picture.shape[:2]
+    corners = settings.place(np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]))
+    if any(abs(value) > MAX_NUMBER for corner in corners for value in corner):
+        raise root.need("origin").error(f"the picture reaches beyond {MAX_NUMBER:g} m from 0, 0")
     cells = _told_apart(picture, settings)
     unknown = _saved_as_unknown(picture, settings) & (cells == FREE)
     if count := int(np.count_nonzero(unknown)):
