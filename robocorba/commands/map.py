@@ -33,7 +33,7 @@ class Unknown(str, Enum):
 
 
 class Specks(str, Enum):
-    """What happens to occupied specks of ROS maps."""
+    """What happens to specks of ROS maps."""
 
     KEEP = "keep"
     WALLS = "walls"
@@ -64,7 +64,7 @@ def import_(
         Specks,
         typer.Option(
             "--specks",
-            help="Occupied specks of ROS maps, 0.05 m or less: keep them, remove those beside walls, or all.",
+            help="Specks of ROS maps, 0.05 m or less: keep them, remove those beside walls, or all.",
         ),
     ] = Specks.WALLS,
 ) -> None:

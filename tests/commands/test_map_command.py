@@ -107,7 +107,7 @@ def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
     write_ros(Path(), cells, resolution=0.05, free_thresh=0.25)
     said = lines(robocorba_map("import", "map.yaml", "out.yaml"))
     assert [line for line in said if "of grey 205" in line and "--unknown free" in line]
-    assert [line for line in said if "1 occupied specks beside walls" in line and "--specks keep" in line]
+    assert [line for line in said if "specks: 1 of at most 0.05 m beside walls" in line and "--specks keep" in line]
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 2
     lines(robocorba_map("import", "map.yaml", "out.yaml", "--unknown", "free", "--specks", "keep"))
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 3

@@ -180,11 +180,19 @@ def test_specks_beside_walls_are_noise_and_legs_of_tables_stay(
 def test_removed_specks_are_reported(tmp_path: Path) -> None:
     path = _specks(tmp_path)
     assert read_map(path).losses[:2] == (
-        "specks: 1 occupied specks beside walls of at most 0.05 m, 0.0025 m2, are taken for noise and left out; "
+        "specks: 1 of at most 0.05 m beside walls, 0.0025 m2, are taken for noise and left out; "
         "--specks keep keeps them",
-        "specks: 1 occupied specks away from walls block, as legs of tables do; --specks all removes them",
+        "specks: 1 of at most 0.05 m away from walls block, as legs of tables do; --specks all removes them",
     )
     assert not [loss for loss in read_map(path, specks="keep").losses if "specks" in loss]
+
+
+def test_an_unknown_cell_within_free_space_is_a_speck(tmp_path: Path) -> None:
+    cells = np.full((40, 40), WHITE)
+    cells[20, 20] = GREY
+    path = write_ros(tmp_path, cells, resolution=0.05)
+    assert _ground(path).area == pytest.approx(4.0 - 0.0025)
+    assert _ground(path, specks="all").area == pytest.approx(4.0)
 
 
 def test_a_cell_of_a_coarse_map_is_no_speck(tmp_path: Path) -> None:

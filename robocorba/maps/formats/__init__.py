@@ -22,7 +22,7 @@ def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls
     """Read a native map, an Open-RMF building.yaml, a ROS map_server YAML or a list of these: the content decides.
 
     The options are for ROS maps. `unknown` cells are blocked or free. `specks` says what
-    happens to occupied specks: keep them, remove those beside walls, or all.
+    happens to specks of 0.05 m or less: keep them, remove those beside walls, or all.
     Raises MapFileError with file, line, key and reason where it is none of them or wrong."""
     options = ros_map.RosOptions(unknown, specks)
     options.check(str(path))

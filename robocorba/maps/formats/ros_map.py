@@ -29,7 +29,7 @@ _HEIGHT_M = 2.5
 
 
 class RosOptions(NamedTuple):
-    """How pictures are read: `unknown` cells are one of UNKNOWN_AS, occupied `specks` are treated as one of SPECKS."""
+    """How pictures are read: `unknown` cells are one of UNKNOWN_AS, `specks` are treated as one of SPECKS."""
 
     unknown: str = "blocked"
     specks: str = "walls"

@@ -15,14 +15,15 @@ from robocorba.maps.formats.solids import EIGHT
 #: Smallest free region that is kept beside the largest [m2]. A robot of 0.4 m radius takes 0.5 m2; with
 #: twice that it can turn and leave. Laser rays through windows leave thousands of smaller ones.
 LEAST_ROOM_M2 = 1.0
-#: Largest side of a speck [m]: one cell of most laser maps. Legs of tables are 3 to 6 cm thick.
+#: Largest side of a speck, something occupied or unknown within free space [m]: one cell of most laser maps.
+#: Legs of tables are 3 to 6 cm thick.
 SPECK_M = 0.05
 #: Widest gap between a speck and a wall that it is taken for noise of [m], so a removed one
 #: stood out from the wall by 0.10 m at most.
 SPECK_GAP_M = 0.05
 #: Regions left out that are named with their place, the largest first.
 PLACES_SHOWN = 5
-#: What is removed of the occupied specks.
+#: Which specks are removed.
 SPECKS = ("keep", "walls", "all")
 _SLACK = 1e-9
 
@@ -37,40 +38,35 @@ class Space:
 
 
 def without_specks(cells: np.ndarray, settings: Settings, specks: str, losses: Losses) -> np.ndarray:
-    """The cells without occupied specks beside free cells: those near walls, or all (`specks` is one of SPECKS)."""
+    """The cells with specks made free: those beside larger things, or all of them (`specks` is one of SPECKS)."""
     largest = int(SPECK_M / settings.resolution + _SLACK)
     if specks == "keep" or largest < 1:
         return cells
-    labels, count = ndimage.label(cells == OCCUPIED, EIGHT)
-    in_the_open = np.zeros(count + 1, bool)
-    in_the_open[labels[ndimage.binary_dilation(cells == FREE, EIGHT)]] = True
+    labels, count = ndimage.label(cells != FREE, EIGHT)
     small = np.zeros(count + 1, bool)
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
         small[number] = max(rows.stop - rows.start, columns.stop - columns.start) <= largest
-    small &= in_the_open
     removed = small
     if specks == "walls":
         gap = int(SPECK_GAP_M / settings.resolution + _SLACK)
-        walls = (labels > 0) & ~small[labels]
-        near = ndimage.binary_dilation(walls, EIGHT, iterations=gap + 1)
+        larger = (labels > 0) & ~small[labels]
         beside = np.zeros(count + 1, bool)
-        beside[labels[near]] = True
+        beside[labels[ndimage.binary_dilation(larger, EIGHT, iterations=gap + 1)]] = True
         removed = small & beside
     taken = removed[labels]
     if taken.any():
-        where = "beside walls " if specks == "walls" else ""
+        where = " beside walls" if specks == "walls" else ""
         losses.add(
-            f"specks: {np.count_nonzero(removed)} occupied specks {where}of at most {SPECK_M:g} m, "
+            f"specks: {np.count_nonzero(removed)} of at most {SPECK_M:g} m{where}, "
             f"{settings.area_m2(int(np.count_nonzero(taken))):.3g} m2, are taken for noise and left out; "
             f"--specks keep keeps them"
         )
     if left := int(np.count_nonzero(small & ~removed)):
         losses.add(
-            f"specks: {left} occupied specks away from walls block, as legs of tables do; --specks all removes them"
+            f"specks: {left} of at most {SPECK_M:g} m away from walls block, as legs of tables do; "
+            f"--specks all removes them"
         )
-    cells = cells.copy()
-    cells[taken] = FREE
-    return cells
+    return np.where(taken, np.uint8(FREE), cells)
 
 
 def kept_space(cells: np.ndarray, settings: Settings, losses: Losses) -> Space:
