@@ -237,12 +237,15 @@ def test_floor_polygons_apart_are_reported() -> None:
     level = data["levels"]["L1"]
     level["vertices"] += [[300, 0], [310, 0], [310, 10]]
     level["floors"].append({"vertices": [11, 12, 13]})
+    level["walls"] += [[11, 12], [2, 12]]
     result = imported(data)
     lost = [loss for loss in result.losses if "apart from the largest are left out" in loss]
     assert lost == [
         "outline: 1 parts of the floor apart from the largest are left out, no lane leads there: "
         "L1 0.12 m2 at (15.38, -0.25)"
     ]
+    assert "walls and doors in parts of the floor that are left out: 1: L1 w6" in result.losses
+    assert list(result.building.floors["L1"].geometrical.walls)[-1] == "w7"  # it stands on both
     assert max(x for x, _ in result.building.floors["L1"].floor.outline) == pytest.approx(10.0)
 
 

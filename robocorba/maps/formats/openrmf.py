@@ -8,7 +8,7 @@ docs/formats.md says what becomes of each and what is left out.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -16,7 +16,7 @@ from robocorba.maps.formats.losses import Imported, Losses, settle
 from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
 from robocorba.maps.formats.openrmf_lanes import Names, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
-from robocorba.maps.formats.openrmf_outline import outline_of
+from robocorba.maps.formats.openrmf_outline import Outline, outline_of
 from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.model import (
@@ -31,6 +31,7 @@ from robocorba.maps.model import (
 from robocorba.maps.yaml_file import YamlFile
 
 FORMAT = "openrmf"
+T = TypeVar("T", Wall, Door)
 _DOOR_KINDS = {
     **{kind.value: kind for kind in DoorKind},
     "telescope": DoorKind.SLIDING,
@@ -83,11 +84,15 @@ def read(file: YamlFile) -> Imported:
     for name, entry in empty.items():
         level, place = by_name[name], placements[name]
         shafts = [lift for lift in lifts.values() if name in lift.floors()]
-        outline, voids = outline_of(level, place, shafts, losses)
+        outline = outline_of(level, place, shafts, losses)
         _report_rest(level, losses)
         floors[name] = FloorMap(
-            msgspec.structs.replace(entry.floor, outline=outline),
-            GeometricalMap(walls=_walls(level, place, losses), objects=voids, doors=_doors(level, place, losses)),
+            msgspec.structs.replace(entry.floor, outline=outline.points),
+            GeometricalMap(
+                walls=_inside(_walls(level, place, losses), outline, name, losses),
+                objects=outline.voids,
+                doors=_inside(_doors(level, place, losses), outline, name, losses),
+            ),
             lanes_of(level, place, lifts, left_out, graphs, losses),
         )
     for name in root.mapping():
@@ -178,6 +183,17 @@ def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
         a, b = _ends(level, link, place)
         found[name] = Door(name=name, a=a, b=b, kind=kind)
     return found
+
+
+def _inside(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
+    """The walls or doors that do not stand in parts of the floor that are left out."""
+    kept: dict[str, T] = {}
+    for name, element in found.items():
+        if outline.leaves_out(element.a, element.b):
+            losses.add("walls and doors in parts of the floor that are left out: {n}: {names}", f"{floor} {name}")
+        else:
+            kept[name] = element
+    return kept
 
 
 def _ends(level: Level, link: Link, place: Placement) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -24,10 +26,23 @@ NODE_ROOM_M = 1.0
 LEAST_AREA_M2 = 0.01
 
 
-def outline_of(
-    level: Level, place: Placement, shafts: list[Elevator], losses: Losses
-) -> tuple[tuple[XY, ...], dict[str, MapObject]]:
-    """The outline (empty where the level has no floor polygon), and its voids as objects `void1`, `void2`...
+class Outline(NamedTuple):
+    """The outline of a floor (empty: unbounded), its voids as objects, and the parts of it that were left out."""
+
+    points: tuple[XY, ...]
+    voids: dict[str, MapObject]
+    left_out: tuple[Polygon, ...]
+
+    def leaves_out(self, a: XY, b: XY) -> bool:
+        """Whether a wall or door belongs to a part that was left out, and not to the rest."""
+        line = shapely.LineString([a, b])
+        return bool(self.left_out) and (
+            line.distance(shapely.union_all(self.left_out)) <= WALL_REACH_M < line.distance(Polygon(self.points))
+        )
+
+
+def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: Losses) -> Outline:
+    """The outline of a level, and its voids as objects `void1`, `void2`...; none without a floor polygon.
 
     The outline is the union of the floor polygons and of the shafts beside or in them. Parts
     that lie apart are left out where the lanes need only the largest one, else their
@@ -47,19 +62,22 @@ def outline_of(
     if not polygons:
         if holes:
             losses.add("holes without a floor around them are left out: {names}", level.name)
-        return (), {}
+        return Outline((), {}, ())
     drawn = shapely.union_all([polygon for polygon, _ in polygons])
     hull = _hull_of_all(drawn, [shaft_polygon(shaft) for shaft in shafts], level, place, losses)
     ground = drawn if hull is None else hull
     missing = _missing_shafts(ground, shafts, level, losses)
     if hull is None and len(polygons) == 1 and not missing and not holes and isinstance(polygons[0][0], Polygon):
-        return tuple(polygons[0][1]), {}
-    ground = _one_part(shapely.union_all([ground, *missing]), level, place, losses)
-    rest = ground.difference(shapely.union_all(holes)) if holes else ground
-    cut = _largest(rest)
-    _report_rest(rest, cut, "holes cut them off", level, losses)
+        return Outline(tuple(polygons[0][1]), {}, ())
+    whole = shapely.union_all([ground, *missing])
+    one = _one_part(whole, level, place, losses)
+    apart = _rest(whole, one, "no lane leads there", level, losses)
+    parts = one.difference(shapely.union_all(holes)) if holes else one
+    cut = _largest(parts)
+    apart += _rest(parts, cut, "holes cut them off", level, losses)
     voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= LEAST_AREA_M2]
-    return _points(cut), {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
+    objects = {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
+    return Outline(_points(cut), objects, tuple(apart))
 
 
 def _hull_of_all(
@@ -120,21 +138,23 @@ def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Loss
     largest = _largest(ground)
     ends = {index for lane in level.links["lanes"] for index in (lane.a, lane.b)}
     if all(largest.covers(shapely.Point(place(level.vertices[index].at))) for index in ends):
-        _report_rest(ground, largest, "no lane leads there", level, losses)
         return largest
     losses.add("outline: the floor polygons lie apart, their convex hull is used: {names}", level.name)
     return ground.convex_hull
 
 
-def _report_rest(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: Losses) -> None:
-    """Report the parts of the ground that are left out: how large and where they are."""
+def _rest(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: Losses) -> list[Polygon]:
+    """The parts of the ground that are left out, reported with how large and where they are."""
+    found = []
     for part in shapely.get_parts(ground).tolist():
-        if isinstance(part, Polygon) and part != kept and part.area >= LEAST_AREA_M2:
+        if isinstance(part, Polygon) and part.area >= LEAST_AREA_M2 and not kept.covers(part.representative_point()):
+            found.append(part)
             place = part.representative_point()
             losses.add(
                 f"outline: {{n}} parts of the floor apart from the largest are left out, {why}: {{names}}",
                 f"{level.name} {part.area:.2f} m2 at ({place.x:.2f}, {place.y:.2f})",
             )
+    return found
 
 
 def _largest(ground: BaseGeometry) -> Polygon:
