@@ -112,6 +112,17 @@ def test_levels_and_elevations_follow_from_each_other(
     assert [(entry.floor.level, entry.floor.elevation) for entry in building.floors.values()] == expected
 
 
+def test_the_example_of_the_manual(tmp_path: Path) -> None:
+    manual = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+    (tmp_path / "upper").mkdir()
+    for folder, name in ((tmp_path, "ground"), (tmp_path / "upper", "first")):
+        write_ros(folder, np.full((60, 120), WHITE), name)
+    path = tmp_path / "lab.yaml"
+    path.write_text("ros_maps: 1" + manual.split("```yaml\nros_maps: 1")[1].split("```")[0])
+    building = read_map(path).building
+    assert (list(building.floors), list(building.elevators)) == (["L1", "L2"], ["E1"])
+
+
 def test_an_elevator_whose_doors_lead_nowhere_is_reported(tmp_path: Path) -> None:
     elevator = {**LIST["elevators"][0], "doors": [{"floor": "L1", "side": "right"}]}
     losses = read_map(_written(tmp_path, elevators=[elevator])).losses
