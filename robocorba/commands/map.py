@@ -20,8 +20,24 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Read, write, check and show map files.", no_args_is_help=True)
 
 _FILE = typer.Argument(
-    metavar="FILE", help="A native map, an Open-RMF building.yaml, a ROS map YAML, or the name of a sample building."
+    metavar="FILE",
+    help="A native map, an Open-RMF building.yaml, a ROS map YAML or a list of them, or the name of a sample building.",
 )
+
+
+class Unknown(str, Enum):
+    """What unknown cells of ROS maps become."""
+
+    BLOCKED = "blocked"
+    FREE = "free"
+
+
+class Specks(str, Enum):
+    """What happens to specks of ROS maps."""
+
+    KEEP = "keep"
+    WALLS = "walls"
+    ALL = "all"
 
 
 class Format(str, Enum):
@@ -41,12 +57,22 @@ def import_(
         bool, typer.Option("--topology", help="Draw a topological map for every floor that has none.")
     ] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = 0.40,
+    unknown: Annotated[
+        Unknown, typer.Option("--unknown", help="What unknown cells of ROS maps become.")
+    ] = Unknown.BLOCKED,
+    specks: Annotated[
+        Specks,
+        typer.Option(
+            "--specks",
+            help="Specks of ROS maps, 0.05 m or less: keep them, remove those beside walls, or all.",
+        ),
+    ] = Specks.WALLS,
 ) -> None:
     """Turn a foreign map into a native map file and list what was lost on the way."""
     from robocorba.maps import native
 
     with _telling("map import"):
-        imported = _read(file)
+        imported = _read(file, unknown, specks)
         building = imported.building
         _tell_losses(imported.losses)
         if topology:
@@ -76,8 +102,10 @@ def export(
 
     with _telling("map export"):
         building = _read(file).building
-        _tell_losses(write_map(building, output, format.value, resolution_m=resolution, image=image))
-        typer.echo(f"wrote {output}")
+        exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
+        _tell_losses(exported.losses)
+        for written in exported.files:
+            typer.echo(f"wrote {written}")
 
 
 @app.command()
@@ -130,11 +158,12 @@ class _telling:
             raise typer.Exit(1) from None
 
 
-def _read(file: str) -> Imported:
+def _read(file: str, unknown: Unknown = Unknown.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
     from robocorba.maps.formats import read_map
     from robocorba.maps.samples import SAMPLES, sample_path
 
-    return read_map(sample_path(file) if file in SAMPLES else file)
+    path = sample_path(file) if file in SAMPLES else file
+    return read_map(path, unknown=unknown.value, specks=specks.value)
 
 
 def _tell_losses(losses: tuple[str, ...]) -> None:

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import shapely
-from shapely import MultiPoint, Polygon
+from shapely import LineString, Polygon
 
 from robocorba.maps.model import (
     XY,
@@ -202,7 +202,7 @@ def _polygon(what: str, points: Sequence[XY]) -> Iterator[str]:
             yield wrong
             return
     shape = Polygon(points)
-    if MultiPoint(points).convex_hull.area < MIN_LENGTH**2:
+    if LineString(points).convex_hull.area < MIN_LENGTH**2:
         yield f"{what} encloses no area"
     elif not shape.is_valid:
         spot = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(shape))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
@@ -14,6 +15,7 @@ from robocorba.maps.formats import read_map
 from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, TopologicalMap
 from robocorba.maps.samples import SAMPLES
 from tests.formats.rmf_files import small, written
+from tests.formats.ros_files import BLACK, GREY, WHITE, write_ros
 from tests.maps.buildings import two_floors
 
 
@@ -98,6 +100,35 @@ def test_import_writes_a_native_map_and_lists_what_is_lost() -> None:
     assert native.load("out.yaml") == imported.building
 
 
+def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
+    cells = np.full((60, 60), GREY)
+    cells[10:50, 10:50] = WHITE
+    cells[30, 12], cells[30, 30], cells[10:50, 10] = BLACK, BLACK, BLACK
+    write_ros(Path(), cells, resolution=0.05, free_thresh=0.25)
+    said = lines(robocorba_map("import", "map.yaml", "out.yaml"))
+    assert [line for line in said if "of grey 205" in line and "--unknown free" in line]
+    assert [line for line in said if "specks: 1 of at most 0.05 m beside walls" in line and "--specks keep" in line]
+    assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 2
+    lines(robocorba_map("import", "map.yaml", "out.yaml", "--unknown", "free", "--specks", "keep"))
+    assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 3
+    lines(robocorba_map("import", "map.yaml", "out.yaml", "--specks", "all"))
+    assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 1
+
+
+def test_import_joins_ros_maps_of_several_floors() -> None:
+    lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros"))
+    listed = [
+        f"- {{name: {name}, elevation: {height}, map: out-{name}.yaml}}" for name, height in (("L1", 0), ("L2", 4))
+    ]
+    Path("list.yaml").write_text("\n".join(["ros_maps: 1", "name: two", "floors:", *listed]))
+    *_, last = lines(robocorba_map("import", "list.yaml", "joined.yaml"))
+    assert last.startswith("wrote joined.yaml: 2 floors, ")
+    Path("list.yaml").write_text(Path("list.yaml").read_text().replace("out-L2", "out-L3"))
+    assert refusal("import", "list.yaml", "joined.yaml") == (
+        "robocorba map import: list.yaml:5: floors[1].map: there is no file of that name"
+    )
+
+
 def test_import_draws_roads_where_there_are_none() -> None:
     bare = two_floors()
     for kind in (ElementKind.EDGE, ElementKind.NODE):
@@ -126,9 +157,10 @@ def test_what_is_exported_can_be_imported(format: str) -> None:
     ):
         one = one.without(kind, floor, name)
     native.save(one, "one.yaml")
-    *losses, last = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
-    assert last == "wrote out.yaml"
-    assert all(loss.startswith("lost: ") for loss in losses)
+    said = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
+    losses = [line for line in said if line.startswith("lost: ")]
+    files = ["out.yaml", "out.pgm"] if format == "ros" else ["out.yaml"]
+    assert said == [*losses, *(f"wrote {file}" for file in files)]
     assert bool(losses) == (format != "native")
     again = read_map("out.yaml")
     assert again.format == format
@@ -139,10 +171,14 @@ def test_what_is_exported_can_be_imported(format: str) -> None:
 
 
 def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
-    lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1"))
-    lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
-    for name in ("out-L1.yaml", "out-L2.yaml", "out-L1.geojson", "out-L2.geojson"):
-        assert Path(name).is_file(), sorted(Path().iterdir())
+    said = lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1"))
+    said += lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
+    files = [line.removeprefix("wrote ") for line in said if line.startswith("wrote ")]
+    assert files == [
+        *("out-L1.yaml", "out-L1.png", "out-L2.yaml", "out-L2.png"),
+        *("out-L1.geojson", "out-L2.geojson"),
+    ]
+    assert all(Path(name).is_file() for name in files)
     with Image.open("out-L1.png") as picture:
         assert picture.size[0] >= 200  # 20 m
 

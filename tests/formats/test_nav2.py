@@ -16,8 +16,8 @@ from tests.formats.rmf_files import imported, small
 
 
 def _graphs(tmp_path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
-    losses = write_map(imported(small()).building, tmp_path / "route.geojson", "nav2")
-    return {path.name: json.loads(path.read_text()) for path in sorted(tmp_path.iterdir())}, losses
+    exported = write_map(imported(small()).building, tmp_path / "route.geojson", "nav2")
+    return {path.name: json.loads(path.read_text()) for path in exported.files}, exported.losses
 
 
 def test_one_file_for_each_floor_with_nodes_and_directed_edges(tmp_path: Path) -> None:
@@ -62,8 +62,9 @@ def test_elevators_are_metadata_of_nodes_and_a_loss(tmp_path: Path) -> None:
 
 def test_a_floor_without_edges_has_no_file(tmp_path: Path) -> None:
     building = Building("b", {"G": FloorMap(Floor(name="G", level=0, elevation=0.0))})
-    losses = write_map(building, tmp_path / "g.geojson", "nav2")
-    assert losses == ("floors without edges have no route graph, no file is written: G",)
+    exported = write_map(building, tmp_path / "g.geojson", "nav2")
+    assert exported.files == ()
+    assert exported.losses == ("floors without edges have no route graph, no file is written: G",)
     assert list(tmp_path.iterdir()) == []
 
 

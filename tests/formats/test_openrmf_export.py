@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 import yaml
@@ -37,6 +38,7 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.yaml_file import parse_yaml
 from tests.formats.rmf_files import real_file
+from tests.formats.ros_files import BLACK, WHITE, write_ros
 
 numbers = st.floats(0.0, 4.0, allow_subnormal=False)
 words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=8)
@@ -132,7 +134,7 @@ def _floor(**parts: Any) -> FloorMap:
 
 
 def _losses(building: Building, tmp_path: Path) -> tuple[str, ...]:
-    return write_map(building, tmp_path / "b.building.yaml", "openrmf")
+    return write_map(building, tmp_path / "b.building.yaml", "openrmf").losses
 
 
 def test_walls_are_cut_where_doors_open_them(tmp_path: Path) -> None:
@@ -196,3 +198,21 @@ def test_real_buildings_survive(name: str, tmp_path: Path) -> None:
 
 def _blocked(building: Building, floor: str, kind: str) -> BaseGeometry:
     return shapely.union_all([item.geometry for item in obstacles(building, floor) if item.kind == kind])
+
+
+def test_blocks_of_a_ros_map_become_walls(tmp_path: Path) -> None:
+    """The format has no solid shapes; without walls a floor that was read from a picture would be all ground."""
+    cells = np.full((60, 80), BLACK)
+    cells[5:55, 5:75] = WHITE
+    cells[20:30, 20:30] = BLACK
+    building = read_map(write_ros(tmp_path, cells)).building
+    exported = write_map(building, tmp_path / "b.building.yaml", "openrmf")
+    assert [loss for loss in exported.losses if "solid blocks" in loss] == [
+        "solid blocks became walls around them: map block1, map block2, map block3"
+    ]
+    again = read_map(tmp_path / "b.building.yaml").building
+    old, new = (
+        shapely.union_all([item.geometry.boundary if item.kind == "object" else item.geometry for item in found])
+        for found in (obstacles(building, "map"), obstacles(again, "map"))
+    )
+    assert old.hausdorff_distance(new) < 1e-9

@@ -123,6 +123,39 @@ def test_a_lift_that_opens_nowhere_is_left_out_and_reported() -> None:
     assert result.building.floors["L1"].topological.nodes["n10"].elevator == ""
 
 
+def test_a_lift_that_was_left_out_is_not_a_loss_again() -> None:
+    """Its doors and cabins have no lift to be lost from."""
+    data = small()
+    data["lifts"]["lift"]["level_doors"] = {}
+    assert [loss for loss in imported(data).losses if "lift" in loss] == [
+        "lifts that open on no level: 1 left out: lift"
+    ]
+
+
+def test_cabins_of_lifts_that_the_file_does_not_have() -> None:
+    data = small()
+    data["lifts"] = {}
+    assert [loss for loss in imported(data).losses if "lift" in loss] == [
+        "vertices name a lift that the file does not have: lift at L1 n10, lift at L2 n1"
+    ]
+
+
+def test_nothing_is_lost_to_a_lift_that_was_left_out() -> None:
+    """Of two lifts that overlap one is left out: no outline is extended for it, no edge through its shaft is lost."""
+    data = small()
+    data["levels"]["L1"]["vertices"][1][0] = data["levels"]["L1"]["vertices"][2][0] = 190
+    data["levels"]["L1"]["vertices"] += [[150, 80, 0, "west"], [170, 80, 0, "east"]]
+    data["levels"]["L1"]["lanes"] += [[11, 12, {"graph_idx": [2, 0]}]]
+    deep = {**copy.deepcopy(data["lifts"]["lift"]), "depth": 4.0}
+    data["lifts"] = {"deep": deep, **data["lifts"]}
+    result = imported(data)
+    assert [loss for loss in result.losses if loss.startswith("left out")] == [
+        "left out: elevator 'deep': its shaft overlaps that of elevator 'lift'"
+    ]
+    assert "outline: extended by the shafts of lifts: L1 lift" in result.losses
+    assert "west-east" in result.building.floors["L1"].topological.edges
+
+
 def test_losses_are_summed_up() -> None:
     losses = imported(small()).losses
     assert "models: 3 left out, the file does not say how large they are: Chair (x3)" in losses
@@ -204,9 +237,47 @@ def test_floor_polygons_apart_are_reported() -> None:
     level = data["levels"]["L1"]
     level["vertices"] += [[300, 0], [310, 0], [310, 10]]
     level["floors"].append({"vertices": [11, 12, 13]})
+    level["walls"] += [[11, 12], [2, 12]]
     result = imported(data)
-    assert any("apart from the largest part are left out" in loss for loss in result.losses)
+    lost = [loss for loss in result.losses if "apart from the largest are left out" in loss]
+    assert lost == [
+        "outline: 1 parts of the floor apart from the largest are left out, no lane leads there: "
+        "L1 0.12 m2 at (15.38, -0.25)"
+    ]
+    assert "walls and doors in parts of the floor that are left out: 1: L1 w6" in result.losses
+    assert list(result.building.floors["L1"].geometrical.walls)[-1] == "w7"  # it stands on both
     assert max(x for x, _ in result.building.floors["L1"].floor.outline) == pytest.approx(10.0)
+
+
+def test_a_floor_that_a_hole_cuts_off_is_reported() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[20, -10], [40, -10], [40, 110], [20, 110]]
+    level["holes"] = [{"vertices": [11, 12, 13, 14]}]
+    lost = [loss for loss in imported(data).losses if "holes cut them off" in loss]
+    assert lost == [
+        "outline: 1 parts of the floor apart from the largest are left out, holes cut them off: "
+        "L1 5.00 m2 at (0.50, -2.50)"
+    ]
+
+
+def test_a_floor_polygon_of_one_rack_is_no_outline() -> None:
+    """It would throw out nearly all nodes, in one line each."""
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[10, 10], [20, 10], [20, 20], [10, 20]]
+    level["floors"] = [{"vertices": [11, 12, 13, 14]}]
+    result = imported(data)
+    floor = result.building.floors["L1"]
+    assert validation.problems(result.building) == []
+    assert list(floor.topological.nodes) == ["start", "n9", "n10"]
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert [loss for loss in result.losses if loss.startswith("outline")] == [
+        "outline of L1: the floor polygons cover 0.2 m2 and leave out 2 of 3 nodes and 6 of 6 walls; "
+        "the convex hull of all, 50.0 m2, is used instead"
+    ]
+    x, y = zip(*floor.floor.outline, strict=True)
+    assert (min(x), max(x), min(y), max(y)) == pytest.approx((0.0, 10.0, -5.0, 0.0))
 
 
 def test_levels_of_one_elevation_are_set_apart() -> None:

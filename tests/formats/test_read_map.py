@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,29 +14,8 @@ from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
 from robocorba.maps.formats.losses import NAMES_SHOWN, Losses
 from robocorba.maps.model import Building, Floor, FloorMap
+from tests.formats.hostile import HOSTILE, changed, places
 from tests.formats.rmf_files import small, written
-
-HOSTILE: list[Any] = [
-    None,
-    True,
-    -1,
-    0,
-    10**18,
-    1e308,
-    -1e-320,
-    float("nan"),
-    float("inf"),
-    "",
-    "x" * 300,
-    "a\x07b",
-    "1e-05",
-    [],
-    [[]],
-    [1, 2, 3, 4, 5, 6],
-    {},
-    {"a": {"b": []}},
-    {1: 2},
-]
 
 
 def test_each_format_is_recognised(tmp_path: Path) -> None:
@@ -80,42 +57,16 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
         read_map(tmp_path / "absent.yaml")
 
 
-def _places(data: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Every place in nested data, as the keys and indices that lead to it."""
-    if at:
-        yield at
-    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    for key, value in entries:
-        yield from _places(value, (*at, key))
-
-
-PLACES = list(_places(small()))
-
-
-def _changed(place: tuple[Any, ...], change: Any) -> dict[str, Any]:
-    """The small file with a value replaced, or taken out where `change` is a marker for that."""
-    data = copy.deepcopy(small())
-    *way, last = place
-    holder: Any = data
-    for key in way:
-        holder = holder[key]
-    if change is _MISSING:
-        del holder[last]
-    else:
-        holder[last] = change
-    return data
-
-
-_MISSING = object()
+PLACES = list(places(small()))
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from(PLACES), st.sampled_from([*HOSTILE, _MISSING]))
+@given(st.sampled_from(PLACES), st.sampled_from(HOSTILE))
 def test_a_hostile_value_anywhere(
     tmp_path_factory: pytest.TempPathFactory, place: tuple[Any, ...], change: Any
 ) -> None:
     path = tmp_path_factory.mktemp("hostile") / "b.yaml"
-    path.write_bytes(written(_changed(place, change)))
+    path.write_bytes(written(changed(small(), place, change)))
     try:
         result = read_map(path)
     except MapFileError as wrong:
@@ -140,7 +91,7 @@ def test_a_hostile_value_anywhere(
 )
 def test_a_text_of_a_megabyte(place: tuple[Any, ...], tmp_path: Path) -> None:
     path = tmp_path / "b.yaml"
-    path.write_bytes(written(_changed(place, "x" * 1_000_000)))
+    path.write_bytes(written(changed(small(), place, "x" * 1_000_000)))
     with pytest.raises(MapFileError) as caught:
         read_map(path)
     assert caught.value.line > 0

@@ -6,34 +6,41 @@ from pathlib import Path
 
 from robocorba.errors import MapFileError
 from robocorba.maps import native
-from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_map
+from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_floors, ros_map
 from robocorba.maps.formats.files import write_file
-from robocorba.maps.formats.losses import Imported
+from robocorba.maps.formats.losses import Exported, Imported
 from robocorba.maps.model import Building
 from robocorba.maps.yaml_file import read_yaml
 
 #: Formats that `write_map` writes.
 WRITTEN = ("native", "openrmf", "ros", "nav2")
 
-__all__ = ["WRITTEN", "Imported", "read_map", "write_map"]
+__all__ = ["WRITTEN", "Exported", "Imported", "read_map", "write_map"]
 
 
-def read_map(path: str | Path) -> Imported:
-    """Read a native map, an Open-RMF building.yaml or a ROS map_server YAML, whichever the content is.
+def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls") -> Imported:
+    """Read a native map, an Open-RMF building.yaml, a ROS map_server YAML or a list of these: the content decides.
 
+    The options are for ROS maps. `unknown` cells are blocked or free. `specks` says what
+    happens to specks of 0.05 m or less: keep them, remove those beside walls, or all.
     Raises MapFileError with file, line, key and reason where it is none of them or wrong."""
+    options = ros_map.RosOptions(unknown, specks)
+    options.check(str(path))
     file = read_yaml(path)
     if native.is_native(file.data):
         return Imported(native.load(path), "native")
     if openrmf.is_openrmf(file.data):
         return openrmf.read(file)
+    if ros_floors.is_ros_floors(file.data):
+        return ros_floors.read(file, options)
     if ros_map.is_ros_map(file.data):
-        return ros_map.read(file)
+        return ros_map.read(file, options)
     raise MapFileError(
         str(path),
         1,
         "",
-        "neither a RoboCorba map (robocorba: 1) nor an Open-RMF building (levels:) nor a ROS map (image:)",
+        "neither a RoboCorba map (robocorba: 1) nor an Open-RMF building (levels:) nor a ROS map (image:) "
+        "nor a list of ROS maps (ros_maps: 1)",
     )
 
 
@@ -44,8 +51,8 @@ def write_map(
     *,
     resolution_m: float = ros_export.DEFAULT_RESOLUTION_M,
     image: str = "pgm",
-) -> tuple[str, ...]:
-    """Write a building in one of the formats WRITTEN and return a sentence for everything that was lost.
+) -> Exported:
+    """Write a building in one of the formats WRITTEN. Returns the files, and a sentence for everything that was lost.
 
     native and openrmf write `path`. ros writes a YAML file and a picture for each floor,
     nav2 a GeoJSON file for each floor: named like `path` where the building has one
@@ -53,11 +60,11 @@ def write_map(
     (pgm or png) are for ros. Raises MapFileError where a file can't be written."""
     if format == "native":
         native.save(building, path)
-        return ()
+        return Exported((Path(path),))
     if format == "openrmf":
         text, losses = openrmf_export.dumps(building)
         write_file(Path(path), text.encode())
-        return losses
+        return Exported((Path(path),), losses)
     if format == "ros":
         return ros_export.write(building, path, resolution_m, image)
     if format == "nav2":

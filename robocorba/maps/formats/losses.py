@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import msgspec
 
@@ -22,6 +23,13 @@ class Imported(msgspec.Struct, frozen=True):
 
     building: Building
     format: str
+    losses: tuple[str, ...] = ()
+
+
+class Exported(msgspec.Struct, frozen=True):
+    """The files that were written, and a sentence for everything that was lost."""
+
+    files: tuple[Path, ...]
     losses: tuple[str, ...] = ()
 
 

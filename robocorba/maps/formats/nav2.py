@@ -10,18 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from robocorba.maps.formats.files import floor_paths, write_file
-from robocorba.maps.formats.losses import Losses
+from robocorba.maps.formats.losses import Exported, Losses
 from robocorba.maps.model import Building, FloorMap, PathEdge, PathNode
 
 #: The frame that coordinates are given in, as nav2 names the map's.
 FRAME = "map"
 
 
-def write(building: Building, path: str | Path) -> tuple[str, ...]:
-    """Write a graph for each floor that has edges; ids are unique over all of them. Returns what was lost.
+def write(building: Building, path: str | Path) -> Exported:
+    """Write a graph for each floor that has edges; ids are unique over all of them.
 
     Raises MapFileError where a file can't be written."""
     losses = Losses()
+    files: list[Path] = []
     ids = itertools.count()
     for floor, target in floor_paths(building, path, ".geojson").items():
         entry = building.floors[floor]
@@ -35,6 +36,7 @@ def write(building: Building, path: str | Path) -> tuple[str, ...]:
             "features": list(_features(entry, ids)),
         }
         write_file(target, (json.dumps(graph, indent=1, ensure_ascii=False) + "\n").encode())
+        files.append(target)
         if any(_left_out(entry)):
             losses.add("walls, objects, doors and areas are not part of a route graph: {names}", floor)
     for name, elevator in building.elevators.items():
@@ -43,7 +45,7 @@ def write(building: Building, path: str | Path) -> tuple[str, ...]:
             "elevators: no edge leads from floor to floor; nodes in a cabin name it in their metadata: {names}",
             f"{name} ({floors})",
         )
-    return losses.sentences()
+    return Exported(tuple(files), losses.sentences())
 
 
 def _left_out(entry: FloorMap) -> tuple[Any, ...]:

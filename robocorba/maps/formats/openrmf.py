@@ -8,13 +8,15 @@ docs/formats.md says what becomes of each and what is left out.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
 
 from robocorba.maps.formats.losses import Imported, Losses, settle
 from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
 from robocorba.maps.formats.openrmf_lanes import Names, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
-from robocorba.maps.formats.openrmf_outline import outline_of
+from robocorba.maps.formats.openrmf_outline import Outline, outline_of
 from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.model import (
@@ -29,6 +31,7 @@ from robocorba.maps.model import (
 from robocorba.maps.yaml_file import YamlFile
 
 FORMAT = "openrmf"
+T = TypeVar("T", Wall, Door)
 _DOOR_KINDS = {
     **{kind.value: kind for kind in DoorKind},
     "telescope": DoorKind.SLIDING,
@@ -68,27 +71,35 @@ def read(file: YamlFile) -> Imported:
         raise root.need("levels").error("two levels of one name")
     reference = reference_level(levels, root)
     placements = _placements(root, levels, reference, losses)
-    lifts = read_lifts(root.get("lifts"), levels, reference, placements, losses)
     graphs = _graph_names(root.get("graphs"), losses)
 
-    elevations = _elevations(levels, losses)
-    below_ground = sum(elevation < 0 for elevation in elevations.values())
+    empty = _empty_floors(levels, _elevations(levels, losses))
+    listed = root.get("lifts")
+    lifts = read_lifts(listed, levels, reference, placements, losses)
+    # Lifts that break a rule go first: no outline is extended and no lane lost for a lift that is left out.
+    lifts = settle(Building("lifts", empty, lifts), losses, file).elevators
+    left_out = {name for name, _ in listed.members() if name not in lifts} if listed else set()
+    by_name = {level.name: level for level in levels}
     floors: dict[str, FloorMap] = {}
-    for i, level in enumerate(sorted(levels, key=lambda level: elevations[level.name])):
-        place = placements[level.name]
-        shafts = [lift for lift in lifts.values() if level.name in lift.floors()]
-        outline, voids = outline_of(level, place, shafts, losses)
+    for name, entry in empty.items():
+        level, place = by_name[name], placements[name]
+        shafts = [lift for lift in lifts.values() if name in lift.floors()]
+        outline = outline_of(level, place, shafts, losses)
         _report_rest(level, losses)
-        floors[level.name] = FloorMap(
-            Floor(name=level.name, level=i - below_ground, elevation=elevations[level.name], outline=outline),
-            GeometricalMap(walls=_walls(level, place, losses), objects=voids, doors=_doors(level, place, losses)),
-            lanes_of(level, place, lifts, graphs, losses),
+        floors[name] = FloorMap(
+            msgspec.structs.replace(entry.floor, outline=outline.points),
+            GeometricalMap(
+                walls=_inside(_walls(level, place, losses), outline, name, losses),
+                objects=outline.voids,
+                doors=_inside(_doors(level, place, losses), outline, name, losses),
+            ),
+            lanes_of(level, place, lifts, left_out, graphs, losses),
         )
     for name in root.mapping():
         if name not in _FILE_KEYS:
             losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
-    name = root.get("name") or root.get("building_name")
-    building = Building((name.text() if name else "") or "building", floors, lifts)
+    title = root.get("name") or root.get("building_name")
+    building = Building((title.text() if title else "") or "building", floors, lifts)
     return Imported(settle(building, losses, file), FORMAT, losses.sentences())
 
 
@@ -116,6 +127,16 @@ def _elevations(levels: list[Level], losses: Losses) -> dict[str, float]:
         if found[level.name] != level.elevation:
             losses.add(f"elevation: levels at one height are taken to be {STOREY_M:g} m apart: {{names}}", level.name)
     return found
+
+
+def _empty_floors(levels: list[Level], elevations: dict[str, float]) -> dict[str, FloorMap]:
+    """The floors without any content, the lowest first; the lowest that is not below 0 m is level 0."""
+    below_ground = sum(elevation < 0 for elevation in elevations.values())
+    names = sorted((level.name for level in levels), key=lambda name: elevations[name])
+    return {
+        name: FloorMap(Floor(name=name, level=i - below_ground, elevation=elevations[name]))
+        for i, name in enumerate(names)
+    }
 
 
 def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
@@ -162,6 +183,17 @@ def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
         a, b = _ends(level, link, place)
         found[name] = Door(name=name, a=a, b=b, kind=kind)
     return found
+
+
+def _inside(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
+    """The walls or doors that do not stand in parts of the floor that are left out."""
+    kept: dict[str, T] = {}
+    for name, element in found.items():
+        if outline.leaves_out(element.a, element.b):
+            losses.add("walls and doors in parts of the floor that are left out: {n}: {names}", f"{floor} {name}")
+        else:
+            kept[name] = element
+    return kept
 
 
 def _ends(level: Level, link: Link, place: Placement) -> tuple[tuple[float, float], tuple[float, float]]:

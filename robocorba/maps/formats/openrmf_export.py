@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
 import shapely
@@ -109,11 +111,15 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
     if floor.outline:
         ring = [vertices.corner(at) for at in floor.outline]
         level["floors"].append({"vertices": _Row(ring), "parameters": {}})
-    holes, others = _split_voids(entry)
+    blocks, others = _split(entry.geometrical.objects.values(), "block|unknown")
+    holes, others = _split(others, "void")
     if holes and floor.outline:
         level["holes"] = [{"vertices": _Row([vertices.corner(at) for at in _ring(hole)])} for hole in holes]
     else:
         others = holes + others
+    for thing in blocks:
+        level["walls"] += [_Row(row) for row in _walls_around(thing, vertices)]
+        losses.add("solid blocks became walls around them: {names}", f"{floor.name} {thing.name}")
     for thing in others:
         losses.add("objects: {n} left out, the format has models but no shapes: {names}", f"{floor.name} {thing.name}")
     for name in entry.geometrical.areas:
@@ -200,21 +206,24 @@ def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> li
     return rows
 
 
-def _split_voids(entry: FloorMap) -> tuple[list[MapObject], list[MapObject]]:
-    """Objects that the import made of holes, and all others."""
-    holes: list[MapObject] = []
+def _split(things: Iterable[MapObject], named: str) -> tuple[list[MapObject], list[MapObject]]:
+    """Objects that an import made, of such a name and a number, and all others."""
+    found: list[MapObject] = []
     others: list[MapObject] = []
-    for thing in entry.geometrical.objects.values():
-        is_void = (
-            re.fullmatch(r"void[1-9]\d*", thing.name) and isinstance(thing.shape, PolygonShape) and not thing.heading
-        )
-        (holes if is_void else others).append(thing)
-    return holes, others
+    for thing in things:
+        made = re.fullmatch(rf"({named})[1-9]\d*", thing.name) and isinstance(thing.shape, PolygonShape)
+        (found if made and not thing.heading else others).append(thing)
+    return found, others
 
 
 def _ring(thing: MapObject) -> list[XY]:
     assert isinstance(thing.shape, PolygonShape)
     return [(thing.at[0] + x, thing.at[1] + y) for x, y in thing.shape.points]
+
+
+def _walls_around(thing: MapObject, vertices: _Vertices) -> list[list[Any]]:
+    corners = [vertices.corner(at) for at in _ring(thing)]
+    return [[a, b, {"texture_height": [3, float(thing.height)]}] for a, b in pairwise([*corners, corners[0]])]
 
 
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:

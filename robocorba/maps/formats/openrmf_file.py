@@ -44,6 +44,11 @@ class Level:
     polygons: list[list[int]] = field(default_factory=list)
     holes: list[list[int]] = field(default_factory=list)
 
+    def node_vertices(self) -> list[int]:
+        """The vertices that become nodes: lanes use them, or they have a name or parameters."""
+        ends = {index for lane in self.links["lanes"] for index in (lane.a, lane.b)}
+        return [i for i, vertex in enumerate(self.vertices) if i in ends or vertex.name or vertex.params]
+
 
 #: The lists of a level that hold pairs of vertices.
 LINKS = ("walls", "lanes", "doors", "measurements")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import shapely
 
@@ -38,10 +38,17 @@ class Names:
 
 
 def lanes_of(
-    level: Level, place: Placement, lifts: dict[str, Elevator], graphs: dict[int, str], losses: Losses
+    level: Level,
+    place: Placement,
+    lifts: dict[str, Elevator],
+    left_out: Collection[str],
+    graphs: dict[int, str],
+    losses: Losses,
 ) -> TopologicalMap:
-    """Nodes for the vertices that lanes use, that have a name or parameters; an edge for each pair joined by lanes."""
-    nodes = _nodes(level, place, lifts, losses)
+    """Nodes for the vertices that lanes use, that have a name or parameters; an edge for each pair joined by lanes.
+
+    `left_out` names the lifts of the file that did not become elevators."""
+    nodes = _nodes(level, place, lifts, left_out, losses)
     edges: dict[str, PathEdge] = {}
     names = Names(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
     for edge in _edges(level, {index: node.name for index, node in nodes.items()}, graphs, losses):
@@ -58,19 +65,24 @@ def lanes_of(
     return TopologicalMap({node.name: node for node in nodes.values()}, edges)
 
 
-def _nodes(level: Level, place: Placement, lifts: dict[str, Elevator], losses: Losses) -> dict[int, PathNode]:
-    used = {index for lane in level.links["lanes"] for index in (lane.a, lane.b)}
+def _nodes(
+    level: Level, place: Placement, lifts: dict[str, Elevator], left_out: Collection[str], losses: Losses
+) -> dict[int, PathNode]:
     names = Names(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
     shafts = {name: shaft_polygon(lift) for name, lift in lifts.items() if level.name in lift.floors()}
     found: dict[int, PathNode] = {}
-    for index, vertex in enumerate(level.vertices):
-        if index not in used and not vertex.name and not vertex.params:
-            continue
+    for index in level.node_vertices():
+        vertex = level.vertices[index]
         at = place(vertex.at)
         name = names.take(vertex.name, f"n{index}")
         cabin = vertex.params["lift_cabin"].text() if "lift_cabin" in vertex.params else ""
         if cabin and cabin not in shafts:
-            losses.add("lift cabins of lifts that do not stop there: {names}", f"{cabin} at {level.name} {name}")
+            if cabin in lifts:
+                losses.add("lift cabins of lifts that do not stop there: {names}", f"{cabin} at {level.name} {name}")
+            elif cabin not in left_out:
+                losses.add(
+                    "vertices name a lift that the file does not have: {names}", f"{cabin} at {level.name} {name}"
+                )
             cabin = ""
         found[index] = PathNode(name=name, at=at, elevator=cabin or _shaft_around(at, shafts))
         for key, value in vertex.params.items():

@@ -27,10 +27,12 @@ def read_lifts(
             raise named.error(f"there is no level {named.text()!r}")
         assert place is not None
         width, depth = lift.need("width").positive(), lift.need("depth").positive()
-        doors = _doors(lift, name, width, depth, levels, losses)
+        doors, unused = _doors(lift, name, width, depth, levels, losses)
         if not doors:
             losses.add("lifts that open on no level: {n} left out: {names}", name)
             continue
+        for door in unused:
+            losses.add("lift doors that open on no level: {n} left out: {names}", f"{name} {door}")
         yaw = lift.get("yaw")
         found[name] = Elevator(
             name=name,
@@ -44,8 +46,8 @@ def read_lifts(
 
 def _doors(
     lift: Item, name: str, width: float, depth: float, levels: list[Level], losses: Losses
-) -> list[ElevatorDoor]:
-    """A door for each level and doorway, in order of the levels' elevation."""
+) -> tuple[list[ElevatorDoor], list[str]]:
+    """A door for each level and doorway, in order of the levels' elevation, and the doorways that open on none."""
     listed = lift.get("doors")
     doorways = (
         {label: _doorway(item, f"{name} {label}", width, depth, losses) for label, item in listed.members()}
@@ -70,10 +72,7 @@ def _doors(
         for door in dict.fromkeys(opens[level.name]):
             side, span, offset = doorways[door]
             found.append(ElevatorDoor(floor=level.name, side=side, width=span, offset=offset))
-    for door in doorways:
-        if not any(door in names for names in opens.values()):
-            losses.add("lift doors that open on no level: {n} left out: {names}", f"{name} {door}")
-    return found
+    return found, [door for door in doorways if not any(door in names for names in opens.values())]
 
 
 def _level_doors(item: Item | None, doors: list[str]) -> Iterator[tuple[str, str, Item]]:

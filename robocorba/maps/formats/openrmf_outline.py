@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -16,18 +18,36 @@ from robocorba.maps.model import XY, Elevator, MapObject, PolygonShape
 GAP_M = 0.05
 #: So far from a floor polygon a lift's shaft still belongs to it, m.
 SHAFT_GAP_M = 0.5
+#: A wall or node no farther outside of a floor polygon than this belongs to it [m]: walls are drawn along the edge.
+WALL_REACH_M = 0.5
+#: Room around nodes in an outline that is made from them [m]: a robot of 0.4 m radius stands and turns there.
+NODE_ROOM_M = 1.0
 #: Smaller holes and parts are traces of drawing, m2.
 LEAST_AREA_M2 = 0.01
 
 
-def outline_of(
-    level: Level, place: Placement, shafts: list[Elevator], losses: Losses
-) -> tuple[tuple[XY, ...], dict[str, MapObject]]:
-    """The outline (empty where the level has no floor polygon), and its voids as objects `void1`, `void2`...
+class Outline(NamedTuple):
+    """The outline of a floor (empty: unbounded), its voids as objects, and the parts of it that were left out."""
+
+    points: tuple[XY, ...]
+    voids: dict[str, MapObject]
+    left_out: tuple[Polygon, ...]
+
+    def leaves_out(self, a: XY, b: XY) -> bool:
+        """Whether a wall or door belongs to a part that was left out, and not to the rest."""
+        line = shapely.LineString([a, b])
+        return bool(self.left_out) and (
+            line.distance(shapely.union_all(self.left_out)) <= WALL_REACH_M < line.distance(Polygon(self.points))
+        )
+
+
+def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: Losses) -> Outline:
+    """The outline of a level, and its voids as objects `void1`, `void2`...; none without a floor polygon.
 
     The outline is the union of the floor polygons and of the shafts beside or in them. Parts
-    that lie apart are dropped where the lanes need only the largest one, else their
-    convex hull is the outline."""
+    that lie apart are left out where the lanes need only the largest one, else their
+    convex hull is the outline. Where most nodes and walls lie outside of the polygons, the
+    outline is the convex hull of all of them."""
     polygons = []
     for i, indices in enumerate(level.polygons):
         points = [place(level.vertices[index].at) for index in indices]
@@ -42,15 +62,47 @@ def outline_of(
     if not polygons:
         if holes:
             losses.add("holes without a floor around them are left out: {names}", level.name)
-        return (), {}
-    ground = shapely.union_all([polygon for polygon, _ in polygons])
+        return Outline((), {}, ())
+    drawn = shapely.union_all([polygon for polygon, _ in polygons])
+    hull = _hull_of_all(drawn, [shaft_polygon(shaft) for shaft in shafts], level, place, losses)
+    ground = drawn if hull is None else hull
     missing = _missing_shafts(ground, shafts, level, losses)
-    if len(polygons) == 1 and not missing and not holes and isinstance(polygons[0][0], Polygon):
-        return tuple(polygons[0][1]), {}
-    ground = _one_part(shapely.union_all([ground, *missing]), level, place, losses)
-    cut = _largest(ground.difference(shapely.union_all(holes)) if holes else ground)
+    if hull is None and len(polygons) == 1 and not missing and not holes and isinstance(polygons[0][0], Polygon):
+        return Outline(tuple(polygons[0][1]), {}, ())
+    whole = shapely.union_all([ground, *missing])
+    one = _one_part(whole, level, place, losses)
+    apart = _rest(whole, one, "no lane leads there", level, losses)
+    parts = one.difference(shapely.union_all(holes)) if holes else one
+    cut = _largest(parts)
+    apart += _rest(parts, cut, "holes cut them off", level, losses)
     voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= LEAST_AREA_M2]
-    return _points(cut), {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
+    objects = {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
+    return Outline(_points(cut), objects, tuple(apart))
+
+
+def _hull_of_all(
+    ground: BaseGeometry, shafts: list[BaseGeometry], level: Level, place: Placement, losses: Losses
+) -> BaseGeometry | None:
+    """The hull of the level's nodes and walls where the floor polygons leave out most of them, else None."""
+    nodes = [shapely.Point(place(level.vertices[index].at)) for index in level.node_vertices()]
+    walls = [
+        shapely.LineString([place(level.vertices[wall.a].at), place(level.vertices[wall.b].at)])
+        for wall in level.links["walls"]
+    ]
+    reach = shapely.union_all([ground, *shafts]).buffer(WALL_REACH_M)
+    shapely.prepare(reach)
+    nodes_out = sum(not reach.covers(node) for node in nodes)
+    walls_out = sum(not reach.covers(wall) for wall in walls)
+    if nodes_out + walls_out <= (len(nodes) + len(walls)) / 2:
+        return None
+    rooms = [node.buffer(NODE_ROOM_M) for node in nodes]
+    hull = shapely.union_all([ground, *shafts, *walls, *rooms]).convex_hull
+    losses.add(
+        f"outline of {level.name}: the floor polygons cover {ground.area:.1f} m2 and leave out {nodes_out} of "
+        f"{len(nodes)} nodes and {walls_out} of {len(walls)} walls; the convex hull of all, {hull.area:.1f} m2, "
+        f"is used instead"
+    )
+    return hull
 
 
 def _missing_shafts(ground: BaseGeometry, shafts: list[Elevator], level: Level, losses: Losses) -> list[BaseGeometry]:
@@ -86,12 +138,23 @@ def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Loss
     largest = _largest(ground)
     ends = {index for lane in level.links["lanes"] for index in (lane.a, lane.b)}
     if all(largest.covers(shapely.Point(place(level.vertices[index].at))) for index in ends):
-        losses.add(
-            "outline: floor polygons apart from the largest part are left out, no lane leads there: {names}", level.name
-        )
         return largest
     losses.add("outline: the floor polygons lie apart, their convex hull is used: {names}", level.name)
     return ground.convex_hull
+
+
+def _rest(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: Losses) -> list[Polygon]:
+    """The parts of the ground that are left out, reported with how large and where they are."""
+    found = []
+    for part in shapely.get_parts(ground).tolist():
+        if isinstance(part, Polygon) and part.area >= LEAST_AREA_M2 and not kept.covers(part.representative_point()):
+            found.append(part)
+            place = part.representative_point()
+            losses.add(
+                f"outline: {{n}} parts of the floor apart from the largest are left out, {why}: {{names}}",
+                f"{level.name} {part.area:.2f} m2 at ({place.x:.2f}, {place.y:.2f})",
+            )
+    return found
 
 
 def _largest(ground: BaseGeometry) -> Polygon:

@@ -12,8 +12,8 @@ from PIL import Image
 from robocorba.errors import MapFileError
 from robocorba.maps.formats.files import floor_paths, write_file
 from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, Canvas
-from robocorba.maps.formats.losses import Losses
-from robocorba.maps.formats.ros_map import FREE_BELOW, OCCUPIED_ABOVE
+from robocorba.maps.formats.losses import Exported, Losses
+from robocorba.maps.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.model import Building
 
@@ -24,8 +24,8 @@ _SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 def write(
     building: Building, path: str | Path, resolution_m: float = DEFAULT_RESOLUTION_M, image: str = "pgm"
-) -> tuple[str, ...]:
-    """Write a YAML file and a picture (`image`: pgm or png) for each floor. Returns what was lost.
+) -> Exported:
+    """Write a YAML file and a picture (`image`: pgm or png) for each floor.
 
     `resolution_m` is the side of a cell. Raises MapFileError where the grid would be too
     large or a file can't be written."""
@@ -34,6 +34,7 @@ def write(
     if image not in ("pgm", "png"):
         raise MapFileError(str(path), 0, "image", f"{image!r} is not supported; pgm and png are")
     losses = Losses()
+    files: list[Path] = []
     for floor, target in floor_paths(building, path, ".yaml").items():
         canvas = _drawn(building, floor, resolution_m, target)
         shades = np.array([_SHADES[value] for value in (FREE, OCCUPIED, UNKNOWN)], np.uint8)[canvas.cells]
@@ -43,9 +44,10 @@ def write(
         except OSError as wrong:
             raise MapFileError(str(picture), 0, "", wrong.strerror or str(wrong)) from None
         write_file(target, _yaml(picture.name, canvas).encode())
+        files += [target, picture]
         _report(building, floor, losses)
     losses.add(f"shapes are drawn in cells of {resolution_m:g} m; names and heights are not kept")
-    return losses.sentences()
+    return Exported(tuple(files), losses.sentences())
 
 
 def _drawn(building: Building, floor: str, resolution_m: float, target: Path) -> Canvas:

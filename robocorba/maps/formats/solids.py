@@ -1,0 +1,86 @@
+"""Regions of cells as few simple polygons that cover them, also where the regions have holes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from robocorba.maps.formats.rings import Ring, rings
+
+#: Most points of one polygon. The rules allow ten times as many; what looks for the
+#: polygons near a place looks at all points of each that it finds.
+MAX_RING_POINTS = 1000
+#: Cells that share a side or a corner belong together.
+EIGHT = np.ones((3, 3), bool)
+
+
+class Solid(NamedTuple):
+    """A simple polygon in cells from the lower left corner (n, 2), and the number of the region that it is part of."""
+
+    points: np.ndarray
+    region: int
+
+
+def solids(blocked: np.ndarray) -> tuple[list[Solid], np.ndarray]:
+    """Simple polygons whose union covers the blocked cells, and the region of each cell (0: none).
+
+    A region with holes is cut along rows or columns through all of them; pieces overlap by
+    one row or column, so that no gap is left between them."""
+    labels, _ = ndimage.label(blocked, EIGHT)
+    whole: list[Solid] = []
+    to_cut: set[int] = set()
+    for ring in rings(blocked):
+        region = int(labels[ring.cell])
+        if ring.is_hole or len(ring.points) > MAX_RING_POINTS:
+            to_cut.add(region)
+        whole.append(Solid(ring.points, region))
+    found = [solid for solid in whole if solid.region not in to_cut]
+    places = ndimage.find_objects(labels) if to_cut else []
+    for region in sorted(to_cut):
+        rows, columns = places[region - 1]
+        corner = np.array([columns.start, blocked.shape[0] - rows.stop])
+        found += [Solid(points + corner, region) for points in _pieces(labels[rows, columns] == region)]
+    return found, labels
+
+
+def _pieces(region: np.ndarray) -> Iterator[np.ndarray]:
+    """Simple polygons of a region; regions that fall apart when cut are cut further one by one."""
+    borders = rings(region)
+    holes = [ring for ring in borders if ring.is_hole]
+    if not holes and all(len(ring.points) <= MAX_RING_POINTS for ring in borders):
+        yield from (ring.points for ring in borders)
+        return
+    axis, cuts = _cuts(region.shape, holes)
+    edges = [0, *cuts, region.shape[axis] - 1]
+    for low, high in pairwise(edges):
+        part = region[low : high + 1] if axis == 0 else region[:, low : high + 1]
+        corner = np.array([0, region.shape[0] - 1 - high] if axis == 0 else [low, 0])
+        for solid in solids(part)[0]:
+            yield solid.points + corner
+
+
+def _cuts(shape: tuple[int, ...], holes: list[Ring]) -> tuple[int, list[int]]:
+    """The axis (0: rows), and the rows or columns to cut at: through each hole, else through the middle."""
+    if not holes:
+        axis = 0 if shape[0] >= shape[1] else 1
+        return axis, [shape[axis] // 2]
+    ranges = []
+    for ring in holes:
+        (x0, y0), (x1, y1) = np.floor(ring.points.min(axis=0)), np.ceil(ring.points.max(axis=0))
+        ranges.append(((shape[0] - y1, shape[0] - y0 - 1), (x0, x1 - 1)))
+    by_axis = [_stabbing([span[axis] for span in ranges]) for axis in (0, 1)]
+    axis = 0 if len(by_axis[0]) <= len(by_axis[1]) else 1
+    return axis, by_axis[axis]
+
+
+def _stabbing(spans: list[tuple[float, float]]) -> list[int]:
+    """The fewest whole numbers of which each span (first, last) contains one."""
+    found: list[int] = []
+    for first, last in sorted(spans, key=lambda span: span[1]):
+        if not found or found[-1] < first:
+            found.append(int(last))
+    return found
