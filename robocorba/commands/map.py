@@ -5,15 +5,18 @@ to load, and every other subcommand would wait for it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
 from robocorba.errors import RoboCorbaError
 
 if TYPE_CHECKING:
+    from robocorba.maps.checking import Finding
     from robocorba.maps.formats import Imported
     from robocorba.maps.model import Building
 
@@ -54,7 +57,7 @@ def import_(
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
     topology: Annotated[
-        bool, typer.Option("--topology", help="Draw a topological map for every floor that has none.")
+        bool, typer.Option("--topology", help="Draw roads on every floor without edges, by way of its nodes.")
     ] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = 0.40,
     unknown: Annotated[
@@ -69,22 +72,16 @@ def import_(
     ] = Specks.WALLS,
 ) -> None:
     """Turn a foreign map into a native map file and list what was lost on the way."""
-    from robocorba.maps import native
+    from robocorba.maps import checking, native
 
     with _telling("map import"):
         imported = _read(file, unknown, specks)
         building = imported.building
         _tell_losses(imported.losses)
         if topology:
-            from robocorba.maps.topology import topological_map
-
-            for name, entry in building.floors.items():
-                if not entry.topological.nodes:
-                    drawn = topological_map(building, name, radius)
-                    for node in drawn.nodes.values():
-                        building = building.with_element(name, node)
-                    for edge in drawn.edges.values():
-                        building = building.with_element(name, edge)
+            for name in building.floors:
+                building = _with_roads(building, name, radius)
+        _warn(checking.blocked(building))
         native.save(building, output)
         typer.echo(f"wrote {output}: {_summary(building)}")
 
@@ -128,8 +125,17 @@ def show(
 
 
 @app.command()
-def check(file: Annotated[str, _FILE]) -> None:
-    """Check a map: exit code 0 if it can be served as it is, 1 with the file, line and key that is wrong."""
+def check(
+    file: Annotated[str, _FILE],
+    radius: Annotated[
+        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should get everywhere.")
+    ] = 0.40,
+) -> None:
+    """Check a map: exit code 0 if it can be served as it is, 1 with the file, line and key that is wrong.
+
+    Warnings say what is blocked, and what no robot of the radius reaches."""
+    from robocorba.maps.checking import findings
+
     with _telling("map check"):
         imported = _read(file)
         _tell_losses(imported.losses)
@@ -138,9 +144,44 @@ def check(file: Annotated[str, _FILE]) -> None:
             if len(elevator.floors()) < 2:
                 typer.echo(f"note: elevator {name!r} serves only {', '.join(elevator.floors())}")
         for name, entry in building.floors.items():
-            if not entry.topological.nodes:
-                typer.echo(f"note: floor {name!r} has no topological map; `robocorba map import --topology` draws one")
-        typer.echo(f"{file} is sound: {_summary(building)}")
+            if not entry.topological.edges:
+                missing = "edges" if entry.topological.nodes else "topological map"
+                typer.echo(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` draws roads")
+        warnings = _warn(findings(building, radius))
+        verdict = f"can be served: {warnings} warning{'s' * (warnings > 1)}" if warnings else "is sound"
+        typer.echo(f"{file} {verdict}: {_summary(building)}")
+
+
+def _with_roads(building: Building, floor: str, radius_m: float) -> Building:
+    """The building with roads on a floor that has none, by way of its nodes; says what was drawn."""
+    from robocorba.maps.formats.losses import listed
+    from robocorba.maps.topology import topological_map
+
+    entry = building.floors[floor]
+    places, edges = entry.topological.nodes, entry.topological.edges
+    if edges:
+        typer.echo(f"{floor}: nothing drawn, it has {len(edges)} edges")
+        return building
+    drawn = topological_map(building, floor, radius_m, tuple(places.values()))
+    joined = {name for edge in drawn.edges.values() for name in (edge.a, edge.b)}
+    out_of_reach = [name for name in places if name not in joined]
+    typer.echo(
+        f"{floor}: drew {len(drawn.nodes) - len(places)} nodes and {len(drawn.edges)} edges"
+        + (f", joined {len(places) - len(out_of_reach)} of {len(places)} nodes" if places else "")
+        + (f"; not in reach of a robot of radius {radius_m:g} m: {listed(out_of_reach)}" if out_of_reach else "")
+    )
+    floors = {**building.floors, floor: msgspec.structs.replace(entry, topological=drawn)}
+    return msgspec.structs.replace(building, floors=floors)
+
+
+def _warn(found: Iterable[Finding]) -> int:
+    """Print findings, a line for each kind; returns the number of lines."""
+    from robocorba.maps.checking import summaries
+
+    lines = summaries(found)
+    for line in lines:
+        typer.echo(f"warning: {line}")
+    return len(lines)
 
 
 class _telling:

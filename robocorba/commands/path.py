@@ -56,6 +56,9 @@ def path(
         list[str] | None,
         typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),
     ] = None,
+    graph: Annotated[
+        str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and those of all graphs.")
+    ] = "",
     alternatives: Annotated[int, typer.Option(metavar="N", help="How many other paths to show.")] = 0,
     naming: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
@@ -72,6 +75,7 @@ def path(
             best=Criterion.SHORTEST_TIME if time else Criterion.SHORTEST_DISTANCE,
             avoid_elevators=frozenset(name for name in avoid or () if "/" not in name),
             avoid_areas=tuple((name.partition("/")[0], name.partition("/")[2]) for name in avoid or () if "/" in name),
+            graph=graph,
             alternatives=alternatives,
         )
         with Orb(Settings.read(naming=naming).naming) as orb:

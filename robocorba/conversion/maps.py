@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omniORB import CORBA
 
@@ -30,6 +30,9 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.stubs import RoboCorba
+
+if TYPE_CHECKING:
+    from robocorba.maps.checking import Finding
 
 _KINDS = dict(zip(ElementKind, (
     RoboCorba.FLOOR_ELEMENT, RoboCorba.WALL_ELEMENT, RoboCorba.OBJECT_ELEMENT, RoboCorba.DOOR_ELEMENT,
@@ -184,6 +187,14 @@ def element_id(kind: str, floor: str, name: str) -> Any:
 def record(floor: str, value: Element, changed_at: int) -> Any:
     """An ElementRecord."""
     return RoboCorba.ElementRecord(floor, element(value), changed_at)
+
+
+def findings(found: Iterable[Finding]) -> list[Any]:
+    """A FindingSeq."""
+    return [
+        RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
+        for one in found
+    ]
 
 
 def changes(found: Iterable[Change]) -> list[Any]:

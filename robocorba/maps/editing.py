@@ -10,6 +10,7 @@ element has changed since, StaleEdit is raised. Edits of different elements neve
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -26,6 +27,7 @@ from robocorba.errors import (
     UnknownElement,
 )
 from robocorba.maps.changes import Change, Key, apply, difference, elements_of, inverse, key, key_of, ordered
+from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, State, Versions
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import PLACE, Building, Element, ElementKind, TopologicalMap
@@ -36,6 +38,10 @@ from robocorba.maps.validation import check_change, problems
 MAX_BUILDING_SIZE = 2_000_000
 #: The same for all open transactions together.
 MAX_PENDING_SIZE = 500_000
+#: Blocked nodes and edges that the log names for one edit; the rest is counted.
+BLOCKED_NAMED = 5
+
+_log = logging.getLogger(__name__)
 
 #: Called inside each edit with the new building, its version and what changed, in the order of versions.
 Listener = Callable[[Building, int, Sequence[Change]], None]
@@ -219,12 +225,13 @@ class BuildingEditor:
         if size > MAX_BUILDING_SIZE and size > before.size:
             reason = f"the building would have more than {MAX_BUILDING_SIZE} elements and points"
             raise InvalidElement(*changes[-1].key.words, reason)
-        if check:
-            check_change(building, [change.key for change in changes], before.building)
+        blocked = check_change(building, [change.key for change in changes], before.building) if check else []
         version = before.version + 1
         names = (before.building.name, name)
         self._store.commit(changes, version, names, step, source, self._history_limit)
         self._state = State(building, version, _stamped(before.versions, changes), size)
+        if blocked:
+            _log.warning("version %d blocks %s", version, _named(blocked))
         for listener in self._listeners:
             listener(building, version, changes)
         self._expire()
@@ -302,6 +309,12 @@ class Transaction:
     def roll_back(self) -> None:
         """Forget all edits."""
         self._editor._close(self, commit=False)
+
+
+def _named(blocked: Sequence[Collision]) -> str:
+    named = "; ".join(str(collision.error()) for collision in blocked[:BLOCKED_NAMED])
+    rest = len(blocked) - BLOCKED_NAMED
+    return named + (f"; and {rest} more" if rest > 0 else "")
 
 
 def _state(stored: Stored) -> State:

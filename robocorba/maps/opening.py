@@ -46,12 +46,15 @@ def open_store(path: Path, building: Path | None) -> MapStore:
                     f"{building} as it is now; give another --state, or no --building to go on with those edits"
                 )
     # Here, because it takes a third of a second to load, and a server that died must be back at once.
+    from robocorba.maps.checking import blocked, summaries
     from robocorba.maps.formats import read_map
 
     file = building or sample_path(DEFAULT_SAMPLE)
     imported = read_map(file)
     for loss in imported.losses:
         _log.warning("%s: %s", file, loss)
+    for summary in summaries(blocked(imported.building)):
+        _log.warning("%s: %s", file, summary)
     path.unlink(missing_ok=True)  # only now that there is something to put in its place
     store = MapStore.create(path, imported.building)
     note.write_bytes(msgspec.json.encode(_origin(file)))

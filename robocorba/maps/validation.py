@@ -3,6 +3,10 @@
 `problems` looks at everything. `check_change` trusts that the building was in order
 before and looks only at what the touched elements can affect; both go through the
 same rules, so they agree.
+
+A wall, an object or a locked door may stand on nodes and edges that were there before: these are
+blocked as long as it does (see checking.py), which is no broken rule. Only who draws a node or an
+edge onto such an obstacle makes a mistake, and `check_change` says so.
 """
 
 from __future__ import annotations
@@ -14,11 +18,12 @@ from itertools import islice, pairwise
 
 import numpy as np
 import shapely
-from shapely import LineString, Polygon, STRtree
+from shapely import Polygon
 
 from robocorba.errors import InvalidElement, describe
+from robocorba.maps.collisions import STRUCTURE, TOUCH_M, Collision, Pair, Paths, all_paths, collisions
 from robocorba.maps.element_rules import MIN_LENGTH, SLACK_M, faults, name_faults
-from robocorba.maps.geometry import DOOR_REACH_M, Obstacle, obstacles, shaft_polygon
+from robocorba.maps.geometry import DOOR_REACH_M, obstacles, shaft_polygon
 from robocorba.maps.model import (
     KIND_OF,
     Building,
@@ -31,19 +36,17 @@ from robocorba.maps.model import (
     TopologicalMap,
 )
 from robocorba.maps.vicinity import (
-    Box,
     Same,
     around,
     elevator_box,
     enclose,
     line_box,
+    named_obstacles,
     object_box,
     point_box,
     walls_cut_by,
 )
 
-#: A node nearer than this to an obstacle stands on it, m.
-TOUCH_M = 1e-3
 #: Shafts that share less than this touch but don't overlap, m².
 SHARED_M2 = 1e-6
 
@@ -62,8 +65,8 @@ def check_element(floor: str, element: Element) -> None:
         raise _invalid(floor, element, reason)
 
 
-def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]], before: Building) -> None:
-    """Raise the first InvalidElement that a change can have caused.
+def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]], before: Building) -> list[Collision]:
+    """Raise the first InvalidElement that a change can have caused; else the nodes and edges that it blocks.
 
     `before` is in order; `after` differs from it only in the `touched` elements, named by
     kind, floor ("" for floors and elevators) and name: new, changed or removed ones."""
@@ -73,8 +76,12 @@ def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]
         element = after.find(kind, floor, name)
         if element is not None:
             check_element(floor, element)
-    for wrong in _changed(after, names, before):
-        raise wrong
+    blocked = []
+    for found in _changed(after, names, before):
+        if isinstance(found, InvalidElement):
+            raise found
+        blocked.append(found)
+    return blocked
 
 
 def _alone(building: Building) -> Iterator[InvalidElement]:
@@ -95,15 +102,17 @@ def _together(building: Building) -> Iterator[InvalidElement]:
         topology = entry.topological
         yield from _cabins(building, name, topology.nodes.values())
         yield from _ends(name, topology.nodes, topology.edges.values())
-        paths = _all_paths(Same(topology))
+        paths = all_paths(topology)
         yield from _outside(entry, paths)
-        yield from _collisions(name, paths, obstacles(building, name))
+        structure = [item for item in obstacles(building, name) if item.kind in STRUCTURE]
+        yield from (found.error() for found in collisions(name, paths, structure))
 
 
 Names = dict[ElementKind, set[str]]
 
 
-def _changed(after: Building, names: dict[str, Names], before: Building) -> Iterator[InvalidElement]:
+def _changed(after: Building, names: dict[str, Names], before: Building) -> Iterator[InvalidElement | Collision]:
+    """What a change breaks, and after it what it blocks."""
     whole = names.get("", {})
     floors = whole.get(ElementKind.FLOOR, set())
     lifts = whole.get(ElementKind.ELEVATOR, set())
@@ -118,40 +127,64 @@ def _changed(after: Building, names: dict[str, Names], before: Building) -> Iter
         here = names.get(floor, {})
         if not (here or lifts or floor in floors):
             continue
-        if floor in before.floors:
-            yield from _changed_paths(after, floor, here, before.floors[floor].topological)
-        else:
-            yield from _changed_paths(after, floor, here, TopologicalMap())
+        yield from _changed_paths(after, floor, here, before)
         if lifts:
             riders = (node for node in _riders(Same(entry.topological)) if node.elevator in lifts)
             yield from _cabins(after, floor, riders)
         if floor in floors:
-            yield from _outside(entry, _all_paths(Same(entry.topological)))
-        yield from _changed_obstacles(after, floor, here, lifts, floor in floors, before)
+            yield from _outside(entry, all_paths(entry.topological))
+        found = _changed_obstacles(after, floor, here, lifts, floor in floors, before)
+        yield from (collision.error() for collision in found if collision.is_structural)
+        known = _blocked_before(before, floor, found)
+        yield from (collision for collision in found if collision.pair not in known)
 
 
-def _changed_paths(after: Building, floor: str, here: Names, before: TopologicalMap) -> Iterator[InvalidElement]:
-    """New and changed nodes and edges, and the edges whose nodes moved or went, against the whole floor."""
+def _changed_paths(after: Building, floor: str, here: Names, before: Building) -> Iterator[InvalidElement]:
+    """New and changed nodes and edges, and the edges whose nodes moved or went, against the whole floor.
+
+    Those of a new shape must be clear of all obstacles. An edge that only follows its nodes
+    may stay on what blocked it before."""
     entry = after.floors[floor]
+    old = before.floors[floor].topological if floor in before.floors else TopologicalMap()
     nodes, edges = entry.topological.nodes, entry.topological.edges
     touched = here.get(ElementKind.NODE, set())
-    moved = touched & before.nodes.keys()
     some_nodes = {name: nodes[name] for name in touched if name in nodes}
     some_edges = {name: edges[name] for name in here.get(ElementKind.EDGE, ()) if name in edges}
-    if moved:
-        some_edges.update((name, edge) for name, edge in edges.items() if edge.a in moved or edge.b in moved)
-    if not (some_nodes or some_edges):
-        return
+    placed = {name: node for name, node in some_nodes.items() if name not in old.nodes or old.nodes[name].at != node.at}
+    drawn = {
+        name: edge
+        for name, edge in some_edges.items()
+        if name not in old.edges or {old.edges[name].a, old.edges[name].b} != {edge.a, edge.b}
+    }
+    moved = (touched & old.nodes.keys()) - (some_nodes.keys() - placed.keys())
+    pulled = {name: edge for name, edge in edges.items() if edge.a in moved or edge.b in moved} if moved else {}
     yield from _cabins(after, floor, some_nodes.values())
-    yield from _ends(floor, nodes, some_edges.values())
-    paths = _Paths(some_nodes.values(), some_edges.values(), nodes)
+    yield from _ends(floor, nodes, {**pulled, **some_edges}.values())
+    if not (placed or drawn or pulled):
+        return
+    paths = Paths(placed.values(), {**pulled, **drawn}.values(), nodes)
     yield from _outside(entry, paths)
-    yield from _collisions(floor, paths, around(after, floor, paths.box()))
+    found = list(collisions(floor, paths, around(after, floor, paths.box())))
+    followers = [item for item in found if item.element.name not in drawn and isinstance(item.element, PathEdge)]
+    known = _blocked_before(before, floor, followers)
+    yield from (item.error() for item in found if item.pair not in known)
+
+
+def _blocked_before(before: Building, floor: str, found: Sequence[Collision]) -> set[Pair]:
+    """Which of the collisions there were before, and maybe some more."""
+    if not found or floor not in before.floors:
+        return set()
+    topology = before.floors[floor].topological
+    names = {item.element.name for item in found}
+    nodes = [topology.nodes[name] for name in names if name in topology.nodes]
+    edges = [topology.edges[name] for name in names if name in topology.edges]
+    causes = named_obstacles(before, floor, {(item.obstacle.kind, item.obstacle.name) for item in found})
+    return {item.pair for item in collisions(floor, Paths(nodes, edges, topology.nodes), causes)}
 
 
 def _changed_obstacles(
     after: Building, floor: str, here: Names, lifts: set[str], outline: bool, before: Building
-) -> Iterator[InvalidElement]:
+) -> list[Collision]:
     """All nodes and edges of a floor against what is new in their way: walls that lost a door count as new."""
     plan = after.floors[floor].geometrical
     suspects = {(kind.value, name) for kind, names in here.items() for name in names}
@@ -173,9 +206,10 @@ def _changed_obstacles(
     if outline:
         boxes += [point_box(point, TOUCH_M) for point in after.floors[floor].floor.outline]
     box = enclose(boxes)
-    if box is not None:
-        found = [item for item in around(after, floor, box) if (item.kind, item.name) in suspects]
-        yield from _collisions(floor, _all_paths(Same(after.floors[floor].topological)), found)
+    if box is None:
+        return []
+    found = [item for item in around(after, floor, box) if (item.kind, item.name) in suspects]
+    return list(collisions(floor, all_paths(after.floors[floor].topological), found))
 
 
 def _storeys(building: Building, blamed: Collection[str] = ()) -> Iterator[InvalidElement]:
@@ -242,76 +276,14 @@ def _ends(floor: str, nodes: dict[str, PathNode], edges: Iterable[PathEdge]) -> 
             yield _invalid(floor, edge, "it has no length: its nodes stand at the same place")
 
 
-def _outside(entry: FloorMap, paths: _Paths) -> Iterator[InvalidElement]:
-    """Nodes stand within the outline; edges that leave it cross it, which `_collisions` sees."""
+def _outside(entry: FloorMap, paths: Paths) -> Iterator[InvalidElement]:
+    """Nodes stand within the outline; edges that leave it cross it, which `collisions` sees."""
     if not (entry.floor.outline and paths.nodes):
         return
     outline = Polygon(entry.floor.outline)
     shapely.prepare(outline)
     for index in np.flatnonzero(~shapely.contains_xy(outline, paths.at)):
         yield _invalid(entry.floor.name, paths.nodes[index], "it stands outside the outline of the floor")
-
-
-def _collisions(floor: str, paths: _Paths, found: Sequence[Obstacle]) -> Iterator[InvalidElement]:
-    """Nodes stand and edges lead clear of every obstacle in `found`."""
-    if not found:
-        return
-    tree = STRtree([item.geometry for item in found])
-    x0, y0, x1, y1 = shapely.total_bounds(tree.geometries)
-    nodes, edges = paths.within(Box(x0 - TOUCH_M, y0 - TOUCH_M, x1 + TOUCH_M, y1 + TOUCH_M))
-    hits = tree.query(shapely.points(paths.at[nodes]), predicate="dwithin", distance=TOUCH_M)
-    for index, hit in hits.T:
-        thing = found[hit]
-        how = "stands inside" if thing.geometry.geom_type == "Polygon" else "stands on"
-        yield _invalid(floor, paths.nodes[nodes[index]], f"it {how} {_called(thing)}")
-    hits = tree.query(shapely.linestrings(paths.ends[edges]), predicate="intersects")
-    for index, hit in hits.T:
-        thing, which = found[hit], edges[index]
-        spot = thing.geometry.intersection(LineString(paths.ends[which])).representative_point()
-        yield _invalid(floor, paths.edges[which], f"it leads through {_called(thing)} near {spot.x:g}, {spot.y:g}")
-
-
-def _called(thing: Obstacle) -> str:
-    if thing.kind == "elevator":
-        return f"the shaft of {describe('elevator', '', thing.name)}"
-    if thing.kind == "floor":
-        return "the outline of the floor"
-    return describe("locked door" if thing.kind == "door" else thing.kind, "", thing.name)
-
-
-class _Paths:
-    """Nodes and edges as arrays: `at` (n, 2) and `ends` (m, 2, 2), m. Edges without both nodes are left out."""
-
-    def __init__(self, nodes: Iterable[PathNode], edges: Iterable[PathEdge], known: dict[str, PathNode]) -> None:
-        self.nodes = list(nodes)
-        self.edges = [edge for edge in edges if edge.a in known and edge.b in known]
-        self.at = np.array([node.at for node in self.nodes], dtype=float).reshape(-1, 2)
-        ends = [(*known[edge.a].at, *known[edge.b].at) for edge in self.edges]
-        self.ends = np.array(ends, dtype=float).reshape(-1, 2, 2)
-        self._node_columns = np.ascontiguousarray(self.at.T)
-        a, b = self.ends[:, 0].T, self.ends[:, 1].T
-        self._low, self._high = np.ascontiguousarray(np.minimum(a, b)), np.ascontiguousarray(np.maximum(a, b))
-
-    def box(self) -> Box:
-        """The box around all, grown by TOUCH_M. There must be a node or an edge."""
-        points = np.concatenate([self.at, self.ends.reshape(-1, 2)])
-        low, high = points.min(axis=0) - TOUCH_M, points.max(axis=0) + TOUCH_M
-        return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-
-    def within(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the nodes and of the edges that can reach into `box`."""
-        nodes = _meeting(self._node_columns, self._node_columns, box)
-        return nodes, _meeting(self._low, self._high, box)
-
-
-def _meeting(low: np.ndarray, high: np.ndarray, box: Box) -> np.ndarray:
-    return np.flatnonzero((high[0] >= box.x0) & (low[0] <= box.x1) & (high[1] >= box.y0) & (low[1] <= box.y1))
-
-
-@lru_cache(maxsize=16)
-def _all_paths(topology: Same[TopologicalMap]) -> _Paths:
-    nodes = topology.value.nodes
-    return _Paths(nodes.values(), topology.value.edges.values(), nodes)
 
 
 @lru_cache(maxsize=16)

@@ -7,7 +7,7 @@ walls nearby and leaves the other thousands alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Generic, NamedTuple, TypeVar
 
@@ -73,6 +73,19 @@ def around(building: Building, floor: str, box: Box) -> tuple[Obstacle, ...]:
     )
     lifts = [lift for lift in building.elevators.values() if elevator_box(lift).meets(box)]
     return blocking(local, entry.floor, lifts)
+
+
+def named_obstacles(building: Building, floor: str, names: Collection[tuple[str, str]]) -> tuple[Obstacle, ...]:
+    """Those obstacles of a floor that are in `names`, by kind and name. Raises KeyError for an unknown floor."""
+    entry = building.floors[floor]
+    plan = entry.geometrical
+    local = GeometricalMap(
+        walls={name: plan.walls[name] for kind, name in names if kind == "wall" and name in plan.walls},
+        objects={name: plan.objects[name] for kind, name in names if kind == "object" and name in plan.objects},
+        doors=plan.doors,
+    )
+    found = blocking(local, entry.floor, list(building.elevators.values()))
+    return tuple(item for item in found if (item.kind, item.name) in names)
 
 
 def enclose(boxes: Iterable[Box]) -> Box | None:

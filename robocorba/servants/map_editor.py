@@ -14,6 +14,8 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: So many transactions that have ended still say TransactionClosed; older ones don't exist any more.
 ENDED_KEPT = 100
+#: Findings in one answer: each takes some 500 bytes, an answer has at most 64 MiB.
+MOST_FINDINGS = 10_000
 
 
 class Activator(Protocol):
@@ -126,6 +128,11 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
         from robocorba.maps.topology import topological_map
 
         return self._editor.replace_topology(onFloor, topological_map(self._editor.building, onFloor, robotRadius))
+
+    def check(self) -> list[Any]:
+        from robocorba.maps.checking import findings  # here, for the same reason
+
+        return maps.findings(findings(self._editor.building)[:MOST_FINDINGS])
 
     def exportMap(self) -> str:
         return native.dumps(self._editor.building)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
@@ -12,7 +13,7 @@ from typer.testing import CliRunner, Result
 from robocorba.commands import command
 from robocorba.maps import native
 from robocorba.maps.formats import read_map
-from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, TopologicalMap
+from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, PathEdge, PathNode, TopologicalMap
 from robocorba.maps.samples import SAMPLES
 from tests.formats.rmf_files import small, written
 from tests.formats.ros_files import BLACK, GREY, WHITE, write_ros
@@ -51,16 +52,42 @@ def test_samples_are_sound(sample: str) -> None:
 
 
 def test_check_says_what_there_is_and_what_to_mind() -> None:
-    assert lines(robocorba_map("check", "two.yaml")) == [
-        "two.yaml is sound: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators"
+    there_and_back = two_floors().with_element("L1", PathEdge(name="out", a="lift1", b="east"))
+    native.save(there_and_back, "sound.yaml")
+    assert lines(robocorba_map("check", "sound.yaml")) == [
+        "sound.yaml is sound: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
     ]
-    odd = two_floors().with_element("", Floor(name="roof", level=3, elevation=8.0))
+    odd = there_and_back.with_element("", Floor(name="roof", level=3, elevation=8.0))
     doors = (ElevatorDoor(floor="roof"),)
     native.save(odd.with_element("", Elevator(name="E2", at=(30.0, 0.0), size=(2.0, 2.0), doors=doors)), "odd.yaml")
     notes = lines(robocorba_map("check", "odd.yaml"))
     assert notes[0] == "note: elevator 'E2' serves only roof"
     assert notes[1].startswith("note: floor 'roof' has no topological map")
-    assert len(notes) == 3
+    assert notes[2:] == [
+        "warning: floors without an elevator to other floors (1): roof",
+        "odd.yaml can be served: 1 warning: 3 floors, 1 walls, 5 nodes, 4 edges, 2 elevators",
+    ]
+
+
+def test_check_says_what_is_blocked_and_what_no_robot_reaches() -> None:
+    door = two_floors().floors["L1"].geometrical.doors["d"]
+    native.save(two_floors().with_element("L1", msgspec.structs.replace(door, locked=True)), "locked.yaml")
+    blocked = "warning: blocked edges of L1 (1): west-east (locked door 'd' near 10, 5)"
+    assert lines(robocorba_map("check", "locked.yaml")) == [
+        blocked,
+        "warning: nodes of L1 that are walled in for a robot of radius 0.40 m (1): west",
+        "warning: nodes of L1 that can be left but not entered (1): east",
+        "locked.yaml can be served: 3 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
+    ]
+    assert lines(robocorba_map("import", "locked.yaml", "out.yaml"))[0] == blocked
+    assert native.load("out.yaml") == native.load("locked.yaml")
+    assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-2:] == [
+        "warning: elevators that a robot of radius 0.70 m can't enter (1): "
+        "E1 (its widest door has 1.20 m, 1.40 m needed)",
+        "two.yaml can be served: 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
+    ]
+    assert robocorba_map("check", "two.yaml", "--radius", "-1").exit_code == 2
+    assert robocorba_map("check", "two.yaml", "--radius", "nan").exit_code == 2
 
 
 @pytest.mark.parametrize("command", [("check",), ("import",), ("export",), ("show",)])
@@ -144,6 +171,31 @@ def test_import_draws_roads_where_there_are_none() -> None:
     assert refusal("import", "bare.yaml", "x.yaml", "--topology", "--radius", "40").endswith(
         "no free space for a robot of radius 40 m"
     )
+
+
+def test_import_draws_roads_by_way_of_the_nodes_that_are_there() -> None:
+    bare = two_floors().with_element("L1", PathNode(name="in corner", at=(0.2, 0.2)))
+    for name in bare.floors["L1"].topological.edges:
+        bare = bare.without(ElementKind.EDGE, "L1", name)
+    native.save(bare, "bare.yaml")
+    assert lines(robocorba_map("check", "bare.yaml"))[0] == (
+        "note: floor 'L1' has no edges; `robocorba map import --topology` draws roads"
+    )
+    told = lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology"))
+    drawn = native.load("drawn.yaml")
+    nodes, edges = drawn.floors["L1"].topological.nodes, drawn.floors["L1"].topological.edges
+    assert told[:2] == [
+        f"L1: drew {len(nodes) - 4} nodes and {len(edges)} edges, joined 3 of 4 nodes; "
+        "not in reach of a robot of radius 0.4 m: in corner",
+        "L2: nothing drawn, it has 1 edges",
+    ]
+    assert bare.floors["L1"].topological.nodes.items() <= nodes.items()
+    assert {"west", "east", "lift1"} <= {name for edge in edges.values() for name in (edge.a, edge.b)}
+    assert drawn.floors["L2"] == bare.floors["L2"]
+    assert lines(robocorba_map("check", "drawn.yaml"))[-1].startswith("drawn.yaml can be served: 2 warnings: ")
+    native.save(two_floors(), "roads.yaml")
+    lines(robocorba_map("import", "roads.yaml", "same.yaml", "--topology"))
+    assert native.load("same.yaml") == two_floors()
 
 
 @pytest.mark.parametrize("format", ["native", "openrmf", "ros"])

@@ -11,6 +11,7 @@ import pytest
 
 from robocorba.errors import MapFileError
 from robocorba.maps import validation
+from robocorba.maps.checking import blocked, summaries
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import Building, DoorKind, ElevatorDoor, PathEdge, Side
 from tests.formats.rmf_files import imported, real_file, small
@@ -207,17 +208,36 @@ def test_generated_names_avoid_given_ones() -> None:
     assert list(imported(data).building.floors["L1"].topological.nodes) == ["n9", "n9_2", "n10"]
 
 
-def test_what_breaks_a_rule_is_left_out_and_named() -> None:
+def test_what_is_blocked_is_kept() -> None:
     data = small()
     level = data["levels"]["L1"]
     level["vertices"] += [[100, 20, 0, "in_wall"], [50, 20, 0, "beside"], [150, 20, 0, "behind"]]
     level["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [12, 13, {"graph_idx": [2, 0]}]]
     result = imported(data)
     assert validation.problems(result.building) == []
-    left_out = [loss for loss in result.losses if loss.startswith("left out")]
-    assert any("node 'in_wall' on L1" in loss for loss in left_out)
-    assert any("edge 'beside-behind' on L1" in loss for loss in left_out)
-    assert {"beside", "behind"} <= result.building.floors["L1"].topological.nodes.keys()
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert {"in_wall", "beside", "behind"} <= result.building.floors["L1"].topological.nodes.keys()
+    assert summaries(blocked(result.building)) == (
+        "blocked nodes of L1 (1): in_wall (wall 'w4' near 5, -1)",
+        "blocked edges of L1 (2): in_wall-beside (wall 'w4' near 5, -1), beside-behind (wall 'w4' near 5, -1)",
+    )
+
+
+def test_what_breaks_a_rule_is_left_out_and_counted() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    first = len(level["vertices"])
+    level["vertices"] += [[50 + i, 150, 0, f"outside{i}"] for i in range(20)]
+    level["lanes"] += [[8, first + i, {"graph_idx": [2, 0]}] for i in range(20)]
+    result = imported(data)
+    assert validation.problems(result.building) == []
+    shown = ", ".join(f"outside{i}" for i in range(12))
+    assert [loss for loss in result.losses if loss.startswith("left out")] == [
+        f"left out: nodes of L1 (20): it stands outside the outline of the floor: {shown} and 8 more",
+        "left out: edges of L1 (20): a node at its end is left out: "
+        + ", ".join(f"start-outside{i}" for i in range(12))
+        + " and 8 more",
+    ]
 
 
 def test_floor_polygons_unite_and_holes_become_voids() -> None:
@@ -357,7 +377,7 @@ def _graph(building: Building, name: str) -> nx.Graph:
 def test_the_hotel() -> None:
     result = read_map(real_file("hotel"))
     building = result.building
-    assert validation.problems(building) == []
+    assert validation.problems(building) == list(blocked(building)) == []
     assert not [loss for loss in result.losses if loss.startswith("left out")]
     assert list(building.floors) == ["L1", "L2", "L3"]
     assert [entry.floor.elevation for entry in building.floors.values()] == [0.0, 8.0, 16.0]
@@ -396,7 +416,7 @@ def test_the_hotels_scale_is_that_of_its_measurement() -> None:
 def test_the_office() -> None:
     result = read_map(real_file("office"))
     floor = result.building.floors["L1"]
-    assert validation.problems(result.building) == []
+    assert validation.problems(result.building) == list(blocked(result.building)) == []
     assert not [loss for loss in result.losses if loss.startswith("left out")]
     assert list(floor.geometrical.doors) == ["main_door", "coe_door", "hardware_door"]
     assert {"pantry", "lounge", "supplies", "coe"} <= floor.topological.nodes.keys()

@@ -8,6 +8,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from robocorba.maps.collisions import blockages
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -150,6 +151,29 @@ def buildings(draw: st.DrawFn) -> Building:
     for floor, element in draw(st.lists(placed, max_size=25)):
         building = _kept(building, floor, element)
     return building
+
+
+def is_refused(before: Building, after: Building) -> bool:
+    """Whether an editor must refuse an edit: a rule is broken, or a path drawn onto what it was not on before."""
+    if problems(after, limit=1):
+        return True
+    for floor in after.floors:
+        entry = before.floors.get(floor)
+        old, new = entry.topological if entry else TopologicalMap(), after.floors[floor].topological
+        known = {found.pair for found in blockages(before, floor)} if entry else set()
+        moved = {name for name, node in new.nodes.items() if name not in old.nodes or old.nodes[name].at != node.at}
+        for found in blockages(after, floor):
+            element = found.element
+            if isinstance(element, PathNode):
+                if element.name in moved:
+                    return True
+                continue
+            was = old.edges.get(element.name)
+            if was is None or {was.a, was.b} != {element.a, element.b}:
+                return True
+            if {element.a, element.b} & moved and found.pair not in known:
+                return True
+    return False
 
 
 def _kept(building: Building, floor: str, element: Element) -> Building:

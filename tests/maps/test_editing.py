@@ -41,8 +41,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.storage import MapStore
-from robocorba.maps.validation import problems
-from tests.maps.buildings import floor_names, names, placed, two_floors
+from tests.maps.buildings import floor_names, is_refused, names, placed, two_floors
 
 L1, WALL, NODE, EDGE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE, ElementKind.FLOOR
 
@@ -112,7 +111,7 @@ def test_what_is_refused_changes_nothing(editor: BuildingEditor, building: Build
         (NothingToUndo, lambda: editor.undo(1)),
         (NothingToRedo, lambda: editor.redo(1)),
         (InvalidElement, lambda: editor.create(L1, wall("a", float("nan")))),
-        (InvalidElement, lambda: editor.create(L1, Wall(name="a", a=(7.0, 1.0), b=(7.0, 9.0)))),
+        (InvalidElement, lambda: editor.create(L1, PathNode(name="a", at=(10.0, 1.0)))),
         (InvalidElement, lambda: editor.remove(NODE, L1, "west", 1)),
         (InvalidElement, lambda: editor.remove(FLOOR, "", "L2", 1)),
         (InvalidElement, lambda: editor.replace(building.without(NODE, L1, "west"), 1)),
@@ -127,6 +126,42 @@ def test_what_is_refused_changes_nothing(editor: BuildingEditor, building: Build
         with pytest.raises(error):
             edit()
     assert (editor.building, editor.version, editor.changes_since(1)) == (building, 1, [])
+
+
+def test_an_edit_that_blocks_edges_is_made_and_logged(
+    editor: BuildingEditor, building: Building, caplog: pytest.LogCaptureFixture
+) -> None:
+    door = building.floors[L1].geometrical.doors["d"]
+    locked = editor.change(L1, msgspec.structs.replace(door, locked=True), 1)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"version {locked} blocks edge 'west-east' on L1: it leads through locked door 'd' near 10, 5"
+    ]
+    edge = building.floors[L1].topological.edges["west-east"]
+    slower = msgspec.structs.replace(edge, speed_limit=0.5)
+    editor.change(L1, slower, 1)
+    editor.create(L1, PathNode(name="n", at=(5.0, 2.0)))
+    editor.create(L1, PathEdge(name="n-west", a="n", b="west"))
+    with pytest.raises(InvalidElement, match="it leads through locked door 'd'"):
+        editor.create(L1, PathEdge(name="again", a="west", b="east"))
+    opened = editor.change(L1, door, locked)
+    editor.create(L1, PathEdge(name="again", a="west", b="east"))
+    assert editor.undo(editor.version) and editor.undo(editor.version)  # the door is locked again
+    assert editor.building.floors[L1].geometrical.doors["d"].locked
+    assert editor.replace(editor.building, editor.version) == editor.version == opened + 3
+    assert len(caplog.records) == 1
+
+
+def test_the_log_names_the_first_of_many_blocked_edges(
+    editor: BuildingEditor, caplog: pytest.LogCaptureFixture
+) -> None:
+    for i in range(4):
+        editor.create("L2", PathNode(name=f"n{i}", at=(3.0, float(i))))
+        editor.create("L2", PathEdge(name=f"e{i}", a=f"n{i}", b="top"))
+    editor.create("L2", Wall(name="across", a=(5.0, -9.0), b=(5.0, 9.0)))
+    editor.create("L2", Wall(name="through", a=(3.0, -9.0), b=(3.0, 9.0)))
+    across, through = (record.getMessage() for record in caplog.records)
+    assert across.count("it leads through wall 'across'") == 4
+    assert through.count("it stands on wall 'through'") == 4 and through.endswith("; and 3 more")
 
 
 def test_errors_have_plain_fields(editor: BuildingEditor) -> None:
@@ -554,7 +589,7 @@ def test_the_editor_agrees_with_plain_dictionaries(operations: list[tuple[str, A
                 _in_a_transaction(editor, model, value)
             else:
                 result = edited(model.elements, what, value)
-                if result is None or problems(building_of(result[0]), limit=1):
+                if result is None or is_refused(building_of(model.elements), building_of(result[0])):
                     with pytest.raises((InvalidElement, UnknownElement)):
                         send(editor, model, model.elements, what, value, made=False)
                 else:
@@ -591,7 +626,7 @@ def _in_a_transaction(editor: BuildingEditor, model: Model, edits: list[tuple[st
         elements = result[0]
         touched |= result[1]
     touched = {key for key in touched if key in elements or key in model.elements}
-    if problems(building_of(elements), limit=1):
+    if is_refused(building_of(model.elements), building_of(elements)):
         with pytest.raises(InvalidElement):
             transaction.commit()
     elif touched:

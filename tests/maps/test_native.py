@@ -155,7 +155,7 @@ def test_a_file_is_a_line_an_element() -> None:
         ("to: [4, 4]", "to: [4, x]", 9, "floors[0].walls[1].to[1]", "Expected `float`, got `str`"),
         ("to: [4, 4]", "to: [4, .nan]", 9, "floors[0].walls[1]", "to y is not a finite number"),
         ("to: [4, 4]", "to: [4, 0]", 9, "floors[0].walls[1]", "it has no length"),
-        ("at: [3, 1]", "at: [4, 1]", 13, "floors[0].nodes[1]", "it stands on wall 'w2'"),
+        ("at: [3, 1]", "at: [1.5, 3]", 13, "floors[0].nodes[1]", "it stands on the shaft of elevator 'E'"),
         ("at: [3, 1]", "at: {x: 3}", 14, "floors[0].nodes[1].at", "Expected `array`, got `object`"),
         ("at: [3, 1]", "at: [3, 1]\n    lift: E", 15, "floors[0].nodes[1].lift", "there is no such key"),
         ("{from: a, to: b}", "{from: a, to: c}", 16, "floors[0].edges[0]", "edge 'a-c' on L1: node 'c' does not exist"),
@@ -279,7 +279,7 @@ def test_check_lists_what_is_wrong(tmp_path: Path) -> None:
     file = tmp_path / "house.yaml"
     file.write_text(SOUND)
     assert native.check(file) == []
-    file.write_text(SOUND.replace("at: [1, 1]", "at: [1, 0]").replace("at: [3, 1]", "at: [4, 1]"))
+    file.write_text(SOUND.replace("at: [1, 1]", "at: [1.5, 3]").replace("at: [3, 1]", "at: [2.5, 3]"))
     assert [(found.line, found.key) for found in native.check(file)][:2] == [
         (11, "floors[0].nodes[0]"),
         (13, "floors[0].nodes[1]"),

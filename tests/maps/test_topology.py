@@ -17,6 +17,7 @@ from shapely import LineString, Point, Polygon
 
 from robocorba.errors import InvalidElement, UnknownElement
 from robocorba.maps import geometry, validation
+from robocorba.maps.collisions import blockages
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import (
     XY,
@@ -105,6 +106,7 @@ def check_roads(building: Building, floor: str, roads: TopologicalMap, radius: f
         reached += homes
     assert sorted(reached) == list(range(len(parts)))
     assert validation.problems(with_roads(building, floor, roads)) == []
+    assert blockages(with_roads(building, floor, roads), floor) == []
 
 
 metres = st.floats(0.5, 14.0).map(lambda value: round(value, 2))

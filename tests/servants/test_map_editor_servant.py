@@ -14,6 +14,7 @@ from robocorba.maps.editing import BuildingEditor
 from robocorba.maps.model import Wall
 from robocorba.maps.storage import MapStore
 from robocorba.orb import Orb
+from robocorba.servants import map_editor
 from robocorba.servants.map_editor import ENDED_KEPT, MapEditorServant
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
@@ -88,6 +89,12 @@ def test_what_ended_is_forgotten_in_time_but_never_what_is_open(editor: MapEdito
         ended.commit()
     open_all_the_time.create("L2", wall("w"))
     assert open_all_the_time.commit() == 2
+
+
+def test_an_answer_holds_the_first_findings(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [(found.id.name, found.position.floor) for found in editor.check()] == [("west", "L1"), ("east", "L1")]
+    monkeypatch.setattr(map_editor, "MOST_FINDINGS", 1)
+    assert [found.id.name for found in editor.check()] == ["west"]
 
 
 def test_a_map_that_is_too_large_is_refused_as_a_map(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,6 +83,7 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher
         ((place(WEST), "L1:nan,1"), "goal.x: nan is not a number within 1e+06 m"),
         ((place(WEST), "L1"), "goal: 'L1' is not of the form FLOOR:X,Y, such as L1:3,4"),
         ((place(WEST), place(EAST), "--radius", "5"), "robotRadius: 5.0 is not between 0 and 3 m"),
+        ((place(WEST), place(EAST), "--graph", "tram"), "navigationGraph: no edge belongs to a graph 'tram'"),
         ((place(WEST), "L2:14,3", "--avoid", "E1"), "no elevator leads from L1 to L2; elevator 'E1'"),
     ],
 )

@@ -11,6 +11,7 @@ from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 from tests.maps.buildings import two_floors
 from tests.system.elements import XY, all_elements, examples, id_of, replay, wall
+from tests.system.processes import Running
 
 pytestmark = pytest.mark.system
 
@@ -95,11 +96,11 @@ def test_an_unknown_floor_is_named(editor: Any) -> None:
 
 def test_what_breaks_a_rule_is_refused_with_its_reason(editor: Any) -> None:
     began = editor._get_currentVersion()
-    across = RoboCorba.Element(aWall=RoboCorba.Wall("across", XY(4.0, 5.0), XY(6.0, 5.0), 2.5))
+    on_wall = RoboCorba.Element(aNode=RoboCorba.PathNode("n", XY(10.0, 2.0), ""))
     with pytest.raises(RoboCorba.InvalidElement) as refused:
-        editor.create("L1", across)
-    assert words(refused.value.id) == ("NODE_ELEMENT", "L1", "west")
-    assert refused.value.reason == "it stands on wall 'across'"
+        editor.create("L1", on_wall)
+    assert words(refused.value.id) == ("NODE_ELEMENT", "L1", "n")
+    assert refused.value.reason == "it stands on wall 'w'"
     needed = editor.read(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, "L1", "west"))
     with pytest.raises(RoboCorba.InvalidElement) as refused:
         editor.remove(id_of("L1", needed.value), needed.changedAt)
@@ -294,23 +295,71 @@ def test_no_topological_map_for_a_radius_that_fits_nowhere(editor: Any, radius: 
     assert editor._get_currentVersion() == began
 
 
-def test_an_edit_is_seen_by_the_next_path(editor: Any, planner: Any) -> None:
-    def lock(locked: bool) -> int:
-        door = editor.read(RoboCorba.ElementId(RoboCorba.DOOR_ELEMENT, "L1", "d"))
-        door.value._v.locked = locked
-        return editor.change("L1", door.value, door.changedAt)
+def lock(editor: Any, locked: bool) -> int:
+    """Lock or unlock door d of L1, through which the edge west-east leads."""
+    door = editor.read(RoboCorba.ElementId(RoboCorba.DOOR_ELEMENT, "L1", "d"))
+    door.value._v.locked = locked
+    return editor.change("L1", door.value, door.changedAt)
 
-    id = RoboCorba.ElementId(RoboCorba.EDGE_ELEMENT, "L1", "west-east")
-    through = editor.read(id)
-    editor.remove(id, through.changedAt)  # an edge must not lead through a locked door
+
+def test_an_edit_is_seen_by_the_next_path(editor: Any, planner: Any) -> None:
     for _ in range(10):
-        version = lock(True)
+        version = lock(editor, True)
         with pytest.raises(RoboCorba.NoPath) as refused:
             planner.getPath(WEST, EAST)
         assert refused.value.reason and refused.value.blockers
         assert planner._get_mapVersion() == version
-        version = lock(False)
+        version = lock(editor, False)
         (path,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
         assert path.mapVersion == version
         assert (str(path.points[0].kind), str(path.points[-1].kind)) == ("START", "GOAL")
-    editor.create("L1", through.value)
+
+
+def test_an_edge_is_blocked_while_its_door_is_locked(editor: Any, planner: Any, system: Running) -> None:
+    def blocked() -> list[tuple[str, str, str, float, float, str]]:
+        return [
+            (str(found.id.kind), found.id.name, *vars(found.position).values(), found.reason)
+            for found in editor.check()
+            if found.reason.startswith("blocked")
+        ]
+
+    assert blocked() == []
+    assert [found.id.name for found in editor.check()] == ["west", "east"]  # no edge leads back from the elevator
+    (direct,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
+    version = lock(editor, True)
+    reason = "it leads through locked door 'd' near 10, 5"
+    assert blocked() == [("EDGE_ELEMENT", "west-east", "L1", 10.0, 5.0, f"blocked: {reason}")]
+    log = (system.state / "logs" / "map_editor.log").read_text()
+    assert f"version {version} blocks edge 'west-east' on L1: {reason}\n" in log
+    with pytest.raises(RoboCorba.NoPath):
+        planner.getPath(WEST, EAST)
+    edge = editor.read(RoboCorba.ElementId(RoboCorba.EDGE_ELEMENT, "L1", "west-east"))
+    edge.value._v.speedLimit = 0.5
+    changed = editor.change("L1", edge.value, edge.changedAt)
+    again = RoboCorba.Element(anEdge=RoboCorba.PathEdge("again", "west", "east", False, 0.0, 0.0, []))
+    with pytest.raises(RoboCorba.InvalidElement) as refused:
+        editor.create("L1", again)
+    assert words(refused.value.id) == ("EDGE_ELEMENT", "L1", "again")
+
+    around = editor.begin()
+    around.create(
+        "L1", RoboCorba.Element(aDoor=RoboCorba.Door("d2", XY(10.0, 1.0), XY(10.0, 2.5), RoboCorba.HINGED, False))
+    )
+    around.create("L1", RoboCorba.Element(aNode=RoboCorba.PathNode("west2", XY(8.0, 1.75), "")))
+    around.create("L1", RoboCorba.Element(aNode=RoboCorba.PathNode("east2", XY(12.0, 1.75), "")))
+    for a, b in (("west", "west2"), ("west2", "east2"), ("east2", "east")):
+        around.create("L1", RoboCorba.Element(anEdge=RoboCorba.PathEdge(f"{a}-{b}", a, b, False, 0.0, 0.0, [])))
+    version = around.commit()
+    (longer,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
+    assert longer.distance > direct.distance + 1.0
+    assert min(point.position.y for point in longer.points) < 2.5
+
+    lock(editor, False)
+    assert blocked() == []
+    editor.undo(version + 1)
+    editor.undo(version + 2)  # the way around
+    editor.undo(version + 3)  # the speed limit
+    editor.undo(version + 4)  # the lock
+    assert blocked() == []
+    (path,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
+    assert path.distance == direct.distance and changed < path.mapVersion

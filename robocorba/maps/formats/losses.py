@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
 
+from robocorba.errors import InvalidElement
 from robocorba.maps import validation
 from robocorba.maps.model import Building, ElementKind, Elevator
 from robocorba.maps.yaml_file import YamlFile
@@ -16,6 +19,8 @@ NAMES_SHOWN = 12
 #: Broken rules dealt with between two looks at the whole building.
 MOST_PROBLEMS = 100_000
 TYPE_NAMES = {kind.value for kind in ElementKind}
+#: Where an edge meets an obstacle, at the end of a reason: it differs from edge to edge.
+_POSITION = re.compile(r" near \S+, \S+$")
 
 
 class Imported(msgspec.Struct, frozen=True):
@@ -46,12 +51,13 @@ class Losses:
     def sentences(self) -> tuple[str, ...]:
         """All losses, in the order in which their kinds first occurred."""
         return tuple(
-            sentence.replace("{n}", str(len(subjects))).replace("{names}", _listed(subjects))
+            sentence.replace("{n}", str(len(subjects))).replace("{names}", listed(subjects))
             for sentence, subjects in self._subjects.items()
         )
 
 
-def _listed(subjects: list[str]) -> str:
+def listed(subjects: Iterable[str]) -> str:
+    """The first NAMES_SHOWN different names, and how many more there are."""
     counted = Counter(subjects)
     shown = [f"{name} (x{n})" if n > 1 else name for name, n in list(counted.items())[:NAMES_SHOWN]]
     rest = len(counted) - len(shown)
@@ -61,17 +67,38 @@ def _listed(subjects: list[str]) -> str:
 def settle(building: Building, losses: Losses, file: YamlFile) -> Building:
     """Leave out, and report, every element that breaks a rule, until none does.
 
-    A floor with a wrong outline loses the outline. Raises MapFileError where the fault
-    lies in something that can't be left out."""
+    A floor with a wrong outline loses the outline, and a node takes its edges with it. Raises
+    MapFileError where the fault lies in something that can't be left out."""
     while problems := validation.problems(building, limit=MOST_PROBLEMS):
         before = building
-        for wrong in problems:
-            reduced = _without(building, wrong.kind, wrong.floor, wrong.name)
-            if reduced is not building:
-                losses.add(f"left out: {wrong}")
-                building = reduced
+        of_edges = [wrong for wrong in problems if wrong.kind == ElementKind.EDGE.value]
+        others = [wrong for wrong in problems if wrong.kind != ElementKind.EDGE.value]
+        building = _without_wrong(building, others, losses)
+        building = _without_loose_edges(building, losses)
+        building = _without_wrong(building, of_edges, losses)
         if building is before:
             raise file.error("$", str(problems[0]))
+    return building
+
+
+def _without_wrong(building: Building, problems: Iterable[InvalidElement], losses: Losses) -> Building:
+    for wrong in problems:
+        reduced = _without(building, wrong.kind, wrong.floor, wrong.name)
+        if reduced is not building:
+            where = f" of {wrong.floor}" if wrong.floor else ""
+            reason = _POSITION.sub("", wrong.reason)
+            losses.add(f"left out: {wrong.kind}s{where} ({{n}}): {reason}: {{names}}", wrong.name)
+            building = reduced
+    return building
+
+
+def _without_loose_edges(building: Building, losses: Losses) -> Building:
+    for floor, entry in building.floors.items():
+        nodes = entry.topological.nodes
+        for name, edge in entry.topological.edges.items():
+            if not (edge.a in nodes and edge.b in nodes):
+                losses.add(f"left out: edges of {floor} ({{n}}): a node at its end is left out: {{names}}", name)
+                building = building.without(ElementKind.EDGE, floor, name)
     return building
 
 

@@ -1,4 +1,4 @@
-"""Roads for a floor that was drawn without any.
+"""Roads for a floor that was drawn without any, and by way of the places that it names.
 
 The medial axis of the free space, from the Voronoi diagram of points along all
 obstacles, keeps as far from everything as one can and has the same connections and
@@ -9,6 +9,8 @@ is free, so a road never jumps to the other side of an obstacle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import shapely
 from shapely import LineString, Polygon
@@ -16,9 +18,9 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors import InvalidElement, UnknownElement
 from robocorba.maps import geometry
-from robocorba.maps.model import Building, TopologicalMap
+from robocorba.maps.model import Building, PathNode, TopologicalMap
 from robocorba.maps.topology.axis import connect, draw_axis
-from robocorba.maps.topology.doorways import enter_cabin, mark_doorways
+from robocorba.maps.topology.doorways import enter_cabin, mark_doorways, visit
 from robocorba.maps.topology.lookouts import look_around
 from robocorba.maps.topology.merging import align, merge
 from robocorba.maps.topology.naming import named, round_positions
@@ -32,14 +34,17 @@ __all__ = ["topological_map"]
 LARGEST_RADIUS_M = 1000.0
 
 
-def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> TopologicalMap:
-    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map alone.
+def topological_map(
+    building: Building, floor: str, radius_m: float = 0.40, places: Sequence[PathNode] = ()
+) -> TopologicalMap:
+    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` alone.
 
     Every edge keeps `radius_m` from every obstacle of the floor. Two nodes are connected
     exactly when their places are connected in the free space, and every part of it has a
     node. A node stands in the cabin of each elevator that serves the floor (`cabin-E1`)
     if the robot fits, and one in front of it; the others are n1, n2, ... in reading order.
-    The same map gives the same result.
+    All `places` are nodes of the map under their own names; one where the robot does not fit, or
+    that is at the same place as another or as a cabin's node, has no edge. The same map gives the same result.
 
     Raises UnknownElement for an unknown floor, InvalidElement where the radius is not
     between 0 and LARGEST_RADIUS_M or nowhere on the floor is room for the robot.
@@ -49,7 +54,7 @@ def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> T
     if not 0 < radius_m <= LARGEST_RADIUS_M:
         reason = f"no roads for a radius of {radius_m:g} m: it must be above 0 and at most {LARGEST_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
-    building = _without_roads(building, floor)
+    building = _with_places_only(building, floor, places)
     space = _places(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
@@ -57,9 +62,10 @@ def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> T
     draw_axis(roads, _outlines(building, floor, radius_m))
     for elevator in building.elevators.values():
         if floor in elevator.floors():
-            enter_cabin(roads, elevator, floor)
+            enter_cabin(roads, elevator, floor, places)
     doors = building.floors[floor].geometrical.doors.values()
     mark_doorways(roads, (LineString([door.a, door.b]) for door in doors if not door.locked))
+    visit(roads, places)
     connect(roads)
     prune(roads)
     straighten(roads)
@@ -70,12 +76,13 @@ def topological_map(building: Building, floor: str, radius_m: float = 0.40) -> T
     merge(roads)
     look_around(roads)
     round_positions(roads)
-    return named(roads)
+    return named(roads, places)
 
 
-def _without_roads(building: Building, floor: str) -> Building:
+def _with_places_only(building: Building, floor: str, places: Sequence[PathNode]) -> Building:
     """The building without the floor's present roads, so that they have no influence on new ones."""
-    bare = msgspec.structs.replace(building.floors[floor], topological=TopologicalMap())
+    topology = TopologicalMap({place.name: place for place in places})
+    bare = msgspec.structs.replace(building.floors[floor], topological=topology)
     return msgspec.structs.replace(building, floors={**building.floors, floor: bare})
 
 

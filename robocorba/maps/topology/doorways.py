@@ -1,4 +1,4 @@
-"""Nodes that have a reason to be where they are: in cabins, in front of them, and in doorways."""
+"""Nodes that have a reason to be where they are: in cabins, in front of them, in doorways, and at places on the map."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections.abc import Iterable
 import networkx as nx
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 from shapely import LineString, Polygon
 
 from robocorba.maps import geometry
-from robocorba.maps.model import XY, Elevator, ElevatorDoor, Side
-from robocorba.maps.topology.roads import Roads
+from robocorba.maps.model import XY, Elevator, ElevatorDoor, PathNode, Side
+from robocorba.maps.topology.roads import SAME_PLACE_M, Roads
 
 #: A node waits in front of an elevator, so many radii from its door; the first that is free.
 FRONT_RADII = (2.5, 2.0, 1.5, 1.1)
@@ -22,18 +23,22 @@ MOST_LOOKED_AT = 200
 _TURN_OF = {Side.FRONT: -math.pi / 2, Side.BACK: math.pi / 2, Side.LEFT: math.pi, Side.RIGHT: 0.0}
 
 
-def enter_cabin(roads: Roads, elevator: Elevator, floor: str) -> None:
-    """A node in the cabin, one in front of each of its doors here, and a straight way between them."""
-    if not roads.free(elevator.at):
+def enter_cabin(roads: Roads, elevator: Elevator, floor: str, places: Iterable[PathNode] = ()) -> None:
+    """A node in the cabin, one in front of each of its doors here, and a straight way between them.
+
+    A place in the cabin that is free becomes that node."""
+    stop = next((place for place in places if place.elevator == elevator.name and roads.free(place.at)), None)
+    middle = stop.at if stop else elevator.at
+    if not roads.free(middle):
         return
     graph = roads.graph
-    cabin = roads.add(elevator.at, fixed=True, elevator=elevator.name)
+    cabin = roads.add(middle, fixed=True, elevator=elevator.name, place=stop.name if stop else "")
     inside, outside = _split(roads, geometry.shaft_polygon(elevator), but=cabin)
     edges, tree = roads.lines()
     for door in [door for door in elevator.doors if door.floor == floor]:
         doorway = geometry.landing_line(elevator, door)
         threshold, fronts = _approach(elevator, door, doorway, roads.radius)
-        front = next((at for at in fronts if roads.free(at, threshold) and roads.free(threshold, elevator.at)), None)
+        front = next((at for at in fronts if roads.free(at, threshold) and roads.free(threshold, middle)), None)
         if front is not None:
             graph.remove_edges_from([edges[i] for i in tree.query(doorway, predicate="intersects")])
             waiting = roads.add(front, fixed=True)
@@ -90,3 +95,21 @@ def mark_doorways(roads: Roads, doors: Iterable[LineString]) -> None:
         here = best if roads.free(roads.at(a), best) and roads.free(best, roads.at(b)) else crossing
         roads.graph.remove_edge(a, b)
         nx.add_path(roads.graph, [a, roads.add(here, door.length / 2, fixed=True), b])
+
+
+def visit(roads: Roads, places: Iterable[PathNode]) -> None:
+    """A node at each place where the robot fits, unless it is one already or another is there."""
+    special = [node for node in roads.graph if roads.place(node) or roads.elevator(node)]
+    names, taken = {roads.place(node) for node in special}, [roads.at(node) for node in special]
+    others = list(roads.graph)
+    tree = cKDTree(np.array([roads.at(node) for node in others]).reshape(-1, 2))
+    for place in places:
+        if place.name in names or not roads.free(place.at):
+            continue
+        if any(math.dist(place.at, other) <= SAME_PLACE_M for other in taken):
+            continue
+        node = roads.add(place.at, fixed=True, elevator=place.elevator, place=place.name)
+        taken.append(place.at)
+        if others:
+            nearest = tree.query(place.at, k=[*range(1, min(MOST_LOOKED_AT, len(others)) + 1)])[1]
+            _join(roads, node, [others[i] for i in nearest.tolist()])

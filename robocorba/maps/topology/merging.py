@@ -32,6 +32,8 @@ def _merged(roads: Roads, a: int, b: int) -> bool:
         return False
     if _weight(roads, b) > _weight(roads, a):
         a, b = b, a
+    if roads.place(b):
+        return False
     if roads.fixed(a) and roads.length(a, b) > roads.radius:
         return False  # a junction in front of a doorway stays there, and so does the node of a small room
     one, other = roads.at(a), roads.at(b)
@@ -53,9 +55,10 @@ def _near(roads: Roads, a: int, b: int) -> float:
     return max(MERGE_RADII * roads.radius, MERGE_SHARE * min(roads.clear(a), roads.clear(b)))
 
 
-def _weight(roads: Roads, node: int) -> tuple[bool, bool, int, float]:
+def _weight(roads: Roads, node: int) -> tuple[bool, bool, bool, int, float]:
     """Of two nodes that merge, the one that stays has more of this."""
-    return bool(roads.elevator(node)), roads.fixed(node), len(roads.graph[node]), roads.clear(node)
+    special = bool(roads.elevator(node)), bool(roads.place(node)), roads.fixed(node)
+    return *special, len(roads.graph[node]), roads.clear(node)
 
 
 def _skipped(roads: Roads, node: int) -> bool:

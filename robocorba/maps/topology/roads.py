@@ -27,7 +27,8 @@ class Roads:
 
     Attributes of a node in `graph`: `at` (x, y) in m, `clear` (distance to the nearest
     obstacle in m, about), `fixed` (never moved or merged away), `elevator` (its name, in a
-    cabin). `hubs` are the nodes, beside the fixed ones, that pruning leaves."""
+    cabin), `place` (the name that it has on the map already). `hubs` are the nodes, beside
+    the fixed ones, that pruning leaves."""
 
     def __init__(self, space: BaseGeometry, radius_m: float) -> None:
         self.space, self.radius = space, radius_m
@@ -36,10 +37,10 @@ class Roads:
         self.hubs: set[int] = set()
         self._numbers = count()
 
-    def add(self, at: XY, clear: float = 0.0, fixed: bool = False, elevator: str = "") -> int:
+    def add(self, at: XY, clear: float = 0.0, fixed: bool = False, elevator: str = "", place: str = "") -> int:
         """A new node, its clearance the radius unless given."""
         number = next(self._numbers)
-        self.graph.add_node(number, at=at, clear=clear or self.radius, fixed=fixed, elevator=elevator)
+        self.graph.add_node(number, at=at, clear=clear or self.radius, fixed=fixed, elevator=elevator, place=place)
         return number
 
     def at(self, node: int) -> XY:
@@ -57,6 +58,10 @@ class Roads:
     def elevator(self, node: int) -> str:
         """The elevator in whose cabin a node stands, or an empty name."""
         return self.graph.nodes[node]["elevator"]
+
+    def place(self, node: int) -> str:
+        """The name of a node that was on the map before, or an empty name."""
+        return self.graph.nodes[node]["place"]
 
     def length(self, a: int, b: int) -> float:
         """Distance of two nodes, m."""

@@ -1,0 +1,150 @@
+"""What a building that can be served does not let robots do, for whoever maintains its map.
+
+A finding is no broken rule: the building is served with it, and it goes when its cause has gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from robocorba.maps.collisions import TOUCH_M, Collision, blockages
+from robocorba.maps.geometry import bounds
+from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
+from robocorba.maps.reach import Reach
+
+#: Radius of the robot that has to get everywhere, m; SmartPal's.
+DEFAULT_RADIUS_M = 0.40
+
+
+class Finding(NamedTuple):
+    """What is the matter with one element, and where: a floor, x and y in m.
+
+    `reason` is complete by itself. `summary` is the sentence for all findings of one kind, with
+    {n} for how many they are and {names} for their `subject`s."""
+
+    kind: ElementKind
+    floor: str
+    name: str
+    where: tuple[str, float, float]
+    reason: str
+    summary: str
+    subject: str
+
+
+def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[Finding]:
+    """Blocked nodes and edges, and what a robot of `radius_m` does not reach, floor by floor."""
+    reach = Reach(building, radius_m)
+    found = list(blocked(building))
+    for floor in building.floors:
+        found += _nodes(building, floor, reach)
+    return found + list(_floors(building, reach)) + list(_elevators(building, reach))
+
+
+def blocked(building: Building) -> Iterator[Finding]:
+    """The nodes and edges on which a wall, an object or a locked door stands."""
+    for floor in building.floors:
+        by_element: dict[tuple[ElementKind, str], list[Collision]] = {}
+        for collision in blockages(building, floor):
+            key = KIND_OF[type(collision.element)], collision.element.name
+            by_element.setdefault(key, []).append(collision)
+        for (kind, name), collisions in by_element.items():
+            x, y = collisions[0].at()
+            causes = ", ".join(dict.fromkeys(collision.cause for collision in collisions))
+            yield Finding(
+                kind,
+                floor,
+                name,
+                (floor, x, y),
+                "blocked: " + "; ".join(collision.reason for collision in collisions),
+                f"blocked {kind.value}s of {floor} ({{n}}): {{names}}",
+                f"{name} ({causes} {_near(x, y)})",
+            )
+
+
+def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
+    """One sentence for each kind of finding on a floor, which counts and names what it is about."""
+    # Here, because the formats take a third of a second to load, and a server must be back at once.
+    from robocorba.maps.formats.losses import Losses
+
+    kinds = Losses()
+    for finding in found:
+        kinds.add(finding.summary, finding.subject)
+    return kinds.sentences()
+
+
+def _nodes(building: Building, floor: str, reach: Reach) -> Iterator[Finding]:
+    """Nodes of a floor that a robot does not get to, or not away from."""
+    nodes, robot = building.floors[floor].topological.nodes, _robot(reach)
+
+    def finding(name: str, reason: str, kind: str, subject: str = "") -> Finding:
+        where, summary = (floor, *nodes[name].at), f"nodes of {floor} {kind} ({{n}}): {{names}}"
+        return Finding(ElementKind.NODE, floor, name, where, reason, summary, subject or name)
+
+    for name, cause in reach.too_near(floor).items():
+        yield finding(name, f"{robot} does not fit: {cause}", f"where {robot} does not fit", f"{name} ({cause})")
+    for name in reach.walled_in(floor):
+        yield finding(name, f"it is walled in for {robot}", f"that are walled in for {robot}")
+    for name in reach.lone(floor):
+        yield finding(name, "it has no edge", "without an edge")
+    for (first, *more), cause in reach.separate_parts(floor):
+        reason = f"{robot} can't drive between it{_and(more)} and the rest of {floor}: {cause}"
+        subject = f"{first}{_and(more)} {_near(*nodes[first].at)} ({cause})"
+        yield finding(first, reason, f"not connected with the rest of it for {robot}", subject)
+    for direction, names in reach.one_way(floor).items():
+        for name in names:
+            yield finding(name, f"it can be {direction}", f"that can be {direction}")
+
+
+def _near(x: float, y: float) -> str:
+    return f"near {round(x, 2):g}, {round(y, 2):g}"
+
+
+def _and(more: list[str]) -> str:
+    return f" with {len(more)} more" if more else ""
+
+
+def _floors(building: Building, reach: Reach) -> Iterator[Finding]:
+    """Floors that are cut off from the others."""
+    if len(building.floors) < 2:
+        return
+    between = (elevator.floors() for elevator in building.elevators.values())
+    served = {floor for floors in between if len(floors) > 1 for floor in floors}
+    for floor in building.floors:
+        x0, y0, x1, y1 = bounds(building, floor)
+        where = (floor, (x0 + x1) / 2, (y0 + y1) / 2)
+        if floor not in served:
+            summary = "floors without an elevator to other floors ({n}): {names}"
+            reason = "no elevator leads from it to another floor"
+            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
+        elif reach.is_cut_off(floor):
+            reason = f"no elevator connects its road map with other floors for {_robot(reach)}"
+            summary = f"floors that no elevator connects with the others for {_robot(reach)} ({{n}}): {{names}}"
+            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
+
+
+def _elevators(building: Building, reach: Reach) -> Iterator[Finding]:
+    """Elevators that a robot can enter on no floor."""
+    for name, elevator in building.elevators.items():
+        cause = _closed(elevator, building, reach)
+        if cause:
+            where = (elevator.floors()[0], *elevator.at)
+            reason = f"{_robot(reach)} can't enter it: {cause}"
+            summary = f"elevators that {_robot(reach)} can't enter ({{n}}): {{names}}"
+            yield Finding(ElementKind.ELEVATOR, "", name, where, reason, summary, f"{name} ({cause})")
+
+
+def _closed(elevator: Elevator, building: Building, reach: Reach) -> str:
+    """Why a robot can't enter an elevator; empty where it can, and where no floor that it serves has a road map."""
+    if reach.enters(elevator.name) or not any(building.floors[floor].topological.edges for floor in elevator.floors()):
+        return ""
+    widest = max(door.width for door in elevator.doors)
+    if widest < 2 * (reach.radius_m - TOUCH_M):
+        return f"its widest door has {widest:.2f} m, {2 * reach.radius_m:.2f} m needed"
+    if not reach.stops(elevator.name):
+        return "no path node stands in its cabin"
+    return "no edge that leads into its cabin is free and wide enough"
+
+
+def _robot(reach: Reach) -> str:
+    return f"a robot of radius {reach.radius_m:.2f} m"

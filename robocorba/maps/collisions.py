@@ -1,0 +1,144 @@
+"""Where path nodes and edges of a floor lie on obstacles.
+
+Walls, objects and locked doors come and go: a node or an edge on one of them is blocked until the
+cause has gone. Shafts and outlines are the structure of the building, which no path crosses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely import LineString, STRtree
+
+from robocorba.errors import InvalidElement, describe
+from robocorba.maps.geometry import Obstacle, obstacles
+from robocorba.maps.model import KIND_OF, XY, Building, PathEdge, PathNode, TopologicalMap
+from robocorba.maps.vicinity import Box, Same
+
+#: A node nearer than this to an obstacle stands on it, m.
+TOUCH_M = 1e-3
+#: Kinds of obstacles that are the structure of the building.
+STRUCTURE = ("elevator", "floor")
+
+#: A node's or an edge's type and name, an obstacle's kind and name.
+Pair = tuple[type, str, str, str]
+
+
+class Paths:
+    """Nodes and edges as arrays: `at` (n, 2) and `ends` (m, 2, 2), m. Edges without both nodes are left out."""
+
+    def __init__(self, nodes: Iterable[PathNode], edges: Iterable[PathEdge], known: dict[str, PathNode]) -> None:
+        self.nodes = list(nodes)
+        self.edges = [edge for edge in edges if edge.a in known and edge.b in known]
+        self.at = np.array([node.at for node in self.nodes], dtype=float).reshape(-1, 2)
+        ends = [(*known[edge.a].at, *known[edge.b].at) for edge in self.edges]
+        self.ends = np.array(ends, dtype=float).reshape(-1, 2, 2)
+        self._node_columns = np.ascontiguousarray(self.at.T)
+        a, b = self.ends[:, 0].T, self.ends[:, 1].T
+        self._low, self._high = np.ascontiguousarray(np.minimum(a, b)), np.ascontiguousarray(np.maximum(a, b))
+
+    def box(self) -> Box:
+        """The box around all, grown by TOUCH_M. There must be a node or an edge."""
+        points = np.concatenate([self.at, self.ends.reshape(-1, 2)])
+        low, high = points.min(axis=0) - TOUCH_M, points.max(axis=0) + TOUCH_M
+        return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+    def within(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the nodes and of the edges that can reach into `box`."""
+        nodes = _meeting(self._node_columns, self._node_columns, box)
+        return nodes, _meeting(self._low, self._high, box)
+
+
+def _meeting(low: np.ndarray, high: np.ndarray, box: Box) -> np.ndarray:
+    return np.flatnonzero((high[0] >= box.x0) & (low[0] <= box.x1) & (high[1] >= box.y0) & (low[1] <= box.y1))
+
+
+def all_paths(topology: TopologicalMap) -> Paths:
+    """All nodes and edges of a floor; remembered for the topological maps asked for last."""
+    return _all_paths(Same(topology))
+
+
+@lru_cache(maxsize=16)
+def _all_paths(topology: Same[TopologicalMap]) -> Paths:
+    nodes = topology.value.nodes
+    return Paths(nodes.values(), topology.value.edges.values(), nodes)
+
+
+def called(obstacle: Obstacle) -> str:
+    """An obstacle in words."""
+    kind, name, _ = obstacle
+    if kind == "elevator":
+        return f"the shaft of {describe('elevator', '', name)}"
+    if kind == "floor":
+        return "the outline of the floor"
+    return describe("locked door" if kind == "door" else kind, "", name)
+
+
+class Collision(NamedTuple):
+    """A node or an edge of `floor` that lies on an obstacle; `line` is the edge from end to end, m."""
+
+    floor: str
+    element: PathNode | PathEdge
+    obstacle: Obstacle
+    line: tuple[XY, XY] | None
+
+    @property
+    def is_structural(self) -> bool:
+        """Whether it breaks a rule of the building, and does not only block the way for now."""
+        return self.obstacle.kind in STRUCTURE
+
+    @property
+    def pair(self) -> Pair:
+        """What collides with what, whatever their present shapes."""
+        return type(self.element), self.element.name, self.obstacle.kind, self.obstacle.name
+
+    @property
+    def cause(self) -> str:
+        """The obstacle in words."""
+        return called(self.obstacle)
+
+    def at(self) -> XY:
+        """A point where the two meet."""
+        if isinstance(self.element, PathNode):
+            return self.element.at
+        spot = self.obstacle.geometry.intersection(LineString(self.line)).representative_point()
+        return spot.x, spot.y
+
+    @property
+    def reason(self) -> str:
+        """What is wrong with the node or edge, and where."""
+        if isinstance(self.element, PathNode):
+            inside = self.obstacle.geometry.geom_type == "Polygon"
+            return f"it stands {'inside' if inside else 'on'} {self.cause}"
+        x, y = self.at()
+        return f"it leads through {self.cause} near {x:g}, {y:g}"
+
+    def error(self) -> InvalidElement:
+        """The collision as a broken rule."""
+        return InvalidElement(KIND_OF[type(self.element)].value, self.floor, self.element.name, self.reason)
+
+
+def collisions(floor: str, paths: Paths, found: Sequence[Obstacle]) -> Iterator[Collision]:
+    """The nodes that stand and the edges that lead on an obstacle in `found`."""
+    if not found:
+        return
+    tree = STRtree([item.geometry for item in found])
+    x0, y0, x1, y1 = shapely.total_bounds(tree.geometries)
+    nodes, edges = paths.within(Box(x0 - TOUCH_M, y0 - TOUCH_M, x1 + TOUCH_M, y1 + TOUCH_M))
+    hits = tree.query(shapely.points(paths.at[nodes]), predicate="dwithin", distance=TOUCH_M)
+    for index, hit in hits.T:
+        yield Collision(floor, paths.nodes[nodes[index]], found[hit], None)
+    hits = tree.query(shapely.linestrings(paths.ends[edges]), predicate="intersects")
+    for index, hit in hits.T:
+        (ax, ay), (bx, by) = paths.ends[edges[index]].tolist()
+        yield Collision(floor, paths.edges[edges[index]], found[hit], ((ax, ay), (bx, by)))
+
+
+def blockages(building: Building, floor: str) -> list[Collision]:
+    """The nodes and edges of a floor that walls, objects and locked doors block. Raises KeyError."""
+    found = [item for item in obstacles(building, floor) if item.kind not in STRUCTURE]
+    return list(collisions(floor, all_paths(building.floors[floor].topological), found))
