@@ -58,6 +58,9 @@ def why_no_path(snapshot: Snapshot, request: PathRequest, deadline: float) -> tu
         blockers = _narrow(snapshot, request, snapshot.path(found[0], thin))
         if blockers:
             return f"no path for a robot of radius {request.radius:g} m", blockers
+    locked = _locked_doors(snapshot, thin, deadline)
+    if locked:
+        return "locked doors are in the way", locked
     if on_roads:
         return "start and goal are not connected", _unconnected(snapshot, request, deadline)
     if found:
@@ -66,6 +69,23 @@ def why_no_path(snapshot: Snapshot, request: PathRequest, deadline: float) -> tu
     return "start and goal are not connected", [
         Blocker("floor", "", floor, "its walls leave no way") for floor in floors
     ]
+
+
+def _locked_doors(snapshot: Snapshot, thin: PathRequest, deadline: float) -> list[Blocker]:
+    """The locked doors on the way that a thin robot has where all doors are open."""
+    opened = snapshot.with_doors_unlocked()
+    if opened is None:
+        return []
+    found = geometric.ways(opened, thin._replace(mode=RouteMode.GEOMETRIC), deadline)
+    doors: dict[tuple[str, str], Blocker] = {}
+    for here, there in pairwise(opened.path(found[0], thin).points if found else ()):
+        if here.floor != there.floor:
+            continue
+        drive = shapely.LineString([here[3:5], there[3:5]])
+        for door in snapshot.building.floors[here.floor].geometrical.doors.values():
+            if door.locked and drive.intersects(shapely.LineString([door.a, door.b])):
+                doors[here.floor, door.name] = Blocker("door", here.floor, door.name, "is locked")
+    return list(doors.values())
 
 
 def _unserved(building: Building, request: PathRequest) -> list[Blocker]:

@@ -17,12 +17,12 @@ from robocorba.kernels import kernel
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import LARGEST_RADIUS_M, Names
-from robocorba.planning.space import FloorSpace, line_clearance
+from robocorba.planning.space import FloorSpace, is_ground, line_clearance
 
 #: Columns of Roads.measures: what an edge is like. A drive waits and travels 0 s; a ride's length is its climb.
 LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)
 
-#: Clearance of an edge that something lies across: no robot uses it, however small.
+#: Clearance of an edge that something lies across or around: no robot uses it, however small.
 BLOCKED = -1.0
 
 
@@ -52,7 +52,7 @@ class FloorRoads:
         index = {name: i for i, name in enumerate(self.names)}
         edges = list(entry.topological.edges.values())
         ends = np.array([(index[edge.a], index[edge.b]) for edge in edges], np.int64).reshape(-1, 2)
-        clear = _clearances(space.grid, self.xy, ends, LARGEST_RADIUS_M)
+        clear = _clearances(space.grid, space.borders, space.rings, space.inside, self.xy, ends, LARGEST_RADIUS_M)
         declared = np.array([edge.clearance or np.inf for edge in edges])
         limits = np.array([edge.speed_limit or np.inf for edge in edges])
         lengths = np.hypot(*(self.xy[ends[:, 0]] - self.xy[ends[:, 1]]).T) if edges else np.empty(0)
@@ -70,13 +70,18 @@ class FloorRoads:
 
 
 @kernel
-def _clearances(grid: Grid, xy: Floats, ends: Longs, reach: float) -> Floats:
-    """How far each edge is from what blocks, m; BLOCKED where something lies across it."""
+def _clearances(
+    grid: Grid, borders: Floats, rings: Floats, inside: int, xy: Floats, ends: Longs, reach: float
+) -> Floats:
+    """How far each edge is from what blocks, m; BLOCKED where something lies across it or all around it."""
+    ground = np.empty(xy.shape[0], np.bool_)
+    for i in range(xy.shape[0]):
+        ground[i] = is_ground(borders, rings, inside, xy[i, 0], xy[i, 1])
     found = np.empty(ends.shape[0])
     for i in range(ends.shape[0]):
         a, b = ends[i]
         clear = line_clearance(grid, xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], reach)[0]
-        found[i] = clear if clear > 0.0 else BLOCKED
+        found[i] = clear if clear > 0.0 and ground[a] and ground[b] else BLOCKED
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -134,15 +135,22 @@ class Snapshot:
 
     def with_one_way_edges_closed(self) -> Snapshot:
         """This building with a wall along every one-way edge, for ways that keep clear of them."""
-        key = ("one-way edges closed",)
+        return self._variant("one-way edges closed", _with_walls_on_one_way_edges)
+
+    def with_doors_unlocked(self) -> Snapshot | None:
+        """This building with every door unlocked; None where none is locked."""
+        if any(door.locked for entry in self.building.floors.values() for door in entry.geometrical.doors.values()):
+            return self._variant("doors unlocked", _with_doors_unlocked)
+        return None
+
+    def _variant(self, name: str, change: Callable[[FloorMap], FloorMap]) -> Snapshot:
         with self._lock:
-            known = self._variants.get(key)
+            known = self._variants.get((name,))
         if known:
             return known
-        floors = {name: _with_walls_on_one_way_edges(entry) for name, entry in self.building.floors.items()}
-        return self._keep_variant(
-            key, Snapshot(msgspec.structs.replace(self.building, floors=floors), self.version, self)
-        )
+        floors = {floor: change(entry) for floor, entry in self.building.floors.items()}
+        building = msgspec.structs.replace(self.building, floors=floors)
+        return self._keep_variant((name,), Snapshot(building, self.version, self))
 
     def count_query(self) -> None:
         """A building that was asked for as many paths as it has nodes gets a table of all costs: it has paid for it."""
@@ -187,6 +195,14 @@ def _with_walls_on_one_way_edges(entry: FloorMap) -> FloorMap:
             name = f"one-way edge {edge.name}"
             walls[name] = Wall(name=name, a=nodes[edge.a].at, b=nodes[edge.b].at)
     return msgspec.structs.replace(entry, geometrical=msgspec.structs.replace(entry.geometrical, walls=walls))
+
+
+def _with_doors_unlocked(entry: FloorMap) -> FloorMap:
+    doors = {
+        name: msgspec.structs.replace(door, locked=False) if door.locked else door
+        for name, door in entry.geometrical.doors.items()
+    }
+    return msgspec.structs.replace(entry, geometrical=msgspec.structs.replace(entry.geometrical, doors=doors))
 
 
 def _without_movables(building: Building, floors: frozenset[str]) -> Building:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
 
 import msgspec
+import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidPoint, InvalidRequest, NoPath, NotFree, PathError, UnknownFloor
+from robocorba.errors import InvalidPoint, InvalidRequest, NoPath, NotFree, PathError, PlanningTimeout, UnknownFloor
 from robocorba.maps.geometry import free_space, object_geometry
 from robocorba.maps.model import Area, BoxShape, Building, Door, ElementKind, MapObject
 from robocorba.maps.samples import load_sample
 from robocorba.planning.checking import faults
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.roads import BLOCKED, CLEARANCE
+from robocorba.planning.route import waypoints
 from tests.planning.reference import random_places, shortest_by_visibility
 from tests.planning.scenes import edge, node, random_room, room, tower, two_rooms, wall
 
@@ -165,10 +169,86 @@ def test_a_closed_wall_is_no_path() -> None:
         assert refusal.value.blockers
 
 
-def test_a_locked_door_blocks() -> None:
+@pytest.mark.parametrize("mode", RouteMode)
+def test_a_locked_door_blocks_and_is_named(mode: RouteMode) -> None:
     locked = two_rooms(1.2).with_element("L1", Door(name="door", a=(5.0, 2.4), b=(5.0, 3.6), locked=True))
-    with pytest.raises(NoPath):
-        PathPlanner(locked).shortest(WEST, EAST)
+    with pytest.raises(NoPath) as refusal:
+        PathPlanner(locked).paths(PathRequest(WEST, EAST, mode=mode))
+    assert [(b.kind, b.name, b.reason) for b in refusal.value.blockers] == [("door", "door", "is locked")]
+
+
+def test_an_edge_under_an_object_is_blocked() -> None:
+    """Its distance to the border of a large object does not count as clearance."""
+    box = MapObject("box", BoxShape((6.0, 3.0)), (5.0, 2.5))
+    building = room(10.0, 6.0, box, node("a", 4.0, 2.5), node("b", 6.0, 2.5), edge("a", "b"))
+    across = building.with_element("L1", node("c", 9.5, 2.5)).with_element("L1", edge("b", "c"))
+    roads = PathPlanner(across)._snapshot.roads.roads
+    assert (roads.measures[:, CLEARANCE] == BLOCKED).all()
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [((11, 7), (11, 2)), ((11, 2), (11, 7)), ((11, 7), (6, 2)), ((6, 2), (11, 7))],
+)
+@pytest.mark.parametrize("mode", RouteMode)
+def test_a_path_that_begins_on_a_node_does_not_lead_through_the_wall(
+    mode: RouteMode, start: tuple[float, float], goal: tuple[float, float]
+) -> None:
+    """One end is exactly on a node and the other sees none: the corners on the way were lost, the answer was 5 m."""
+    walls = [wall("left", 0.0, 4.0, 2.0, 4.0), wall("right", 4.0, 4.0, 12.0, 4.0)]
+    building = room(12.0, 8.0, *walls, node("c1", 6.0, 2.0), node("c2", 11.0, 2.0), edge("c1", "c2"))
+    path = PathPlanner(building).paths(PathRequest(Place("L1", *start), Place("L1", *goal), mode=mode))[0]
+    assert faults(building, path, 0.4) == []
+    assert path.distance == pytest.approx(15.90 if 11 == start[0] == goal[0] else 11.27, abs=0.01)
+
+
+def test_what_does_not_keep_the_radius_never_leaves_the_planner() -> None:
+    snapshot = PathPlanner(two_rooms(1.2))._snapshot
+    through_the_wall = waypoints(0.0, np.array([WEST[1:], (9.0, 1.0)]))
+    with pytest.raises(NoPath, match=r"comes nearer than 0\.4 m"):
+        snapshot.path(through_the_wall, PathRequest(WEST, EAST))
+
+
+def test_roads_are_left_where_they_are_a_long_detour() -> None:
+    """The road leads once around a long wall; through free space it is a few metres around its near end."""
+    loop = [node("a", 2, 2), node("b", 38, 2), node("c", 38, 6), node("d", 2, 6)]
+    roads = [edge("a", "b"), edge("b", "c"), edge("c", "d")]
+    building = room(40.0, 8.0, wall("long", 1.0, 4.0, 37.0, 4.0), *loop, *roads)
+    start, goal = Place("L1", 2.5, 2.5), Place("L1", 2.5, 5.5)
+    planner = PathPlanner(building)
+    shortest = planner.paths(PathRequest(start, goal, mode=RouteMode.GEOMETRIC))[0].distance
+    assert planner.shortest(start, goal).distance == pytest.approx(shortest)
+    assert planner.paths(PathRequest(start, goal))[0].distance == pytest.approx(shortest)
+    assert planner.paths(PathRequest(start, goal, mode=RouteMode.TOPOLOGICAL))[0].distance > 60.0
+    graphed = room(40.0, 8.0, wall("long", 1.0, 4.0, 37.0, 4.0), *loop, *(edge(e.a, e.b, graphs=("g",)) for e in roads))
+    assert PathPlanner(graphed).paths(PathRequest(start, goal, graph="g"))[0].distance > 60.0
+
+
+def test_pieces_of_the_topological_map_are_named() -> None:
+    """Two rooms without a door between have a piece each; with an elevator there would be one more way."""
+    nodes = [node("a", 1, 1), node("b", 4, 1), node("c", 6, 5), node("d", 9, 5), node("e", 9, 1)]
+    building = room(10.0, 6.0, wall("w", 5.0, 0.0, 5.0, 6.0), *nodes, edge("a", "b"), edge("c", "d"), edge("d", "e"))
+    with pytest.raises(NoPath) as refusal:
+        PathPlanner(building).paths(PathRequest(WEST, EAST, mode=RouteMode.TOPOLOGICAL))
+    (blocker,) = refusal.value.blockers
+    assert (
+        "2 nodes (a, b), tied to the start, is not connected with 3 nodes (c, d, e), tied to the goal" in blocker.reason
+    )
+
+
+def test_a_query_ends_at_its_time_limit() -> None:
+    planner = PathPlanner(two_rooms(1.2), time_limit_s=0.0)
+    with planner._snapshot.graph("L1", 0.4)._lock, pytest.raises(PlanningTimeout):
+        planner.paths(PathRequest(WEST, EAST, mode=RouteMode.GEOMETRIC))
+
+
+def test_lengths_that_differ_look_different() -> None:
+    building = room(10.0, 6.0, wall("low", 5.0, 0.0, 5.0, 2.601), wall("high", 5.0, 3.4, 5.0, 6.0))
+    with pytest.raises(NoPath) as refusal:
+        PathPlanner(building).paths(PathRequest(WEST, EAST, mode=RouteMode.GEOMETRIC))
+    for blocker in refusal.value.blockers:
+        found, needed = re.findall(r"[0-9.]+(?= m)", blocker.reason)
+        assert found != needed
 
 
 def test_areas_are_avoided() -> None:

@@ -307,7 +307,8 @@ def test_an_edit_is_seen_by_the_next_path(editor: Any, planner: Any) -> None:
         version = lock(editor, True)
         with pytest.raises(RoboCorba.NoPath) as refused:
             planner.getPath(WEST, EAST)
-        assert refused.value.reason and refused.value.blockers
+        (blocker,) = refused.value.blockers
+        assert (str(blocker.id.kind), blocker.id.name, blocker.reason) == ("DOOR_ELEMENT", "d", "is locked")
         assert planner._get_mapVersion() == version
         version = lock(editor, False)
         (path,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
