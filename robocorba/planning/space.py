@@ -10,13 +10,15 @@ import math
 import threading
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from robocorba.grids import Floats, Grid, build_grid, column_of, row_of, segments_of, span
 from robocorba.kernels import kernel
-from robocorba.maps.geometry import Obstacle, blocking, obstacles
-from robocorba.maps.model import XY, Building, GeometricalMap
+from robocorba.maps.geometry import Obstacle, obstacles
+from robocorba.maps.model import XY, Building
+from robocorba.maps.vicinity import named_obstacles
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.floor_source import FloorSource, Touched
 from robocorba.planning.segments import segments_distance2
@@ -41,6 +43,7 @@ class FloorSpace:
         if before is None or touched is None:
             self.owners: Sequence[Obstacle] = obstacles(building, floor)
             segments, self._owner_of = segments_of(np.array([item.geometry for item in self.owners], object))
+            self._is_ring = _are_rings(self.owners)
         else:
             segments = self._changed(before, touched, building)
         self.grid = build_grid(segments)
@@ -53,36 +56,32 @@ class FloorSpace:
         """Take over what was not touched; returns all segments."""
         names = {("wall", name) for name in touched.walls} | {("object", name) for name in touched.objects}
         names |= {("door", name) for name in touched.doors}
-        plan = self.source.plan
-        local = GeometricalMap(
-            walls={name: plan.walls[name] for name in touched.walls if name in plan.walls},
-            objects={name: plan.objects[name] for name in touched.objects if name in plan.objects},
-            doors=plan.doors,
-        )
-        made = [
-            item
-            for item in blocking(local, msgspec.structs.replace(self.source.floor, outline=()), self.source.elevators)
-            if (item.kind, item.name) in names
-        ]
-        kept = np.array([(item.kind, item.name) not in names for item in before.owners], bool)
-        number = np.cumsum(kept) - 1
-        stays = kept[before._owner_of] if len(before._owner_of) else np.empty(0, bool)
+        known = {name for _, name in names}
+        gone = [i for i, item in enumerate(before.owners) if item.name in known and (item.kind, item.name) in names]
+        made = named_obstacles(building, self.floor, names)
+        stays = np.ones(len(before.owners), bool)
+        stays[gone] = False
+        kept = stays[before._owner_of]
         segments, owner_of = segments_of(np.array([item.geometry for item in made], object))
-        self.owners = [item for item, keep in zip(before.owners, kept.tolist(), strict=True) if keep] + made
-        self._owner_of = np.concatenate([number[before._owner_of[stays]], owner_of + int(kept.sum())]).astype(np.int64)
-        return np.concatenate([before.grid.segments[stays], segments])
+        owners = list(before.owners)
+        for i in reversed(gone):
+            del owners[i]
+        number = np.cumsum(stays) - 1
+        self._owner_of = np.concatenate([number[before._owner_of[kept]], owner_of + len(owners)]).astype(np.int64)
+        self.owners = [*owners, *made]
+        self._is_ring = np.concatenate([before._is_ring[stays], _are_rings(made)])
+        return np.concatenate([before.grid.segments[kept], segments])
 
     def _rings(self, segments: Floats) -> tuple[Floats, Floats]:
-        solid = np.array([item.geometry.geom_type == "Polygon" for item in self.owners], bool)
-        outline = np.array([item.kind == "floor" for item in self.owners], bool)
-        wanted = np.flatnonzero((solid | outline)[self._owner_of]) if len(self.owners) else np.empty(0, np.int64)
-        wanted = wanted[
-            np.argsort(np.where(outline[self._owner_of[wanted]], -1, self._owner_of[wanted]), kind="stable")
-        ]
-        borders, owner = segments[wanted], self._owner_of[wanted]
-        first = np.flatnonzero(np.diff(owner, prepend=-1)) if len(owner) else np.empty(0, np.int64)
-        if not len(first):
+        """`borders` and `rings`."""
+        wanted = np.flatnonzero(self._is_ring[self._owner_of])
+        if not len(wanted):
             return np.empty((0, 4)), np.empty((0, 6))
+        outline = next((i for i in reversed(range(len(self.owners))) if self.owners[i].kind == "floor"), -1)
+        order = np.where(self._owner_of[wanted] == outline, -1, self._owner_of[wanted])
+        wanted = wanted[np.argsort(order, kind="stable")]
+        borders, owner = segments[wanted], self._owner_of[wanted]
+        first = np.flatnonzero(np.diff(owner, prepend=-1))
         low, high = np.minimum(borders[:, :2], borders[:, 2:]), np.maximum(borders[:, :2], borders[:, 2:])
         boxes = [np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)]
         return borders, np.column_stack([*boxes, first, np.diff(first, append=len(borders))])
@@ -117,6 +116,14 @@ class FloorSpace:
     def line_is_free(self, ax: float, ay: float, bx: float, by: float, radius_m: float) -> bool:
         """Whether a robot of that radius can drive straight from a to b, both on the ground."""
         return bool(line_free(self.grid, ax, ay, bx, by, radius_m))
+
+
+def _are_rings(items: Sequence[Obstacle]) -> NDArray[np.bool_]:
+    """Which obstacles close an area off: solid objects and the outline."""
+    solid = np.isin(
+        shapely.get_type_id(np.array([item.geometry for item in items], object)), shapely.GeometryType.POLYGON
+    )
+    return solid | np.array([item.kind == "floor" for item in items], bool)
 
 
 @kernel

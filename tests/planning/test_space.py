@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
@@ -11,14 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from robocorba.planning.space import (
-    FloorSpace,
-    against_one_way,
-    build_grid,
-    line_clearance,
-    line_free,
-    segments_distance2,
-)
+from robocorba.grids import build_grid
+from robocorba.maps.model import BoxShape, Building, Door, ElementKind, MapObject, Wall
+from robocorba.planning.segments import segments_distance2
+from robocorba.planning.space import FloorSpace, against_one_way, line_clearance, line_free
 from tests.planning.scenes import random_room
 
 coordinate = st.floats(-30, 30).map(lambda value: round(value, 3))
@@ -55,6 +52,46 @@ def test_where_a_robot_can_stand(seed: int) -> None:
             continue
         expected = 0 < x < 12 and 0 < y < 9 and distance >= 0.4
         assert space.stands_free(x, y, 0.4) == expected, (x, y, distance)
+
+
+def _edited(building: Building, rng: np.random.Generator, number: int) -> Building:
+    """The building after one random edit of a wall, an object or a door of L1."""
+    plan = building.floors["L1"].geometrical
+    x, y = (float(value) for value in rng.uniform((1, 1), (11, 8)))
+    what = int(rng.integers(6))
+    if what == 0 and plan.walls:
+        return building.without(ElementKind.WALL, "L1", list(plan.walls)[int(rng.integers(len(plan.walls)))])
+    if what == 1 and plan.objects:
+        return building.without(ElementKind.OBJECT, "L1", list(plan.objects)[int(rng.integers(len(plan.objects)))])
+    if what == 2 and plan.objects:
+        thing = list(plan.objects.values())[int(rng.integers(len(plan.objects)))]
+        return building.with_element("L1", msgspec.structs.replace(thing, at=(x, y)))
+    if what == 3 and plan.walls:
+        wall = list(plan.walls.values())[int(rng.integers(len(plan.walls)))]
+        door = Door(name=f"door{int(rng.integers(3))}", a=wall.a, b=wall.b, locked=bool(rng.integers(2)))
+        return building.with_element("L1", door)
+    if what == 4:
+        box = MapObject(name=f"new{number}", shape=BoxShape((1.0, 0.5)), at=(x, y), heading=float(rng.uniform(0, 3)))
+        return building.with_element("L1", box)
+    return building.with_element("L1", Wall(name=f"wall{number}", a=(x, y), b=(x + 0.7, y - 0.4)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_edited_floor_is_as_if_made_anew(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    building = random_room(seed)
+    space = FloorSpace(building, "L1")
+    for number in range(25):
+        building = _edited(building, rng, number)
+        space, anew = FloorSpace(building, "L1", space), FloorSpace(building, "L1")
+        assert sorted(map(tuple, space.grid.segments.tolist())) == sorted(map(tuple, anew.grid.segments.tolist()))
+        assert sorted((item.kind, item.name) for item in space.owners) == sorted(
+            (item.kind, item.name) for item in anew.owners
+        )
+        for x, y in rng.uniform((-0.5, -0.5), (12.5, 9.5), (40, 2)):
+            assert space.is_ground(x, y) == anew.is_ground(x, y)
+            near, same = space.nearest(x, y, 1.0), anew.nearest(x, y, 1.0)
+            assert near[0] == same[0]
 
 
 def test_an_empty_floor_is_free_everywhere() -> None:
