@@ -27,6 +27,8 @@ DONE, NO_ROOM, NO_BUDGET = range(3)
 UNKNOWN, FREE, BLOCKED = range(3)
 #: With more goals than this the search spreads evenly instead of aiming at them.
 MOST_AIMED_AT = 8
+#: Angles and lengths that differ by less are the same to a search, rad and m: below the rounding of a long way.
+SAME_ARC_RAD, SAME_M = 1e-9, 1e-12
 #: Cost of work in units of one visited triangle.
 LINE_WORK = 8
 
@@ -167,6 +169,84 @@ def _longer(array: Floats) -> Floats:
 
 
 @kernel
+def _take(
+    queue: list[tuple[float, int]],
+    records: Floats,
+    size: int,
+    estimate: float,
+    parent: int,
+    target: int,
+    leave: float,
+    arrive: float,
+    line: int,
+    cost: float,
+) -> Floats:
+    """Write record `size` of a line taken, and queue it; the records, longer ones where there was no room.
+
+    A record is the record before, the circle reached (or -1 - goal), the angle at which the circle before was left, the
+    angle of arrival, the line (or -1), and the cost at arrival."""
+    if size == records.shape[0]:
+        records = _longer(records)
+    records[size, 0], records[size, 1], records[size, 2] = parent, target, leave
+    records[size, 3], records[size, 4], records[size, 5] = arrive, line, cost
+    heapq.heappush(queue, (estimate, size))
+    return records
+
+
+@kernel
+def _may_turn_at(arcs: Arcs, ends: DeadEnds, xy: Floats, grid: Grid, v: int, epoch: int, radii: Radii) -> bool:
+    """Whether a way of this search may turn at a vertex."""
+    if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
+        return False
+    return _arc_known(arcs, xy, grid, v, radii)
+
+
+@kernel
+def _tie_goal(
+    mesh: Mesh,
+    xy: Floats,
+    grid: Grid,
+    arcs: Arcs,
+    labels: Labels,
+    scratch: Scratch,
+    ends: DeadEnds,
+    start_x: float,
+    start_y: float,
+    goals: Floats,
+    goal: int,
+    longest: float,
+    radii: Radii,
+    links: Floats,
+    linked: int,
+) -> tuple[Floats, int, int]:
+    """Link the circles from which a goal can be seen to it. A link is the next link of its circle (or -1), the goal,
+    the angle at which the circle is left, and the length. Returns the links, how many they are, and the work."""
+    epoch = labels.epoch[0]
+    gx, gy = goals[goal]
+    seen, visited = seen_from(mesh, xy, -1, gx, gy, scratch)
+    for i in range(seen):
+        v = scratch.seen[i]
+        if _by_way_of(xy, v, start_x, start_y, goals[goal : goal + 1], radii.turn) > longest:
+            continue
+        if not _may_turn_at(arcs, ends, xy, grid, v, epoch, radii):
+            continue
+        for side in range(2):
+            turn = 1 - 2 * side
+            hx, hy, length = tangent(gx - xy[v, 0], gy - xy[v, 1], radii.turn, turn, 0)
+            if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
+                continue
+            circle = 2 * v + side
+            if linked == links.shape[0]:
+                links = _longer(links)
+            links[linked, 0] = labels.link[circle] if labels.link_epoch[circle] == epoch else -1
+            links[linked, 1], links[linked, 3] = goal, length
+            links[linked, 2] = _angle(arcs, v, turn * hy, -turn * hx)
+            labels.link[circle], labels.link_epoch[circle] = linked, epoch
+            linked += 1
+    return links, linked, visited + 4 * seen
+
+
+@kernel
 def search(
     mesh: Mesh,
     xy: Floats,
@@ -196,28 +276,21 @@ def search(
     found_by = np.full(wanted, -1, np.int64)
     labels.epoch[0] += 1
     epoch = labels.epoch[0]
-    work = 0
     stamp_way_out(mesh, xy, ends, start_x, start_y, reach_m(radii), epoch)
     for g in range(wanted):
         stamp_way_out(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
-    # A record is a line taken: parent record, circle reached (or -1 - goal), angle at which the parent was left, angle
-    # of arrival, line (or -1), cost at arrival.
-    records = np.empty((256, 6))
-    size = 0
-    links = np.empty((64, 4))  # next link, goal, angle, length
-    linked = 0
+    records, size = np.empty((256, 6)), 0
+    links, linked = np.empty((64, 4)), 0
     queue = [(0.0, 0) for _ in range(0)]
     aimed = goals if wanted <= MOST_AIMED_AT else goals[:0]
 
     seen, visited = seen_from(mesh, xy, -1, start_x, start_y, scratch)
-    work += visited + 4 * seen
+    work = visited + 4 * seen
     for i in range(seen):
         v = scratch.seen[i]
-        if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
-            continue
         if _by_way_of(xy, v, start_x, start_y, aimed, radii.turn) > longest:
             continue
-        if not _arc_known(arcs, xy, grid, v, radii):
+        if not _may_turn_at(arcs, ends, xy, grid, v, epoch, radii):
             continue
         for side in range(2):
             turn = 1 - 2 * side
@@ -226,53 +299,22 @@ def search(
                 continue
             angle = _angle(arcs, v, turn * hy, -turn * hx)
             estimate = length + _left(aimed, xy, arcs, v, angle, radii.turn)
-            if estimate > longest:
-                continue
-            if size == records.shape[0]:
-                records = _longer(records)
-            records[size, 0], records[size, 1], records[size, 2] = -1.0, 2 * v + side, 0.0
-            records[size, 3], records[size, 4], records[size, 5] = angle, -1.0, length
-            heapq.heappush(queue, (estimate, size))
-            size += 1
+            if estimate <= longest:
+                records = _take(queue, records, size, estimate, -1, 2 * v + side, 0.0, angle, -1, length)
+                size += 1
     leads_on = size > 0
     for g in range(wanted):
-        gx, gy = goals[g]
-        length = math.hypot(gx - start_x, gy - start_y)
+        length = math.hypot(goals[g, 0] - start_x, goals[g, 1] - start_y)
         if length <= longest:
-            if size == records.shape[0]:
-                records = _longer(records)
-            records[size, 0], records[size, 1], records[size, 2] = -1.0, -1.0 - g, 0.0
-            records[size, 3], records[size, 4], records[size, 5] = 0.0, -1.0, length
-            heapq.heappush(queue, (length, size))
+            records = _take(queue, records, size, length, -1, -1 - g, 0.0, 0.0, -1, length)
             size += 1
-        if not leads_on:
-            continue
-        seen, visited = seen_from(mesh, xy, -1, gx, gy, scratch)
-        work += visited + 4 * seen
-        for i in range(seen):
-            v = scratch.seen[i]
-            if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
-                continue
-            if _by_way_of(xy, v, start_x, start_y, goals[g : g + 1], radii.turn) > longest:
-                continue
-            if not _arc_known(arcs, xy, grid, v, radii):
-                continue
-            for side in range(2):
-                turn = 1 - 2 * side
-                hx, hy, length = tangent(gx - xy[v, 0], gy - xy[v, 1], radii.turn, turn, 0)
-                if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
-                    continue
-                angle = _angle(arcs, v, turn * hy, -turn * hx)
-                circle = 2 * v + side
-                if linked == links.shape[0]:
-                    links = _longer(links)
-                links[linked, 0] = labels.link[circle] if labels.link_epoch[circle] == epoch else -1
-                links[linked, 1], links[linked, 2], links[linked, 3] = g, angle, length
-                labels.link[circle], labels.link_epoch[circle] = linked, epoch
-                linked += 1
+        if leads_on:
+            links, linked, took = _tie_goal(
+                mesh, xy, grid, arcs, labels, scratch, ends, start_x, start_y, goals, g, longest, radii, links, linked
+            )
+            work += took
 
-    complete = 0
-    status = DONE
+    complete, status = 0, DONE
     while queue and complete < enough:
         if work > budget:
             status = NO_BUDGET
@@ -282,10 +324,8 @@ def search(
         cost = records[record, 5]
         if target < 0 and cost >= found[-1 - target]:
             continue
-        # Is the line free that was taken?
-        if parent < 0:
-            ax, ay = start_x, start_y
-        else:
+        ax, ay, bx, by = start_x, start_y, 0.0, 0.0
+        if parent >= 0:
             ax, ay = _place(xy, arcs, int(records[parent, 1]) // 2, records[record, 2], radii.turn)
         if target < 0:
             bx, by = goals[-1 - target]
@@ -309,72 +349,66 @@ def search(
             found[-1 - target], found_by[-1 - target] = cost, record
             complete += 1
             continue
-        v, side = target // 2, target % 2
+        v, turn = target // 2, 1 - 2 * (target % 2)
         angle = records[record, 3]
-        passed = angle if side == 0 else arcs.span[v] - angle
-        offset = cost - radii.turn * passed
-        if labels.circle_epoch[target] == epoch:
-            if labels.angle[target] <= passed + 1e-12 and labels.offset[target] <= offset + 1e-12:
-                continue  # whatever leaves later is reached as cheaply by the earlier arrival
-            if passed <= labels.angle[target] and offset <= labels.offset[target]:
-                labels.angle[target], labels.offset[target] = passed, offset
-        else:
-            labels.circle_epoch[target], labels.angle[target], labels.offset[target] = epoch, passed, offset
+        alone = arcs.state[v] == FREE
+        if alone and _is_outdone(arcs, labels, target, angle, cost, radii.turn):
+            continue
         if lines.number[target] < 0:
             took = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
             if took < 0:
                 status = NO_ROOM
                 break
             work += took
-        turn = 1 - 2 * side
         begin = arcs.low[v] + angle
         link = labels.link[target] if labels.link_epoch[target] == epoch else -1
         while link >= 0:
-            turned = turn * (links[link, 2] - angle)
-            goal = int(links[link, 1])
+            leave, goal = links[link, 2], int(links[link, 1])
+            turned = turn * (leave - angle)
             total = cost + radii.turn * max(turned, 0.0) + links[link, 3]
-            if turned >= -1e-9 and total < found[goal] and total <= longest:
-                work += 1
-                if arcs.state[v] == FREE or arc_is_free(
-                    grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + links[link, 2], radii.robot
-                ):
-                    if size == records.shape[0]:
-                        records = _longer(records)
-                    records[size, 0], records[size, 1], records[size, 2] = record, -1.0 - goal, links[link, 2]
-                    records[size, 3], records[size, 4], records[size, 5] = 0.0, -1.0, total
-                    heapq.heappush(queue, (total, size))
-                    size += 1
             link = int(links[link, 0])
+            if turned < -SAME_ARC_RAD or total >= found[goal] or total > longest:
+                continue
+            if alone or arc_is_free(grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + leave, radii.robot):
+                records = _take(queue, records, size, total, record, -1 - goal, leave, 0.0, -1, total)
+                size += 1
         first = lines.first[target]
         work += lines.number[target]
         for i in range(first, first + lines.number[target]):
-            w = lines.to[i] // 2
+            w, leave = lines.to[i] // 2, lines.leave[i]
             if lines.state[i] == BLOCKED or not (ends.near_core[w] or ends.stamp[w] == epoch):
                 continue
-            turned = turn * (lines.leave[i] - angle)
-            if turned < -1e-9:
-                continue
+            turned = turn * (leave - angle)
             total = cost + radii.turn * max(turned, 0.0) + lines.length[i]
-            if labels.cost_epoch[i] == epoch and labels.cost[i] <= total + 1e-12:
+            if turned < -SAME_ARC_RAD or (labels.cost_epoch[i] == epoch and labels.cost[i] <= total + SAME_M):
                 continue
             estimate = total + _left(aimed, xy, arcs, w, lines.arrive[i], radii.turn)
             if estimate > longest:
                 continue
-            if arcs.state[v] != FREE and turned > 1e-12:
+            if not alone:
                 work += LINE_WORK
-                if not arc_is_free(
-                    grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + lines.leave[i], radii.robot
-                ):
+                if not arc_is_free(grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + leave, radii.robot):
                     continue
             labels.cost[i], labels.cost_epoch[i] = total, epoch
-            if size == records.shape[0]:
-                records = _longer(records)
-            records[size, 0], records[size, 1], records[size, 2] = record, lines.to[i], lines.leave[i]
-            records[size, 3], records[size, 4], records[size, 5] = lines.arrive[i], i, total
-            heapq.heappush(queue, (estimate, size))
+            records = _take(queue, records, size, estimate, record, lines.to[i], leave, lines.arrive[i], i, total)
             size += 1
     corners, first_corner = _corners(xy, arcs, records, found_by, start_x, start_y, goals, radii.turn)
     return status, found, first_corner, corners
+
+
+@kernel
+def _is_outdone(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: float, radius: float) -> bool:
+    """Whether an earlier arrival reaches everything on a free arc as cheaply; if not, this one is noted."""
+    passed = angle if circle % 2 == 0 else arcs.span[circle // 2] - angle
+    offset = cost - radius * passed
+    if labels.circle_epoch[circle] == labels.epoch[0]:
+        if labels.angle[circle] <= passed + SAME_M and labels.offset[circle] <= offset + SAME_M:
+            return True
+        if passed > labels.angle[circle] or offset > labels.offset[circle]:
+            return False
+    labels.circle_epoch[circle] = labels.epoch[0]
+    labels.angle[circle], labels.offset[circle] = passed, offset
+    return False
 
 
 @kernel
