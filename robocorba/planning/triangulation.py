@@ -351,7 +351,7 @@ def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
     crossed = np.empty((64, 2), np.int64)
     count, target = 0, -1
     while target < 0:
-        if mesh.wall[triangle, edge] or mesh.across[triangle, edge] < 0:
+        if mesh.wall[triangle, edge] or mesh.across[triangle, edge] < 0 or count > mesh.size[0]:
             return -1
         if count == crossed.shape[0]:
             longer = np.empty((2 * count, 2), np.int64)
