@@ -296,34 +296,38 @@ def _mark(mesh: Mesh, a: int, b: int, wall: bool) -> None:
 
 
 @kernel
-def _is_on(at: Longs, a: int, b: int, p: int) -> bool:
-    """Whether vertex p lies on the line from a to b and beyond a, or at b."""
+def _along(at: Longs, a: int, b: int, p: int) -> float:
+    """How far from vertex a vertex p lies on the line from a to b, as a part of its length; negative where it
+    does not lie on the line between them, 1 for b."""
     if p == b:
-        return True
-    dx, dy = at[b, 0] - at[a, 0], at[b, 1] - at[a, 1]
-    length2 = float(dx) * float(dx) + float(dy) * float(dy)
-    along = float(dx) * float(at[p, 0] - at[a, 0]) + float(dy) * float(at[p, 1] - at[a, 1])
-    return 0.0 < along < length2 and abs(float(side(at, a, b, p))) <= ON_WALL_STEPS * math.sqrt(length2)
+        return 1.0
+    dx, dy = float(at[b, 0] - at[a, 0]), float(at[b, 1] - at[a, 1])
+    length2 = dx * dx + dy * dy
+    along = (dx * float(at[p, 0] - at[a, 0]) + dy * float(at[p, 1] - at[a, 1])) / length2
+    if 0.0 < along < 1.0 and abs(float(side(at, a, b, p))) <= ON_WALL_STEPS * math.sqrt(length2):
+        return along
+    return -1.0
 
 
 @kernel
 def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
-    """From vertex a towards vertex b: a neighbour of a on the line, or else the triangle and the edge that the line
-    crosses first; (vertex or -1, triangle, edge)."""
+    """From vertex a towards vertex b: the nearest neighbour of a on the line, or else the triangle and the edge that
+    the line crosses first; (vertex or -1, triangle, edge)."""
     triangle, edge = -1, -1
+    nearest, least = -1, 2.0
     first = here = _first_of_star(mesh, a)
     while True:
         k = _corner_of(mesh, here, a)
         right, left = mesh.corner[here, (k + 1) % 3], mesh.corner[here, (k + 2) % 3]
-        if _is_on(mesh.at, a, b, right):
-            return right, here, k
-        if _is_on(mesh.at, a, b, left):
-            return left, here, k
+        for p in (right, left):
+            along = _along(mesh.at, a, b, p)
+            if 0.0 < along < least:
+                nearest, least = p, along
         if side(mesh.at, a, b, right) < 0 and side(mesh.at, a, b, left) > 0 and side(mesh.at, right, left, a) > 0:
             triangle, edge = here, (k + 1) % 3
         here = _after_in_star(mesh, a, here)
         if here < 0 or here == first:
-            return -1, triangle, edge
+            return nearest, triangle, edge
 
 
 @kernel
@@ -362,7 +366,7 @@ def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
         there = mesh.across[triangle, edge]
         j = _edge_to(mesh, there, triangle)
         apex = mesh.corner[there, (j + 2) % 3]
-        if _is_on(mesh.at, a, b, apex):
+        if _along(mesh.at, a, b, apex) > 0.0:
             target = apex
         triangle, edge = there, (j + 1) % 3 if side(mesh.at, a, b, apex) > 0 else (j + 2) % 3
     waiting, first, tries = count, 0, 0

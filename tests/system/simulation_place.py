@@ -274,7 +274,8 @@ class Outcome(NamedTuple):
 
     @property
     def is_right(self) -> bool:
-        return not self.faults and self.free_s <= FREE_S and self.stop_s <= STOP_S
+        """Whether everything became as it must be; how fast that has to be is for the bench to say."""
+        return not self.faults
 
 
 class Chaos:
