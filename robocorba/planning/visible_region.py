@@ -91,8 +91,12 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
         far = math.hypot(ax, ay)
         if far > 0.0:
             ax, ay = ax / far, ay / far
+        # Edges are crossed from their front only: a ray that touches a vertex would else turn around it.
         right_edge, left_edge = (j + 1) % 3, (j + 2) % 3
-        if beside_right >= -slack and mesh.across[there, right_edge] >= 0 and not mesh.wall[there, right_edge]:
+        left, right = mesh.corner[there, j], mesh.corner[there, right_edge]
+        faces_right = (xy[right, 0] - x) * ay - (xy[right, 1] - y) * ax > 0.0
+        faces_left = ax * (xy[left, 1] - y) - ay * (xy[left, 0] - x) > 0.0
+        if beside_right >= -slack and faces_right and not _is_closed(mesh, there, right_edge):
             edges[height, 0], edges[height, 1] = there, right_edge
             if beside_left >= 0.0:
                 rays[height, 0], rays[height, 1] = ax, ay
@@ -100,7 +104,7 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
                 rays[height, 0], rays[height, 1] = lx, ly
             rays[height, 2], rays[height, 3] = rx, ry
             height += 1
-        if beside_left >= -slack and mesh.across[there, left_edge] >= 0 and not mesh.wall[there, left_edge]:
+        if beside_left >= -slack and faces_left and not _is_closed(mesh, there, left_edge):
             edges[height, 0], edges[height, 1] = there, left_edge
             rays[height, 0], rays[height, 1] = lx, ly
             if beside_right >= 0.0:
@@ -111,6 +115,12 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
         if height + 2 > edges.shape[0]:
             break
     return count, visited
+
+
+@kernel
+def _is_closed(mesh: Mesh, triangle: int, k: int) -> bool:
+    """Whether sight does not cross an edge: a wall lies on it, or nothing beyond."""
+    return mesh.across[triangle, k] < 0 or mesh.wall[triangle, k]
 
 
 @kernel
@@ -136,7 +146,7 @@ def _open(
     mesh: Mesh, xy: Floats, triangle: int, k: int, x: float, y: float, edges: Longs, rays: Floats, height: int
 ) -> int:
     """Put an edge of the first triangle on the stack, unless a wall lies on it."""
-    if mesh.across[triangle, k] < 0 or mesh.wall[triangle, k]:
+    if _is_closed(mesh, triangle, k):
         return height
     right, left = mesh.corner[triangle, k], mesh.corner[triangle, (k + 1) % 3]
     lx, ly = xy[left, 0] - x, xy[left, 1] - y

@@ -109,3 +109,15 @@ def test_an_isolated_node_in_sight_does_not_hide_a_road_map_around_the_corner() 
     path = PathPlanner(building).shortest(Place("L1", 1.0, 7.0), Place("L1", 1.0, 2.0))
     assert path.distance == pytest.approx(19.7, abs=0.3)
     assert Judge(building).touches(path, 0.4) == []
+
+
+def test_a_wall_cut_open_in_line_with_the_eye_hides_nothing() -> None:
+    """Its pieces lie on one ray, and the search for what is visible went around their ends until its stack was full."""
+    ((_, case),) = buildings_at_random([18]).items()
+    ends = Place("L1", 12.89408470192787, 2.068536469900499), Place("L1", 2.9058612285840617, 4.562941591798888)
+    planner = PathPlanner(case.make())
+    there, back = (
+        planner.paths(PathRequest(*pair, radius=case.radius_m, mode=RouteMode.GEOMETRIC))[0].distance
+        for pair in (ends, ends[::-1])
+    )
+    assert there == pytest.approx(back, rel=1e-6)
