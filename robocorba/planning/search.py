@@ -18,7 +18,7 @@ from robocorba.planning.guide import Guide, read_guide, rides_on, step_cost
 from robocorba.planning.packing import Packed
 from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, Roads
 from robocorba.planning.route import COLUMNS, ELEVATOR, FIXED, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
-from robocorba.planning.space import TOUCH_M, against_one_way, line_free
+from robocorba.planning.space import TOUCH_M, against_one_way, least_around, line_free
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_stands_free, unpack
 
 #: What `find_way` says beside a way.
@@ -315,7 +315,7 @@ def find_path(
     if status != FOUND:
         return False, way
     way = smoothed(world, way, radius)
-    if is_detour(way):
+    if is_detour(world, way):
         return True, way
     return False, points_of(world, way, radius, speed)
 
@@ -328,32 +328,31 @@ def points_of(world: Packed, way: Floats, radius: float, speed: float) -> Floats
 
 
 @kernel
-def is_detour(way: Floats) -> bool:
-    """Whether one of its drives is so long beside the straight line between its ends that free space may be shorter."""
+def is_detour(world: Packed, way: Floats) -> bool:
+    """Whether roads may have to be left on one of its drives."""
     at = 0
     for i in range(way.shape[0]):
         if i + 1 < way.shape[0] and way[i, ELEVATOR] < 0.0:
             continue
-        straight = math.hypot(way[i, X] - way[at, X], way[i, Y] - way[at, Y])
-        if straight < most_free(drive_length(way, at, i)):
+        if longest_free(world, way, at, i) > 0.0:
             return True
         at = i + 1
     return False
 
 
 @kernel
-def most_free(length: float) -> float:
-    """How long the way through free space is at most for which roads of that length are left, m."""
-    return min(length / DETOUR, length - DETOUR_M)
-
-
-@kernel
-def drive_length(way: Floats, first: int, last: int) -> float:
-    """Length of the drives from one row to another on the same floor, m."""
+def longest_free(world: Packed, way: Floats, first: int, last: int) -> float:
+    """How long the way through free space is at most for which the roads between two rows of a floor are left, m; 0
+    where no way is that short, because a wall between the two is too long."""
     length = 0.0
     for i in range(first, last):
         length += math.hypot(way[i + 1, X] - way[i, X], way[i + 1, Y] - way[i, Y])
-    return length
+    most = min(length / DETOUR, length - DETOUR_M)
+    ax, ay, bx, by = way[first, X], way[first, Y], way[last, X], way[last, Y]
+    if math.hypot(bx - ax, by - ay) >= most:
+        return 0.0
+    ground, _ = unpack(world)
+    return most if least_around(floor_grid(ground, int(way[first, FLOOR])), ax, ay, bx, by) < most else 0.0
 
 
 @kernel

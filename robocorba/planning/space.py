@@ -170,6 +170,27 @@ def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: fl
 
 
 @kernel
+def least_around(grid: Grid, ax: float, ay: float, bx: float, by: float) -> float:
+    """What a way from a to b takes at least, m: around one end of each segment that lies across the straight line."""
+    segments, start, items, frame = grid
+    least = math.hypot(bx - ax, by - ay)
+    columns = int(frame[3])
+    for row in range(row_of(frame, min(ay, by)), row_of(frame, max(ay, by)) + 1):
+        low = frame[1] + row * frame[2]
+        left, right = span(ax, ay, bx, by, low, low + frame[2])
+        for column in range(column_of(frame, left), column_of(frame, right) + 1):
+            cell = row * columns + column
+            for i in range(start[cell], start[cell + 1]):
+                px, py, qx, qy = segments[items[i]]
+                if segments_distance2(ax, ay, bx, by, px, py, qx, qy) > 0.0:
+                    continue
+                by_p = math.hypot(px - ax, py - ay) + math.hypot(bx - px, by - py)
+                by_q = math.hypot(qx - ax, qy - ay) + math.hypot(bx - qx, by - qy)
+                least = max(least, min(by_p, by_q))
+    return least
+
+
+@kernel
 def nearest_segment(grid: Grid, x: float, y: float, reach: float) -> tuple[float, int]:
     """Distance from a point to the nearest segment and its index; (reach, -1) where none is nearer."""
     return line_clearance(grid, x, y, x, y, reach)

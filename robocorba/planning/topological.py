@@ -17,11 +17,10 @@ from robocorba.planning.search import (
     GOAL_NOT_FREE,
     MOST_JOINTS,
     START_NOT_FREE,
-    drive_length,
     find_way,
     joints,
     joints_of_each,
-    most_free,
+    longest_free,
     smoothed,
 )
 from robocorba.planning.snapshot import Snapshot
@@ -142,14 +141,13 @@ def without_detours(snapshot: Snapshot, request: PathRequest, way: Floats, deadl
     for i in range(len(way)):
         if i + 1 < len(way) and way[i, ELEVATOR] < 0.0:
             continue
-        length = drive_length(way, at, i)
-        straight = math.hypot(way[i, X] - way[at, X], way[i, Y] - way[at, Y])
         drive = way[at : i + 1]
-        if straight < most_free(length):
+        longest_m = longest_free(snapshot.world, way, at, i)
+        if longest_m > 0.0:
             floor = floors[int(way[i, FLOOR])]
             a, b = (float(way[at, X]), float(way[at, Y])), (float(way[i, X]), float(way[i, Y]))
             leg = snapshot.graph(floor, request.radius).legs(
-                a, [b], longest_m=most_free(length), lanes=snapshot.roads.parts[floor].lanes, deadline=deadline
+                a, [b], longest_m=longest_m, lanes=snapshot.roads.parts[floor].lanes, deadline=deadline
             )[0]
             if math.isfinite(leg.length) and not _is_slower(request, drive, leg.length):
                 first = drive[:1].copy()
