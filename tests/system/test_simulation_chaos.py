@@ -16,6 +16,8 @@ from tests.system.simulation_place import BACK_LIMIT_S, GONE, Chaos, Place, away
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROUNDS = 3
+#: Five times what the bench allows [s]: a machine that is busy with other tests writes later.
+BUSY_LOST_S = 1.0
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 
 
 def test_who_is_killed_makes_room_and_nobody_else_loses_anything(place: Place) -> None:
-    with contextlib.closing(Chaos(place, seed=1)) as chaos:
+    with contextlib.closing(Chaos(place, seed=1, lost_s=BUSY_LOST_S)) as chaos:
         for _ in range(ROUNDS):
             outcome = chaos.round()
             print(f"\n{outcome}")
