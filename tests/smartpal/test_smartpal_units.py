@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from omniORB import CORBA
 
 from robocorba.errors import AdaptorFailed, NotReachable, UnitFailed
 from robocorba.kinematics.smartpal import Side
-from robocorba.remote.smartpal_units import RemoteSmartPalUnits, units_at
+from robocorba.remote.smartpal_units import CALL_LIMIT_S, RemoteSmartPalUnits, units_at
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import _GlobalIDL
 
@@ -40,6 +41,8 @@ class Noting:
         def call(*arguments: Any) -> Any:
             self._notes.told.append((self._unit, operation, *arguments))
             answer = self._notes.answers.get((self._unit, operation), 0 if self._unit.startswith("Mnp") else True)
+            if callable(answer):
+                answer = answer()
             if isinstance(answer, Exception):
                 raise answer
             return answer
@@ -128,6 +131,24 @@ def test_warnings_are_no_refusals(notes: Notes, units: RemoteSmartPalUnits, code
 
 def test_who_does_not_answer_is_named(notes: Notes, units: RemoteSmartPalUnits) -> None:
     notes.answers = {("GripperL", "getFeedback"): CORBA.COMM_FAILURE()}
+    with pytest.raises(AdaptorFailed, match="GripperL does not answer"):
+        units.grip(Side.LEFT)
+
+
+def test_a_call_during_which_this_process_was_paused_is_made_again(notes: Notes, units: RemoteSmartPalUnits) -> None:
+    def first_late(then: Any) -> Any:
+        answers = iter([CORBA.TIMEOUT(), then])
+
+        def answer() -> Any:
+            if isinstance(found := next(answers), CORBA.TIMEOUT):
+                time.sleep(CALL_LIMIT_S + 0.1)
+            return found
+
+        return answer
+
+    notes.answers = {("GripperL", "getFeedback"): first_late((True, 90.0))}
+    assert units.grip(Side.LEFT) == pytest.approx(math.pi / 2)
+    notes.answers = {("GripperL", "getFeedback"): first_late(CORBA.TIMEOUT())}
     with pytest.raises(AdaptorFailed, match="GripperL does not answer"):
         units.grip(Side.LEFT)
 
