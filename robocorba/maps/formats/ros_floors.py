@@ -160,7 +160,7 @@ def _open(item: Item, elevator: Elevator, floor: str, cells: np.ndarray, setting
     opened = (inside.cells == FREE) | (landing.cells == FREE)
     if count := int(np.count_nonzero(opened & (cells != FREE))):
         losses.add(
-            f"elevator {elevator.name!r}: {settings.area_m2(count):.2f} m2 of its shaft and landings "
+            f"elevator {elevator.name!r}: {settings.area_m2(count):.3g} m2 of its shaft and landings "
             f"are not free in the picture and were opened"
         )
     cells[opened] = FREE
