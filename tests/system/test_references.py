@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors import NotReachable
-from robocorba.naming import corbaname
-from robocorba.orb import Orb
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.system import find_omninames
-from tests.system.processes import HERE, eventually, hang
+from robocorba.testing.processes import HERE, eventually, hang
 
 pytestmark = pytest.mark.system
 
