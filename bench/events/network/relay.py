@@ -1,8 +1,8 @@
 """The router where there are no network namespaces: holds back what TCP connections between the sub-networks carry.
 
 python -m bench.events.network.relay LISTEN=TARGET ...: each HOST:PORT to listen at, and the one in the other
-sub-network that it stands for. Commands and answers are those of bench.events.network.router; packets are the parts in which
-bytes came. Addresses in sub-network I are 127.*.0.*.
+sub-network that it stands for. Commands and answers are those of bench.events.network.router;
+packets are the parts in which bytes came. Addresses in sub-network I are 127.*.0.*.
 """
 
 from __future__ import annotations
