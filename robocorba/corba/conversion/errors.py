@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import ServiceError
+from robocorba.errors.services import NotReachable, ServiceError
 
 #: Maximum length of each text in an IDL exception [characters]; the input that was wrong may be of any length.
 MAX_TEXT = 500
@@ -116,3 +116,5 @@ def _with_short_texts(exception: Any) -> Any:
 
 # The store of a server failed, and nothing was changed.
 register_system(ServiceError, CORBA.PERSIST_STORE)
+# What the servant's process calls itself does not answer now.
+register_system(NotReachable, CORBA.TRANSIENT)
