@@ -11,7 +11,7 @@ help:
 	@echo "make demo    the paper's experiment: three robots carry a table; report.html with film and figures"
 	@echo "make test    run every test"
 	@echo "make lint    formatting, lint and types"
-	@echo "make bench   measure, print tables, write JSON and pictures to bench/results"
+	@echo "make bench   measure, print tables, write JSON and pictures to bench/results: the path planning agent"
 	@echo "make bench-events  the event service: the paper's Figure 13, and one channel beside other brokers"
 	@echo "make bench-simulation  the simulation: rays, pictures, robots, sensors, kills"
 	@echo "make bench-robots  robots: kinematics, control loop, stops, data pool, virtual and actual, missions"
@@ -39,7 +39,7 @@ $(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl) idl/make_stubs.py
 stubs: $(VENV)/.stubs
 
 demo: stubs
-	@$(BIN)/python -m clients.demo
+	@$(BIN)/python -m robocorba.clients.demo
 
 test: stubs
 	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
@@ -50,7 +50,7 @@ lint: stubs
 	@$(BIN)/mypy
 
 bench: stubs
-	@$(BIN)/python -m bench
+	@$(BIN)/python -m bench planning
 
 # Peers whose clients can't be installed, or whose brokers are not there, are left out.
 $(VENV)/.peers: $(VENV)/.installed
@@ -58,18 +58,13 @@ $(VENV)/.peers: $(VENV)/.installed
 	@touch $@
 
 bench-events: stubs $(VENV)/.peers
-	@$(BIN)/python -m bench.event_network
-	@$(BIN)/python -m bench.event_channel
-	@$(BIN)/python -m bench.event_chaos
+	@$(BIN)/python -m bench events
 
 bench-simulation: stubs
-	@for bench in rays render simulation_headless simulation_robots simulation_sensors simulation_chaos; do \
-	  $(BIN)/python -m bench.$$bench; done
+	@$(BIN)/python -m bench simulation
 
 bench-robots: stubs $(VENV)/.peers
-	@for bench in kinematics data_pool virtual_and_actual control stops missions missions_network \
-	  many_missions mission_chaos; do \
-	  $(BIN)/python -m bench.$$bench; done
+	@$(BIN)/python -m bench robots missions
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output

@@ -1,4 +1,6 @@
-"""Run benches one after the other, each in a process of its own: python -m bench [NAME ...]"""
+"""Run the benches of some subjects, or of all, each in a process of its own: python -m bench [SUBJECT ...]
+
+`python -m bench.SUBJECT.NAME --help` lists the options of one bench."""
 
 from __future__ import annotations
 
@@ -6,19 +8,24 @@ import subprocess
 import sys
 from pathlib import Path
 
-#: In this order where no name is given.
-BENCHES = ("get_path", "large_building", "editing", "every_query", "geometric")
+BENCHES = {
+    "planning": ("get_path", "large_building", "editing", "geometric"),
+    "events": ("network", "channel", "chaos"),
+    "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
+    "robots": ("kinematics", "data_pool", "virtual_and_actual", "control", "stops"),
+    "missions": ("carry", "network", "many", "chaos"),
+}
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def main(names: list[str]) -> int:
-    """Exit code: 0 if every bench reached what it has to, 1 if one did not, 2 for an unknown name."""
-    unknown = [name for name in names if name not in BENCHES]
+def main(subjects: list[str]) -> int:
+    """Exit code: 0 if every bench reached its marks, 1 if one did not, 2 for an unknown subject."""
+    unknown = [subject for subject in subjects if subject not in BENCHES]
     if unknown:
-        print(f"bench: there is no {', '.join(unknown)}; there are {', '.join(BENCHES)}", file=sys.stderr)
+        print(f"bench: unknown subject {', '.join(unknown)}; choose from {', '.join(BENCHES)}", file=sys.stderr)
         return 2
     failed = []
-    for name in names or BENCHES:
+    for name in [f"{subject}.{name}" for subject in subjects or BENCHES for name in BENCHES[subject]]:
         print(f"== {name}", flush=True)
         if subprocess.run([sys.executable, "-m", f"bench.{name}"], cwd=ROOT).returncode:
             failed.append(name)

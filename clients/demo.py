@@ -1,6 +1,6 @@
 """The demo: the paper's experiment. Three robots of two sub-networks carry a table through a room.
 
-    python -m clients.demo [FOLDER] [--quick]
+    python -m robocorba.clients.demo [FOLDER] [--quick]
 
 It starts all servers on the building `paper-scene`, the sub-networks lab and hall with their channels and gateways, and
 three robot processes: A and B in lab, C in hall. A gets the user's command and leads, B and C come, and they carry the
@@ -28,29 +28,30 @@ import msgspec
 from omniORB import CORBA
 from rich.console import Console
 
-from clients.robot_processes import Running, robocorba, servers
-from robocorba.calls import describe
+from robocorba.clients.robot_processes import Running, robocorba, servers
 from robocorba.commands.mission import News, news, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
-from robocorba.conversion import paths
-from robocorba.conversion.errors import error_of
-from robocorba.errors import MissionFailed, RoboCorbaError
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import paths
+from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.data_pool import RemotePool
+from robocorba.corba.remote.mission_world import RemoteWorld
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MissionFailed
 from robocorba.maps.samples import sample_path
 from robocorba.missions import page, timeline
 from robocorba.missions.record import REPORT_FILE
 from robocorba.missions.world import Thing
 from robocorba.names import MISSIONS
-from robocorba.naming import corbaname
-from robocorba.orb import Orb
 from robocorba.planning.request import PathRequest, Place
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
-from robocorba.remote.agents import RemoteAgent
-from robocorba.remote.data_pool import RemotePool
-from robocorba.remote.world import RemoteWorld
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 
@@ -318,7 +319,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="clients.demo", description=(__doc__ or "").split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="robocorba.clients.demo", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path("demo-output"), metavar="FOLDER")
     parser.add_argument("--quick", action="store_true", help="shorter ways, and no film")
     return parser.parse_args(arguments)

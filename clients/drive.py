@@ -1,4 +1,6 @@
-"""A robot that drives along a path, over floors and elevators: python -m clients.drive NAME FLOOR X Y FLOOR X Y
+"""A robot that drives along a path, over floors and elevators.
+
+    python -m robocorba.clients.drive NAME FLOOR X Y FLOOR X Y
 
 The naming service is that of ROBOCORBA_NAMING, 127.0.0.1:2809 if it is not set."""
 
@@ -12,9 +14,9 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.conversion.errors import error_of
-from robocorba.errors import RoboCorbaError
-from robocorba.orb import Orb
+from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 

@@ -1,13 +1,13 @@
-"""Say and hear events: python -m clients.events publish|consume CHANNEL [COUNT]
+"""Say and hear events: python -m robocorba.clients.events publish|consume CHANNEL [COUNT]
 
 The naming service is that of ROBOCORBA_NAMING, 127.0.0.1:2809 if it is not set."""
 
 import sys
 from queue import SimpleQueue
 
-from robocorba.errors import RoboCorbaError
-from robocorba.event_client import Event, EventClient
-from robocorba.orb import Orb
+from robocorba.corba.event_client import Event, EventClient
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Settings
 
 

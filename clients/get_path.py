@@ -1,4 +1,4 @@
-"""Ask the path planning agent for a path: python -m clients.get_path L1 3 4 L3 10 2 [HOST:PORT]"""
+"""Ask the path planning agent for a path: python -m robocorba.clients.get_path L1 3 4 L3 10 2 [HOST:PORT]"""
 
 import sys
 

@@ -1,8 +1,8 @@
 """The paper's Figure 11: a robot hands a sheet of paper to another one, both virtual or both actual, by the same two
 programs.
 
-    python -m clients.hand_over [FOLDER] [--actual] [--no-film] [--naming HOST:PORT] [--channel C]
-    python -m clients.hand_over FOLDER --write-programs
+    python -m robocorba.clients.hand_over [FOLDER] [--actual] [--no-film] [--naming HOST:PORT] [--channel C]
+    python -m robocorba.clients.hand_over FOLDER --write-programs
 
 Without --naming it starts servers of its own; else those at HOST:PORT must serve the building `paper-scene`. Leaves in
 FOLDER (demo-output) a recording of the floor (MCAP), where all joints were (CSV), and a film of all links (MP4). Exit
@@ -23,22 +23,23 @@ from pathlib import Path
 
 from omniORB import CORBA
 
-from clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
-from clients.robot_film import Shapes, Views, sheet
-from clients.robot_processes import ActualRobot, Running, robocorba, servers
+from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
+from robocorba.clients.robot_film import Shapes, Views, sheet
+from robocorba.clients.robot_processes import ActualRobot, Running, robocorba, servers
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
-from robocorba.conversion.errors import error_of
-from robocorba.errors import MotionFailed, RoboCorbaError
+from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MotionFailed
 from robocorba.kinematics import tasks
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.samples import sample_path
-from robocorba.orb import Orb
 from robocorba.programs import icons
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps, walk
-from robocorba.remote.agents import RemoteAgent
 from robocorba.settings import Address
 from robocorba.video import VideoFile
 
@@ -247,7 +248,7 @@ def film(file: Path, moments: Sequence[Moment], let_go_s: float) -> None:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="clients.hand_over", description=(__doc__ or "").split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="robocorba.clients.hand_over", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path("demo-output"), metavar="FOLDER")
     parser.add_argument("--actual", action="store_true", help="by the stand-ins of two actual robots")
     parser.add_argument("--naming", metavar="HOST:PORT", help="of servers that run already")

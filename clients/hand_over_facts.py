@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clients.robot_film import in_building
-from robocorba.control.robot_state import RobotState
-from robocorba.grids import Floats
+from robocorba.clients.robot_film import in_building
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.smartpal import GRIP, SHUT_RAD, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
+from robocorba.motion.robot_state import RobotState
+from robocorba.spatial.grids import Floats
 
 #: The hands of giver and taker that have the sheet.
 GIVING, TAKING = Side.RIGHT, Side.LEFT

@@ -1,6 +1,6 @@
 """A robot of one's own, with nothing but an ORB and the IDL: it drives until something is near.
 
-python -m clients.new_robot [URI of SimulationServer]"""
+python -m robocorba.clients.new_robot [URI of SimulationServer]"""
 
 import sys
 import time

@@ -1,6 +1,6 @@
 """Say and hear events with nothing but OMG's interfaces, as any CORBA client of an event channel does:
 
-python -m clients.plain_events publish|consume CHANNEL [COUNT [HOST:PORT]] [-ORB...]"""
+python -m robocorba.clients.plain_events publish|consume CHANNEL [COUNT [HOST:PORT]] [-ORB...]"""
 
 import sys
 from queue import SimpleQueue

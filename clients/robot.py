@@ -9,32 +9,33 @@ from collections.abc import Sequence
 from omniORB import CORBA
 
 from robocorba import logs
-from robocorba.calls import describe
-from robocorba.control.adaptors import Surroundings
+from robocorba.clients.cooperation import Cooperation
+from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
-from robocorba.control.nearby import PoolNearby
-from robocorba.control.priority import be_prompt
+from robocorba.control.model_switcher import Surroundings
+from robocorba.control.realtime import be_prompt
 from robocorba.control.tick_file import TickFile
-from robocorba.conversion.errors import error_of
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.data_pool import PoolFollower
+from robocorba.corba.remote.paths import RemotePlanner
+from robocorba.corba.remote.places import free_places
+from robocorba.corba.remote.session import RemoteSession
+from robocorba.corba.servants.data_pool import DataPoolServant
+from robocorba.corba.servants.robot import RobotAgentServant
 from robocorba.data_pool.plans import Plans
-from robocorba.errors import PlaceTaken, RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.simulation import PlaceTaken
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
 from robocorba.missions import carry
 from robocorba.names import MISSIONS, ROBOTS
-from robocorba.orb import Orb
 from robocorba.planning.request import Place
 from robocorba.programs import program
 from robocorba.programs.checker import Start, require
 from robocorba.programs.program import Program
-from robocorba.remote.cooperation import Cooperation
-from robocorba.remote.data_pool import PoolFollower
-from robocorba.remote.paths import RemotePlanner
-from robocorba.remote.places import free_places
-from robocorba.remote.session import RemoteSession
 from robocorba.repeating import Repeating
-from robocorba.servants.data_pool import DataPoolServant
-from robocorba.servants.robot import RobotAgentServant
 from robocorba.settings import RobotSettings
 from robocorba.simulation.registry import Description, Pose
 

@@ -12,10 +12,10 @@ import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
-from robocorba.control.robot_state import RobotState
-from robocorba.grids import Floats
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.pose import HandPose
+from robocorba.motion.robot_state import RobotState
+from robocorba.spatial.grids import Floats
 
 GROUND, FLOOR, INK, EDGE = "#ffffff", "#eef0f3", "#1f2430", "#5a6270"
 #: Pictures are drawn so many times as large, for smooth edges.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import random
 import shutil
 import signal
@@ -16,11 +15,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from robocorba.errors import AdaptorFailed, StartFailed
-from robocorba.orb import Orb
-from robocorba.remote.smartpal_units import RemoteSmartPalUnits
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.smartpal_units import RemoteSmartPalUnits
+from robocorba.errors.robots import AdaptorFailed
+from robocorba.errors.services import StartFailed
 from robocorba.settings import Address
-from robocorba.supervision.process import CHILD
+from robocorba.supervision.launch import bound_command, module_command
 from robocorba.supervision.system import find_omninames
 
 #: To get ready, also where kernels are not compiled yet and the machine is busy; to make a file; to end, s.
@@ -36,10 +36,9 @@ class Running:
 
     def __init__(self, log: Path, *command: str) -> None:
         self.log = log
-        bound_to_us = (sys.executable, "-I", "-S", CHILD, str(os.getpid()))
         with log.open("a") as complaints:
             self._process = subprocess.Popen(
-                [*bound_to_us, *command],
+                bound_command(*command),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=complaints,
@@ -101,7 +100,7 @@ class ActualRobot:
         units = ("--state", str(folder), "--endpoint", str(endpoint), "--naming", str(naming))
         self._commands = {
             "omniNames": (find_omninames(), *names, "-ORBendPoint", f"giop:tcp:{naming}"),
-            "smartpal": (sys.executable, "-m", "servers.smartpal", *units),
+            "smartpal": module_command("robocorba.servers.smartpal", *units),
         }
         self._folder = folder
 

@@ -1,14 +1,15 @@
 """Functions that numba compiles, and where they are kept between runs.
 
-numba looks only at a function's own file to see whether what it kept is stale, and fails
-on kept types that are no more. So each state of a package's sources has a folder of
-its own: kernels never mix, neither after an edit nor after an upgrade.
+numba looks only at a function's own file to see whether a cached kernel is stale, and fails on cached types that no
+longer exist. So each package has a cache folder for each state of the sources that its kernels are compiled from: the
+modules with kernels, and the modules that these import functions and constants from. Other edits keep the cache.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -22,8 +23,8 @@ import platformdirs
 #: Folders of older states that are kept, so that two checkouts don't compile in turn.
 MOST_KEPT = 12
 
-#: What kernels of several packages are built on.
-GRIDS = Path(__file__).with_name("grids.py")
+_ROOT = Path(__file__).parent
+_IMPORT = re.compile(r"^from robocorba\.([\w.]+) import ", re.MULTILINE)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -44,7 +45,7 @@ def kernel(function: F) -> F:
 def _folder(package: Path) -> Path | None:
     """Where the kernels of a package are kept, made where it is not there; None where nothing can be written."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in (*sorted(package.glob("*.py")), GRIDS):
+    for source in _sources(package):
         digest.update(source.read_bytes())
     name = digest.hexdigest()[:16]
     for root in (platformdirs.user_cache_path("robocorba"), Path(tempfile.gettempdir()) / f"robocorba-{os.getuid()}"):
@@ -59,6 +60,21 @@ def _folder(package: Path) -> Path | None:
         _forget_old(folder.parent)
         return folder
     return None
+
+
+def _sources(package: Path) -> list[Path]:
+    """The modules that the kernels of a package are compiled from, sorted."""
+    found: set[Path] = set()
+    waiting = [source for source in package.glob("*.py") if "@kernel\n" in source.read_text()]
+    while waiting:
+        source = waiting.pop()
+        if source in found:
+            continue
+        found.add(source)
+        for name in _IMPORT.findall(source.read_text()):
+            module = _ROOT.joinpath(*name.split("."))
+            waiting += module.glob("*.py") if module.is_dir() else [module.with_suffix(".py")]
+    return sorted(found)
 
 
 def _forget_old(kernels: Path) -> None:

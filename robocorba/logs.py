@@ -16,7 +16,8 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import TracebackType
 
-from robocorba.errors import RoboCorbaError, ServiceError
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import ServiceError
 
 #: A process's logs take at most MAX_BYTES * (1 + OLD_FILES) on disk.
 MAX_BYTES = 5 * 1024 * 1024

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import msgspec
 
-from robocorba.errors import AlreadyRunning, ServiceError
+from robocorba.errors.services import AlreadyRunning, ServiceError
 
 T = TypeVar("T")
 S = TypeVar("S", bound="RecordFile")

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import platformdirs
 
-from robocorba.errors import ServiceError
-from robocorba.simulation.pose import Pose
+from robocorba.errors.services import ServiceError
+from robocorba.spatial.pose import Pose
 
 DEFAULT_HOST = "127.0.0.1"
 #: The port that CORBA reserves for naming services.

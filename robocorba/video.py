@@ -10,7 +10,7 @@ import av
 from av.video.stream import VideoStream
 from PIL import Image, UnidentifiedImageError
 
-from robocorba.errors import VideoError
+from robocorba.errors.simulation import VideoError
 
 SUFFIXES = (".mp4", ".m4v", ".mov")
 #: Of the sides of a picture, px, and of the rate, pictures a second.

@@ -9,6 +9,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from robocorba import logs
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.event_clients import EventClients
+from robocorba.corba.remote.event_peers import Joining, RemoteGateway
+from robocorba.corba.remote.foreign_channel import ForeignChannel
+from robocorba.corba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
+from robocorba.corba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
+from robocorba.corba.servants.event_proxies import (
+    PullConsumerServant,
+    PullSupplierServant,
+    PushConsumerServant,
+    PushSupplierServant,
+)
 from robocorba.events.channel import Channel
 from robocorba.events.federation import Federation, check_name
 from robocorba.events.inlet import PolledInlet
@@ -20,18 +32,6 @@ from robocorba.events.queue import QueuePolicy
 from robocorba.events.store import PeerRecord, Store
 from robocorba.events.watermarks import Watermarks
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb
-from robocorba.remote.event_clients import EventClients
-from robocorba.remote.event_peers import Joining, RemoteGateway
-from robocorba.remote.foreign_channel import ForeignChannel
-from robocorba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
-from robocorba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
-from robocorba.servants.event_proxies import (
-    PullConsumerServant,
-    PullSupplierServant,
-    PushConsumerServant,
-    PushSupplierServant,
-)
 from robocorba.settings import ChannelSettings
 
 

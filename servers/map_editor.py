@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robocorba import logs
+from robocorba.corba.orb import Orb
+from robocorba.corba.servants.map_editor import MapEditorServant
+from robocorba.corba.servants.path_planner import PathPlannerServant
 from robocorba.maps.editing import BuildingEditor
-from robocorba.maps.opening import open_store
-from robocorba.orb import Orb
+from robocorba.maps.formats.initial_building import open_store
 from robocorba.planning.planner import PathPlanner
-from robocorba.servants.map_editor import MapEditorServant
-from robocorba.servants.path_planner import PathPlannerServant
 from robocorba.settings import ServerSettings
 
 

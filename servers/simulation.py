@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from robocorba import logs
-from robocorba.errors import NotReachable
-from robocorba.names import ADMINISTRATOR
-from robocorba.orb import Orb
-from robocorba.remote.announcer import Announcer
-from robocorba.remote.maps import RemoteMap
-from robocorba.remote.sensors import RemoteSensors
-from robocorba.repeating import Repeating
-from robocorba.servants.omni_database import OmniDatabaseServant
-from robocorba.servants.simulation_server import (
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.announcer import Announcer
+from robocorba.corba.remote.maps import RemoteMap
+from robocorba.corba.remote.sensors import RemoteSensors
+from robocorba.corba.servants.omni_database import OmniDatabaseServant
+from robocorba.corba.servants.simulation_server import (
     RobotSessionServant,
     SimulationAdministratorServant,
     SimulationServerServant,
 )
-from robocorba.servants.virtual_sensor import RobotSensorServant
+from robocorba.corba.servants.virtual_sensor import RobotSensorServant
+from robocorba.errors.services import NotReachable
+from robocorba.names import ADMINISTRATOR
+from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
 from robocorba.simulation.building import Happening
 from robocorba.simulation.management_agent import ManagementAgent

@@ -6,10 +6,10 @@ import contextlib
 from collections.abc import Sequence
 
 from robocorba import logs
-from robocorba.control.priority import be_prompt, be_punctual
+from robocorba.control.realtime import be_prompt, be_punctual
+from robocorba.corba.orb import Orb
+from robocorba.corba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
 from robocorba.kinematics.smartpal import Side
-from robocorba.orb import Orb
-from robocorba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
 from robocorba.settings import SmartPalSettings
 from robocorba.smartpal.robot import RealTime, SmartPal
 

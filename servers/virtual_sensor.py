@@ -9,15 +9,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from robocorba import logs
-from robocorba.errors import NotReachable, UnknownFloor
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.maps import RemoteMap
+from robocorba.corba.remote.simulation import RemoteSimulation
+from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
 from robocorba.names import SENSORS
-from robocorba.orb import Orb
-from robocorba.remote.maps import RemoteMap
-from robocorba.remote.simulation import RemoteSimulation
 from robocorba.repeating import Repeating
 from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
-from robocorba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.settings import SensorSettings
 
 #: Floors are followed, the map is asked for edits, and the simulation server is told that we are here, so often, s.

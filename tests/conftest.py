@@ -19,7 +19,7 @@ from robocorba.missions import carry
 from robocorba.planning.planner import PathPlanner
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation import omni_database, physics
-from tests.maps.buildings import two_floors
+from robocorba.testing.buildings import two_floors
 
 # The same examples in each run, so that it says the same on every machine; `--hypothesis-profile random` looks for
 # new ones. How long examples take to make says something of the machine and its load, nothing of what is tested.

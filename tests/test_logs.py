@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba import logs
-from robocorba.errors import ServiceError
+from robocorba.errors.services import ServiceError
 
 
 def run(folder: Path, code: str) -> subprocess.CompletedProcess[str]:

@@ -15,11 +15,13 @@ import pytest
 
 from robocorba import __version__
 from robocorba.settings import Address
-from tests.system.processes import Launcher, Running, claimed_ports, read_json
+from robocorba.testing.processes import Launcher, Running, claimed_ports, read_json
 
 pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).resolve().parents[1]
+#: Folders of the checkout that the package holds too.
+OF_CHECKOUT = ("servers", "clients")
 NOT_SOURCE = shutil.ignore_patterns(".*", "__pycache__", "build", "*.egg-info", "stubs", "results", "demo-output")
 
 
@@ -60,14 +62,16 @@ def run(*command: str, **more: str) -> str:
 def test_the_wheel_holds_everything(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
-    for folder, pattern in (("robocorba", "*.py"), ("servers", "*.py"), ("clients", "*.py")):
-        sources = {file.relative_to(ROOT).as_posix() for file in (ROOT / folder).rglob(pattern)}
-        assert {name for name in sources if "/stubs/" not in name} - names == set()
+    sources = {file.relative_to(ROOT).as_posix() for file in (ROOT / "robocorba").rglob("*.py")}
+    sources |= {
+        f"robocorba/{file.relative_to(ROOT).as_posix()}" for of in OF_CHECKOUT for file in (ROOT / of).glob("*.py")
+    }
+    assert {name for name in sources if "/stubs/" not in name} - names == set()
+    assert {name.split("/")[0] for name in names if not name.split("/")[0].endswith(".dist-info")} == {"robocorba"}
     assert {f"robocorba/idl/{file.name}" for file in (ROOT / "idl").glob("*.idl")} - names == set()
     assert {f"robocorba/samples/{file.name}" for file in (ROOT / "robocorba" / "samples").iterdir()} - names == set()
     for stub in ("RoboCorba/__init__.py", "RoboCorba__POA/__init__.py", "map_editor_idl.py", "path_planner_idl.py"):
         assert f"robocorba/stubs/{stub}" in names
-    assert [name for name in names if name.startswith(("tests/", "bench/", "build/"))] == []
     assert [name for name in names if name.endswith(".pyc")] == []
 
 
@@ -79,8 +83,25 @@ def test_stubs_are_made_by_what_is_installed_beside_python(tmp_path: Path) -> No
 
 def test_it_is_the_wheel_that_runs(installed: Path) -> None:
     assert run(str(installed / "robocorba"), "version").strip() == __version__
-    where = run(str(installed / "python"), "-c", "import robocorba.stubs, servers; print(robocorba.__file__)")
+    where = run(str(installed / "python"), "-c", "import robocorba.stubs, robocorba.servers; print(robocorba.__file__)")
     assert Path(where.strip()).is_relative_to(installed.parent)
+
+
+HOSTILE = ("clients/__init__", "clients/robot", "servers/__init__", "servers/simulation", "robocorba/__init__", "numpy")
+
+
+def test_modules_in_the_current_folder_are_not_run(installed: Path, tmp_path: Path) -> None:
+    """What `robocorba` starts comes from the package, whatever lies where the user happens to be."""
+    for name in HOSTILE:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / f"{name}.py").write_text("import sys\nsys.exit('a stranger was run')\n")
+    robocorba, plain = str(installed / "robocorba"), {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": ""}
+    with claimed_ports() as port, Launcher(tmp_path) as launch:
+        up = launch(robocorba, "up", "--state", "state", "--naming-port", str(port), **plain)
+        Running(up, tmp_path / "state", Address("127.0.0.1", port)).wait_ready()
+        robot = launch(robocorba, "robot", "A", "--naming", f"127.0.0.1:{port}", "--state", "state", **plain)
+        assert robot.stdout is not None and robot.stderr is not None
+        assert robot.stdout.readline() == "ready\n", robot.stderr.read()
 
 
 def test_the_servers_run_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
@@ -96,7 +117,9 @@ def test_the_servers_run_outside_the_checkout(installed: Path, tmp_path: Path) -
             *("omniNames", "map_editor", "simulation", "sensor_s1", "events_main")
         ]
         assert {process["state"] for process in found} == {"running"}
-        client = run(str(installed / "python"), "-m", "clients.get_path", *["L1", "3", "4", "L3", "10", "2"], naming)
+        client = run(
+            str(installed / "python"), "-m", "robocorba.clients.get_path", *["L1", "3", "4", "L3", "10", "2"], naming
+        )
         assert "ELEVATOR_ENTRY E" in client and "GOAL" in client.splitlines()[-1]
         assert running.stop() == 0
         assert running.left_behind() == []

@@ -4,65 +4,51 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-DOMAIN = (
-    "robocorba/control/",
-    "robocorba/data_pool/",
-    "robocorba/kinematics/",
-    "robocorba/maps/",
-    "robocorba/missions/",
-    "robocorba/planning/",
-    "robocorba/programs/",
-    "robocorba/smartpal/",
-    "robocorba/events/",
-    "robocorba/sensing/",
-    "robocorba/simulation/",
-    "robocorba/errors.py",
-    "robocorba/frames.py",
-)
-SERVANTS = "robocorba/servants/"
-#: What knows the classes that omniidl made: to translate, to derive from them, or to narrow to them.
-STUBS_IN = (
-    SERVANTS,
-    "robocorba/conversion/",
-    "robocorba/remote/",
-    "robocorba/event_client.py",
-    "robocorba/commands/",
-    "robocorba/supervision/",
-)
-#: The package imports none of the programs that are built from it.
-PROGRAMS = {"servers", "clients", "bench", "tests"}
-CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA", "PortableServer"}
-ABOVE_DOMAIN = {
-    f"robocorba.{name}"
-    for name in (
-        "stubs",
-        "servants",
-        "commands",
-        "orb",
-        "naming",
-        "calls",
-        "conversion",
-        "remote",
-        "event_client",
-        "supervision",
-    )
+#: The domain, bottom up: each package and the packages that it imports. Nothing here knows the ORB.
+DOMAIN = {
+    "errors": "",
+    "spatial": "errors",
+    "events": "errors",
+    "maps": "errors spatial",
+    "motion": "errors spatial",
+    "kinematics": "errors spatial",
+    "smartpal": "errors spatial kinematics",
+    "planning": "errors spatial maps",
+    "data_pool": "errors spatial maps",
+    "simulation": "errors spatial maps planning",
+    "sensing": "errors spatial maps simulation",
+    "programs": "errors spatial kinematics planning sensing",
+    "collision_avoidance": "errors spatial maps motion kinematics data_pool",
+    "control": "errors spatial maps motion kinematics planning simulation sensing programs collision_avoidance",
+    "missions": "errors spatial maps motion kinematics planning simulation programs control",
 }
-#: Servants get what they need handed over.
+#: Modules of robocorba/ itself that every package may use.
+COMMON = {"robocorba.__version__", "robocorba.kernels", "robocorba.record_file", "robocorba.repeating"}
+#: What may know the ORB and the classes that omniidl made.
+ORB_LAYER = ("robocorba/corba/", "robocorba/commands/", "robocorba/supervision/", "robocorba/testing/")
+SERVANTS = "robocorba/corba/servants/"
+#: A servant gets what it needs handed over.
 AROUND_SERVANTS = {
-    f"robocorba.{name}" for name in ("orb", "naming", "remote", "commands", "supervision", "settings", "logs")
+    *(f"robocorba.corba.{name}" for name in ("orb", "naming", "remote", "servants")),
+    *(f"robocorba.{name}" for name in ("commands", "supervision", "settings", "logs", "testing")),
 }
-#: Where the environment is read: our variables, and numba's own.
-ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernels.py")
+CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA", "PortableServer"}
+#: The package imports none of the programs that are built from it.
+PROGRAMS = {"servers", "clients", "robocorba.servers", "robocorba.clients", "bench", "tests"}
+#: Where the environment is read: our variables, and numba's own. Processes of tests inherit theirs.
+ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernels.py", "robocorba/testing/")
 
 
 def faults(path: str, text: str) -> list[str]:
-    """The rules that a source breaks; `path` is relative to the repository, with slashes."""
+    """The rules that a source of robocorba/ breaks; `path` is relative to the repository, with slashes."""
     tree = ast.parse(text)
     used = set(imports(path, tree))
     names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
@@ -70,19 +56,22 @@ def faults(path: str, text: str) -> list[str]:
     words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
     found = [f"imports the program {name}" for name in within(used, PROGRAMS)]
-    if path.startswith(DOMAIN):
-        found += [f"domain code imports {name}" for name in within(used, CORBA | ABOVE_DOMAIN)]
+    package = path.split("/")[1]
+    if package in DOMAIN:
+        allowed = {f"robocorba.{name}" for name in (package, *DOMAIN[package].split())} | COMMON
+        strange = used - set(within(used, allowed | PROGRAMS))
+        found += [f"domain code imports {name}" for name in within(strange, CORBA | {"robocorba"})]
+    elif not path.startswith(ORB_LAYER):
+        found += [f"imports {name}, which robocorba/corba/ is for" for name in within(used, {"robocorba.stubs"})]
     if path.startswith(SERVANTS):
-        found += [f"a servant imports {name}" for name in within(used, {"robocorba.servants", *AROUND_SERVANTS})]
+        found += [f"a servant imports {name}" for name in within(used, AROUND_SERVANTS)]
         taboo = {"ORB_init", "resolve", "string_to_object", "resolve_initial_references", "argv", "argparse"}
         found += [f"a servant uses {name}" for name in sorted(names & taboo)]
-    if not path.startswith(STUBS_IN):
-        found += [f"imports {name}, which conversion is for" for name in within(used, {"robocorba.stubs"})]
-    if path != "robocorba/orb.py" and "ORB_init" in names:
-        found.append("starts an ORB, which robocorba.orb is for")
+    if path != "robocorba/corba/orb.py" and "ORB_init" in names:
+        found.append("starts an ORB, which robocorba.corba.orb is for")
     if not path.startswith(ENVIRONMENT_IN):
         found += [f"reads the environment by {name}" for name in sorted(names & {"environ", "getenv", "environb"})]
-    if path != "robocorba/settings.py":
+    if path != "robocorba/settings.py" and not path.startswith("robocorba/testing/"):
         variables = sorted(word for word in words if re.fullmatch("ROBOCORBA_[A-Z_]+", word))
         found += [f"knows {name}, which robocorba.settings is for" for name in variables]
     return found
@@ -105,46 +94,112 @@ def within(used: set[str], packages: set[str]) -> list[str]:
     return sorted(name for name in used if any(f"{name}.".startswith(f"{package}.") for package in packages))
 
 
-SOURCES = sorted(file for file in (ROOT / "robocorba").rglob("*.py") if "stubs" not in file.parts)
+def sources(*tops: str) -> dict[str, Path]:
+    """By name as it is imported, the modules below some folders of the repository."""
+    found = {}
+    for top in tops:
+        start = "robocorba." if top in ("servers", "clients") else ""
+        for file in (ROOT / top).rglob("*.py"):
+            if "stubs" not in file.parts:
+                parts = file.relative_to(ROOT).with_suffix("").parts
+                found[start + ".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    return found
 
 
-def test_all_parts_are_looked_at() -> None:
-    looked_at = {file.relative_to(ROOT).as_posix() for file in SOURCES}
-    for part in (*DOMAIN, SERVANTS, *STUBS_IN, *ENVIRONMENT_IN, "robocorba/orb.py"):
-        assert any(file.startswith(part) for file in looked_at), part
+def arrows(modules: Mapping[str, Path]) -> nx.DiGraph:
+    """Which module imports which other one of these."""
+    graph = nx.DiGraph()
+    for name, file in modules.items():
+        for used in imports(file.relative_to(ROOT).as_posix(), ast.parse(file.read_text())):
+            module = used if used in modules else used.rpartition(".")[0]
+            if module in modules and module != name:
+                graph.add_edge(name, module)
+    return graph
 
 
-@pytest.mark.parametrize("file", SOURCES, ids=lambda file: file.relative_to(ROOT).as_posix())
+def folder(module: str, modules: Mapping[str, Path]) -> str:
+    """The folder of a module; one directly in robocorba/ stands for itself."""
+    if modules[module].name == "__init__.py" or (module.count(".") == 1 and module.startswith("robocorba.")):
+        return module
+    return module.rpartition(".")[0]
+
+
+OURS = {name: file for name, file in sources("robocorba").items() if name != "robocorba"}
+ALL = sources("robocorba", "servers", "clients", "bench", "tests")
+
+
+def test_the_rules_speak_of_what_is_there() -> None:
+    looked_at = {file.relative_to(ROOT).as_posix() for file in OURS.values()}
+    for part in (*(f"robocorba/{name}/" for name in DOMAIN), SERVANTS, *ORB_LAYER, *ENVIRONMENT_IN):
+        assert any(path.startswith(part) for path in looked_at), part
+
+
+@pytest.mark.parametrize("file", OURS.values(), ids=lambda file: file.relative_to(ROOT).as_posix())
 def test_every_source_keeps_the_rules(file: Path) -> None:
     assert faults(file.relative_to(ROOT).as_posix(), file.read_text()) == []
+
+
+def test_every_import_that_is_allowed_between_domain_packages_is_used() -> None:
+    used = defaultdict(set)
+    for one, other in arrows(OURS).edges:
+        used[one.split(".")[1]].add(other.split(".")[1])
+    for package, others in DOMAIN.items():
+        assert set(others.split()) - used[package] == set(), package
+
+
+def test_no_module_and_no_folder_imports_itself_over_others() -> None:
+    modules = arrows(ALL)
+    folders = nx.DiGraph((folder(one, ALL), folder(other, ALL)) for one, other in modules.edges)
+    folders.remove_edges_from(list(nx.selfloop_edges(folders)))
+    for graph in (modules, folders):
+        assert [sorted(circle) for circle in nx.strongly_connected_components(graph) if len(circle) > 1] == []
+
+
+def test_bench_and_tests_share_only_the_package() -> None:
+    """But for the tests of the benches themselves."""
+    between = [
+        (one, other)
+        for one, other in arrows(ALL).edges
+        if {one.split(".")[0], other.split(".")[0]} == {"bench", "tests"}
+    ]
+    assert [(one, other) for one, other in between if not one.startswith("tests.bench.")] == []
 
 
 @pytest.mark.parametrize(
     ("path", "text", "fault"),
     [
         ("robocorba/maps/x.py", "from omniORB import CORBA", "domain code imports omniORB.CORBA"),
-        ("robocorba/errors.py", "import CosNaming", "domain code imports CosNaming"),
-        ("robocorba/planning/x.py", "def f():\n    from robocorba import orb", "domain code imports robocorba.orb"),
-        ("robocorba/planning/x.py", "from .. import conversion", "domain code imports robocorba.conversion"),
-        ("robocorba/maps/formats/x.py", "from ...servants.a import b", "domain code imports robocorba.servants.a.b"),
+        ("robocorba/errors/x.py", "import CosNaming", "domain code imports CosNaming"),
+        (
+            "robocorba/planning/x.py",
+            "def f():\n    from robocorba.corba import orb",
+            "domain code imports robocorba.corba.orb",
+        ),
+        ("robocorba/planning/x.py", "from .. import corba", "domain code imports robocorba.corba"),
+        ("robocorba/maps/formats/x.py", "from ...corba.a import b", "domain code imports robocorba.corba.a.b"),
         ("robocorba/maps/x.py", "import robocorba.supervision", "domain code imports robocorba.supervision"),
         ("robocorba/maps/x.py", "import robocorba.commands.up as u", "domain code imports robocorba.commands.up"),
         ("robocorba/maps/x.py", "from robocorba.stubs import A", "domain code imports robocorba.stubs.A"),
-        ("robocorba/servants/x.py", "from robocorba.servants import y", "a servant imports robocorba.servants.y"),
-        ("robocorba/servants/x.py", "from .y import Z", "a servant imports robocorba.servants.y.Z"),
-        ("robocorba/servants/x.py", "from robocorba.orb import Orb", "a servant imports robocorba.orb.Orb"),
-        ("robocorba/servants/x.py", "import robocorba.naming", "a servant imports robocorba.naming"),
-        ("robocorba/servants/x.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
-        ("robocorba/servants/x.py", "import sys\nsys.argv", "a servant uses argv"),
-        ("robocorba/servants/x.py", "from sys import argv", "a servant uses argv"),
-        ("robocorba/servants/x.py", "CORBA.ORB_init([])", "a servant uses ORB_init"),
+        ("robocorba/maps/x.py", "from robocorba.planning.x import A", "domain code imports robocorba.planning.x.A"),
+        (
+            "robocorba/events/x.py",
+            "from robocorba.maps.model import Wall",
+            "domain code imports robocorba.maps.model.Wall",
+        ),
+        (SERVANTS + "x.py", "from robocorba.corba.servants import y", "a servant imports robocorba.corba.servants.y"),
+        (SERVANTS + "x.py", "from .y import Z", "a servant imports robocorba.corba.servants.y.Z"),
+        (SERVANTS + "x.py", "from robocorba.corba.orb import Orb", "a servant imports robocorba.corba.orb.Orb"),
+        (SERVANTS + "x.py", "import robocorba.corba.naming", "a servant imports robocorba.corba.naming"),
+        (SERVANTS + "x.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
+        (SERVANTS + "x.py", "import sys\nsys.argv", "a servant uses argv"),
+        (SERVANTS + "x.py", "from sys import argv", "a servant uses argv"),
+        (SERVANTS + "x.py", "CORBA.ORB_init([])", "a servant uses ORB_init"),
         ("robocorba/logs.py", "from servers import map_editor", "imports the program servers.map_editor"),
-        ("robocorba/commands/x.py", "import clients.demo", "imports the program clients.demo"),
-        ("robocorba/x.py", "from tests.maps import buildings", "imports the program tests.maps.buildings"),
+        ("robocorba/commands/x.py", "import robocorba.clients.demo", "imports the program robocorba.clients.demo"),
+        ("robocorba/maps/x.py", "from tests.maps import buildings", "imports the program tests.maps.buildings"),
         ("robocorba/x.py", "import bench", "imports the program bench"),
-        ("robocorba/orb.py", "from robocorba.stubs import R", "imports robocorba.stubs.R, which conversion is for"),
-        ("robocorba/commands/x.py", "CORBA.ORB_init([])", "starts an ORB, which robocorba.orb is for"),
-        ("robocorba/commands/x.py", "from omniORB.CORBA import ORB_init", "starts an ORB, which robocorba.orb is for"),
+        ("robocorba/x.py", "from robocorba.stubs import R", "imports robocorba.stubs.R, which robocorba/corba/ is for"),
+        ("robocorba/commands/x.py", "CORBA.ORB_init([])", "starts an ORB, which robocorba.corba.orb is for"),
         ("robocorba/logs.py", "import os\nos.environ['HOME']", "reads the environment by environ"),
         ("robocorba/logs.py", "from os import getenv", "reads the environment by getenv"),
         ("robocorba/logs.py", "f('ROBOCORBA_STATE')", "knows ROBOCORBA_STATE, which robocorba.settings is for"),
@@ -157,10 +212,11 @@ def test_each_rule_can_be_broken(path: str, text: str, fault: str) -> None:
 @pytest.mark.parametrize(
     ("path", "text"),
     [
-        ("robocorba/maps/x.py", "from robocorba.maps.model import Wall\nimport robocorba.errors"),
+        ("robocorba/maps/x.py", "from robocorba.maps.model import Wall\nimport robocorba.errors.base"),
         ("robocorba/maps/x.py", "'not omniORB'  # import omniORB"),
-        ("robocorba/servants/x.py", "from robocorba.stubs import RoboCorba__POA\nfrom robocorba import conversion"),
-        ("robocorba/orb.py", "from omniORB import CORBA\nCORBA.ORB_init([])"),
+        ("robocorba/planning/x.py", "from robocorba.kernels import kernel"),
+        (SERVANTS + "x.py", "from robocorba.stubs import RoboCorba__POA\nfrom robocorba.corba import conversion"),
+        ("robocorba/corba/orb.py", "from omniORB import CORBA\nCORBA.ORB_init([])"),
         ("robocorba/settings.py", "import os\nos.environ['ROBOCORBA_STATE']"),
         ("robocorba/commands/x.py", "option(help='The state folder [ROBOCORBA_STATE].')"),
         ("robocorba/commands/x.py", "import testsuite, serversomething"),

@@ -9,7 +9,7 @@ import av
 import pytest
 from PIL import Image
 
-from robocorba.errors import VideoError
+from robocorba.errors.simulation import VideoError
 from robocorba.video import VideoFile
 
 COLOURS = ["red", "lime", "blue", "white", "black"]

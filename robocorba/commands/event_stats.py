@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.calls import describe
-from robocorba.errors import NotReachable
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 #: For each channel to answer.

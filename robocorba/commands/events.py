@@ -18,15 +18,16 @@ from omniORB import CORBA
 
 from robocorba.commands import event_stats
 from robocorba.commands.reporting import reporting
-from robocorba.errors import InvalidEvent, NotReachable
+from robocorba.corba.orb import Orb
+from robocorba.errors.events import InvalidEvent
+from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
 if TYPE_CHECKING:
-    from robocorba.event_client import Event, EventClient
+    from robocorba.corba.event_client import Event, EventClient
 
 #: For a channel to be found.
 FIND_S = 3.0
@@ -219,7 +220,7 @@ def _arriving(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
 
 
 def _connected(orb: Orb, channel: str) -> EventClient:
-    from robocorba.event_client import EventClient
+    from robocorba.corba.event_client import EventClient
 
     return EventClient(orb, channel, timeout_s=FIND_S)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from robocorba.errors import RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
 
 if TYPE_CHECKING:
     from robocorba.maps.checking import Finding
@@ -154,7 +154,7 @@ def check(
 
 def _with_roads(building: Building, floor: str, radius_m: float) -> Building:
     """The building with roads on a floor that has none, by way of its nodes; says what was drawn."""
-    from robocorba.maps.formats.losses import listed
+    from robocorba.maps.losses import listed
     from robocorba.maps.topology import topological_map
 
     entry = building.floors[floor]

@@ -16,16 +16,17 @@ from rich.table import Table
 
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import Stop, progress
-from robocorba.errors import InvalidRequest, NotReachable, ServiceError
+from robocorba.corba.orb import Orb
+from robocorba.errors.paths import InvalidRequest
+from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.names import MISSIONS
-from robocorba.orb import Orb
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
+    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.missions.record import KeptPlan
     from robocorba.programs.icons import Destination
-    from robocorba.remote.agents import RemoteAgent
-    from robocorba.remote.data_pool import RemotePool
 
 LOOK_S, AWAY_LIMIT_S = 0.2, 10.0
 
@@ -46,10 +47,10 @@ def move_table(
     naming: Naming = None,
 ) -> None:
     """Carry a table somewhere. The leader looks for helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
+    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.programs.builder import ProgramBuilder
     from robocorba.programs.program import dumps
-    from robocorba.remote.agents import RemoteAgent
-    from robocorba.remote.data_pool import RemotePool
 
     stop = Stop()
     with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
@@ -65,7 +66,7 @@ def move_table(
 @app.command()
 def status(leader: LeaderName, naming: Naming = None) -> None:
     """The mission that a robot leads, or led last: its phase, and who does what."""
-    from robocorba.remote.data_pool import RemotePool
+    from robocorba.corba.remote.data_pool import RemotePool
 
     with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
         kept = _latest(RemotePool.of_robot(orb, leader, 3.0))
@@ -86,7 +87,7 @@ def status(leader: LeaderName, naming: Naming = None) -> None:
 @app.command()
 def abort(leader: LeaderName, naming: Naming = None) -> None:
     """End the mission that a robot leads: all put down what they hold, and are free."""
-    from robocorba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.agents import RemoteAgent
 
     with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
         RemoteAgent(orb, leader).abort()

@@ -15,12 +15,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.calls import describe
-from robocorba.conversion import errors as idl_errors
-from robocorba.conversion import paths
-from robocorba.errors import InvalidRequest, RoboCorbaError
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import errors as idl_errors
+from robocorba.corba.conversion import paths
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
-from robocorba.orb import Orb
 from robocorba.planning.request import (
     SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED,

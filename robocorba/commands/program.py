@@ -18,8 +18,8 @@ from rich.tree import Tree
 
 from robocorba.commands.path import parse_place
 from robocorba.commands.reporting import reporting
-from robocorba.errors import InvalidProgram
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
+from robocorba.errors.robots import InvalidProgram
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _planner(building: str | None, naming: str | None) -> Iterator[Planner | Non
 
         yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
     elif naming:
-        from robocorba.remote.paths import RemotePlanner
+        from robocorba.corba.remote.paths import RemotePlanner
 
         with Orb(Settings.read(naming=naming).naming) as orb:
             yield RemotePlanner(orb)

@@ -18,13 +18,14 @@ from rich.console import Console
 from robocorba.commands.program import app, read
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import Stop
-from robocorba.errors import IllegalOrder, NotReachable
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
+from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.services import NotReachable
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.control.agent import AgentState
-    from robocorba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.agents import RemoteAgent
 
 #: The robot is asked how it gets on so often, s; one that does not answer for so long is given up.
 LOOK_S, AWAY_LIMIT_S = 0.1, 10.0
@@ -43,8 +44,8 @@ def run(
     """Run a program on a robot, and tell each icon that begins. Ctrl-C ends the program; the robot stands.
 
     Exit code 0 if it ended done. In a terminal p pauses, s steps, r resumes, q ends."""
+    from robocorba.corba.remote.agents import RemoteAgent
     from robocorba.programs.program import dumps
-    from robocorba.remote.agents import RemoteAgent
 
     stop = Stop()
     with reporting("program run"), Orb(Settings.read(naming=naming).naming) as orb:
@@ -126,7 +127,7 @@ def _keys() -> Iterator[int | None]:
 
 
 def _order(name: str, what: str, naming: str | None) -> None:
-    from robocorba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.agents import RemoteAgent
 
     with reporting(f"program {what}"), Orb(Settings.read(naming=naming).naming) as orb:
         getattr(RemoteAgent(orb, name), what)()

@@ -10,10 +10,10 @@ import typer
 
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
-from robocorba.errors import NotReachable
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.floors import RemoteFloors
+from robocorba.errors.services import NotReachable
 from robocorba.maps import native
-from robocorba.orb import Orb
-from robocorba.remote.floors import RemoteFloors
 from robocorba.settings import Settings
 from robocorba.simulation.recording import Recorder
 from robocorba.stubs import RoboCorba

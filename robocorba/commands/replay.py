@@ -17,10 +17,10 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import Scene, as_tables, elevators, robots, show
 from robocorba.commands.waiting import Stop, progress
 from robocorba.commands.watch import SHOW_S
-from robocorba.errors import StateDamaged
+from robocorba.errors.simulation import StateDamaged
 from robocorba.settings import InvalidSetting
-from robocorba.simulation.floor_update import FloorView
 from robocorba.simulation.recording import Recording
+from robocorba.spatial.floor_update import FloorView
 
 #: The floor as a PNG file, so many seconds after the recording's begin.
 Draw = Callable[[float, FloorView], bytes]

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import typer
 from omniORB import CORBA
 
-from robocorba.calls import describe
-from robocorba.conversion import errors as idl_errors
-from robocorba.errors import RoboCorbaError
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import errors as idl_errors
+from robocorba.errors.base import RoboCorbaError
 
 
 @contextlib.contextmanager

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import sys
 import threading
 from typing import Annotated
 
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.errors import RoboCorbaError
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Settings
+from robocorba.supervision.launch import module_command
 
 #: Whoever does not confirm an emergency stop within this is told of, s.
 STOP_LIMIT_S = 5.0
@@ -26,8 +26,8 @@ def robot(context: typer.Context) -> None:
     [-- ...].
 
     It logs on, is bound as RoboCorba/Robots/NAME, and goes on until Ctrl-C or SIGTERM. `--help` tells more."""
-    arguments = [sys.executable, "-m", "clients.robot", *context.args]
-    os.execv(sys.executable, arguments)
+    command = module_command("robocorba.clients.robot", *context.args)
+    os.execv(command[0], command)
 
 
 def stop(
@@ -39,7 +39,7 @@ def stop(
     """Emergency: a robot stands as soon as it can, and stays so until `--reset`."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
-    from robocorba.remote.agents import RemoteAgent, robots
+    from robocorba.corba.remote.agents import RemoteAgent, robots
 
     with reporting("stop"), Orb(Settings.read(naming=naming).naming) as orb:
         failed: dict[str, str] = {}
@@ -71,7 +71,7 @@ def switch(
     naming: Naming = None,
 ) -> None:
     """Put the actual robot behind a robot's agent, or the virtual one. Not while a program runs."""
-    from robocorba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.agents import RemoteAgent
 
     with reporting("switch"), Orb(Settings.read(naming=naming).naming) as orb:
         agent = RemoteAgent(orb, name)

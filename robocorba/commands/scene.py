@@ -13,12 +13,12 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from robocorba.calls import describe
 from robocorba.commands.waiting import FIND_AGAIN_S
-from robocorba.errors import NotReachable
-from robocorba.orb import Orb
-from robocorba.remote.floors import CALL_LIMIT_S, RemoteFloors
-from robocorba.simulation.floor_update import BodyKind, FloorView
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.floors import CALL_LIMIT_S, RemoteFloors
+from robocorba.errors.services import NotReachable
+from robocorba.spatial.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba
 
 #: What is known of a robot, an elevator, a sensor process or the server.

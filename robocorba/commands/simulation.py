@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.errors import NotReachable
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
 from robocorba.names import ADMINISTRATOR
-from robocorba.orb import Orb
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 

@@ -13,8 +13,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from robocorba.errors import NotReachable, RoboCorbaError
-from robocorba.orb import CONTEXT, Orb
+from robocorba.corba.orb import CONTEXT, Orb
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
 from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from robocorba.errors import RoboCorbaError
-from robocorba.naming import corbaname
+from robocorba.corba.naming import corbaname
+from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from robocorba.errors import NotReachable
+from robocorba.errors.services import NotReachable
 
 #: For a server to be found at first, and once more in each attempt after it was lost.
 FIND_S, FIND_AGAIN_S = 3.0, 0.5

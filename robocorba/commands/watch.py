@@ -13,14 +13,14 @@ from omniORB import CORBA
 from rich.console import Console
 from rich.live import Live
 
-from robocorba.calls import describe
 from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import Scene, System, as_json, as_tables, show
 from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
-from robocorba.conversion import errors as idl_errors
-from robocorba.errors import NotReachable
-from robocorba.orb import Orb
-from robocorba.remote.floors import CALL_LIMIT_S
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import errors as idl_errors
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.floors import CALL_LIMIT_S
+from robocorba.errors.services import NotReachable
 from robocorba.settings import InvalidSetting, Settings
 from robocorba.stubs import RoboCorba
 

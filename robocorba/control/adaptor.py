@@ -7,7 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
-from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.motion.robot_state import ActorCommand, RobotState
 
 
 class RobotAdaptor(ABC):

@@ -10,34 +10,27 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import NamedTuple, Protocol, TypeVar
 
-from robocorba.control import adaptors
-from robocorba.control.adaptors import Surroundings
+from robocorba.collision_avoidance.neighbours import Nearby
+from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
-from robocorba.control.nearby import Nearby
+from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.control.runner import Begun, Others, Report, Result, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
-from robocorba.errors import (
-    AdaptorFailed,
-    IllegalOrder,
-    InvalidChoice,
-    MotionFailed,
-    RoboCorbaError,
-    RobotError,
-    RobotLost,
-    SimulationError,
-    UnknownFloor,
-)
-from robocorba.frames import into, turned
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
+from robocorba.errors.simulation import InvalidChoice, SimulationError
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.programs.base_checks import Planner
 from robocorba.programs.program import Program
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
+from robocorba.spatial.frames import into, turned
 
 #: The robot's body in the building goes where an actual robot goes: so much of what is missing in a second, 1/s, and
 #: how long each command holds, s.
@@ -150,7 +143,7 @@ class ControlAgent:
             if controller is None:
                 raise IllegalOrder("switch to another robot", "was never started")
             argv_before = controller.argv
-            adaptors.make(adaptor, self._surroundings)  # an unknown one changes nothing
+            model_switcher.make(adaptor, self._surroundings)  # an unknown one changes nothing
             controller.close()
             try:
                 self._take(adaptor, argv)
@@ -298,7 +291,7 @@ class ControlAgent:
     # ---- inside ----
 
     def _take(self, adaptor: str, argv: Sequence[str]) -> None:
-        made = adaptors.make(adaptor, self._surroundings)
+        made = model_switcher.make(adaptor, self._surroundings)
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building

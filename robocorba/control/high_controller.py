@@ -15,13 +15,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.motion import Motion, Wish
-from robocorba.control.priority import be_punctual
-from robocorba.control.robot_state import STANDING, ActorCommand, RobotState, Velocity
-from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
-from robocorba.frames import turned
-from robocorba.grids import Floats
-from robocorba.simulation.pose import Limits
+from robocorba.control.realtime import be_punctual
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
+from robocorba.motion.motion import Motion, Wish
+from robocorba.motion.robot_state import STANDING, ActorCommand, RobotState, Velocity
+from robocorba.spatial.frames import turned
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import Limits
 
 TICK_S = 0.02
 #: A body in the building that has stood without a motion for so long is asked and told less often, s: many robots that

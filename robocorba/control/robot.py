@@ -14,27 +14,30 @@ from itertools import product
 
 import numpy as np
 
-from robocorba.control.aside import aside
-from robocorba.control.course import Course
-from robocorba.control.driving import Drive, DriveAt, DriveBy, Stand
-from robocorba.control.giving_way import Blocked, GiveWay
+from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
+from robocorba.collision_avoidance.neighbours import Nearby, Other
+from robocorba.collision_avoidance.stepping_aside import aside
+from robocorba.collision_avoidance.temporary_obstacles import Standing
+from robocorba.control.execution_control import Course
 from robocorba.control.high_controller import HighController
-from robocorba.control.joint_motion import GripMotion, JointMotion
-from robocorba.control.motion import Motion
-from robocorba.control.nearby import Nearby, Other
-from robocorba.control.robot_state import Velocity
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
-from robocorba.control.standing import Standing
-from robocorba.errors import MotionFailed, NotReachable, PathError, RoboCorbaError, RobotLost
-from robocorba.frames import out_of
-from robocorba.grids import Floats
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import PathError
+from robocorba.errors.robots import MotionFailed, RobotLost
+from robocorba.errors.services import NotReachable
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
-from robocorba.maps.model import XY
+from robocorba.motion.driving import Drive, DriveAt, DriveBy, Stand
+from robocorba.motion.joint_motion import GripMotion, JointMotion
+from robocorba.motion.motion import Motion
+from robocorba.motion.robot_state import Velocity
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.programs.base_checks import Planner
 from robocorba.simulation.elevator import Phase
+from robocorba.spatial.frames import out_of
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import XY
 
 #: A robot calls an elevator from so far before the middle of its cabin, m: outside its doors.
 CALL_AT_M = 2.0

@@ -13,9 +13,10 @@ from enum import Enum
 from functools import singledispatchmethod
 from typing import Any, NamedTuple, Protocol
 
-from robocorba.control.course import LOOK_S, Aborted, SensorStop
+from robocorba.control.execution_control import LOOK_S, Aborted, SensorStop
 from robocorba.control.robot import Robot
-from robocorba.errors import MotionFailed, RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MotionFailed
 from robocorba.programs import hands, icons
 from robocorba.programs.icons import Condition, Icon, Outcome, kind, sides
 from robocorba.programs.program import Program, walk

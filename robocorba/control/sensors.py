@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from robocorba.control.robot_state import RobotState
 from robocorba.control.session import BuildingSession
-from robocorba.grids import Floats
+from robocorba.motion.robot_state import RobotState
 from robocorba.programs.icons import PROXIMITY_SENSORS
 from robocorba.sensing.fan import LASER, PROXIMITY
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.registry import Pose
+from robocorba.spatial.grids import Floats
 
 WAIST = Mount()
 

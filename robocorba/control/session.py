@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from robocorba.control.robot_state import Velocity
-from robocorba.grids import Floats
 from robocorba.maps.polygons import FloorArea
+from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.reservations import Reservation
+from robocorba.spatial.grids import Floats
 
 
 class SessionState(NamedTuple):

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.adaptors import Surroundings
-from robocorba.control.robot_state import ActorCommand, RobotState
+from robocorba.control.model_switcher import Surroundings
 from robocorba.control.session import BuildingSession
 from robocorba.control.virtual_controller import VirtualController
-from robocorba.errors import AdaptorFailed, SimulationError, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.robots import AdaptorFailed
+from robocorba.errors.simulation import SimulationError
 from robocorba.kinematics.smartpal import ACCELERATION, JOINTS, LOWER, SPEED, UPPER
+from robocorba.motion.robot_state import ActorCommand, RobotState
 
 #: The joints follow in steps of so much at most, s.
 JOINT_STEP_S = 0.01

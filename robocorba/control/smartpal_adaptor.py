@@ -18,11 +18,12 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.robot_state import ActorCommand, RobotState
-from robocorba.errors import AdaptorFailed, RoboCorbaError
-from robocorba.frames import turned
-from robocorba.grids import Floats
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import AdaptorFailed
 from robocorba.kinematics.smartpal import ACCELERATION, ARM, BASE, GRIP, JOINTS, LOWER, LUMBAR, SPEED, UPPER, Side
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.spatial.frames import turned
+from robocorba.spatial.grids import Floats
 
 #: How long the robot may take until all of its units are ready, s.
 START_LIMIT_S = 10.0

@@ -14,9 +14,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
-from robocorba.control.robot_state import ActorCommand, RobotState
-from robocorba.errors import RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.smartpal import JOINTS
+from robocorba.motion.robot_state import ActorCommand, RobotState
 
 #: In this order: which robot does what, where it was, and what it was told then, in m, rad, m/s, rad/s, s.
 COLUMNS = (

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robocorba.grids import Floats
+from robocorba.spatial.grids import Floats
 
 #: How stiffly a joint is led to where it shall be, 1/s.
 GAIN = 20.0

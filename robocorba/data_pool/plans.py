@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robocorba.errors import InvalidPlan, StalePlan, UnknownPlan
+from robocorba.errors.robots import InvalidPlan, StalePlan, UnknownPlan
 
 MAX_PLANS, MAX_NAME, MAX_CONTENT = 100, 200, 1024 * 1024
 #: All contents together, so that they fit into one message.

@@ -15,10 +15,12 @@ from typing import Protocol
 from robocorba.data_pool.snapshot import NO_ELEVATORS, NO_MOTIONS, NOBODY, Bodies, Near, Snapshot
 from robocorba.data_pool.things import Thing
 from robocorba.data_pool.walls import Nearest, Walls
-from robocorba.errors import NotReachable, OutOfStep, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import OutOfStep
 from robocorba.maps.model import Building
-from robocorba.simulation.elevator import Moment
-from robocorba.simulation.floor_update import FloorUpdate, FloorView
+from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
 
 class Source(Protocol):

@@ -15,10 +15,10 @@ from shapely import Point
 
 from robocorba.data_pool.things import Thing, fixed, moving
 from robocorba.data_pool.walls import Nearest, Walls, nearest_of
-from robocorba.errors import InvalidPoint, InvalidRequest
-from robocorba.grids import Floats, Longs
-from robocorba.simulation.elevator import Moment
-from robocorba.simulation.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
+from robocorba.errors.paths import InvalidPoint, InvalidRequest
+from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
+from robocorba.spatial.grids import Floats, Longs
 
 
 class Near(NamedTuple):

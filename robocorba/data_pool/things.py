@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from robocorba.frames import out_of
-from robocorba.maps.model import XY, MapObject
+from robocorba.maps.model import MapObject
 from robocorba.maps.movable import outline
-from robocorba.simulation.floor_update import Body, BodyKind
+from robocorba.spatial.floor_update import Body, BodyKind
+from robocorba.spatial.frames import out_of
+from robocorba.spatial.pose import XY
 
 
 class Thing(NamedTuple):

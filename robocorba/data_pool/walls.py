@@ -9,11 +9,11 @@ import shapely
 from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import UnknownFloor
+from robocorba.errors.paths import UnknownFloor
 from robocorba.maps.geometry import blocking
 from robocorba.maps.model import Building, Elevator, Floor, GeometricalMap
 from robocorba.maps.movable import landing_doors, movables
-from robocorba.simulation.elevator import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, Moment
 
 
 class Nearest(NamedTuple):

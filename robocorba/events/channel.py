@@ -11,7 +11,7 @@ import threading
 import time
 from typing import NamedTuple, Protocol
 
-from robocorba.errors import ProxyGone
+from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
 from robocorba.events.event import Header, Run
 from robocorba.events.federation import Federation

@@ -12,7 +12,7 @@ from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from robocorba.errors import InvalidEvent
+from robocorba.errors.events import InvalidEvent
 
 MAX_NAME = 200
 #: Larger ones belong into a file or a stream; they would hold up everything behind them on a link.

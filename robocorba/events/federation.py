@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from robocorba.errors import InvalidPeer
+from robocorba.errors.events import InvalidPeer
 from robocorba.events.subscription import MAX_UNION, Pattern
 
 #: Channels of one federation.

@@ -16,7 +16,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from robocorba.errors import NotDelivered, SessionOver
+from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events.account import Account, Totals
 from robocorba.events.event import Encoding, Run, merged
 from robocorba.events.queue import EventQueue, QueuePolicy

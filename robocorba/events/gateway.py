@@ -13,7 +13,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from robocorba.errors import InvalidPeer, NotReachable, SessionOver
+from robocorba.errors.events import InvalidPeer, SessionOver
+from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import Run

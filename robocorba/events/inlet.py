@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.errors import ClientGone, Disconnected, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, Disconnected, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events.account import Account, Totals
 from robocorba.events.clients import Client, Supplier
 from robocorba.events.event import Run

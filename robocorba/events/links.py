@@ -13,7 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from robocorba.errors import InvalidPeer, ServiceError, SessionOver, UnknownPeer
+from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
+from robocorba.errors.services import ServiceError
 from robocorba.events.channel import Channel
 from robocorba.events.event import Run
 from robocorba.events.federation import MAX_CHANNELS, Notice, check_name

@@ -10,7 +10,7 @@ import time
 from enum import Enum
 from typing import Any
 
-from robocorba.errors import Disconnected, ProxyGone
+from robocorba.errors.events import Disconnected, ProxyGone
 from robocorba.events.account import Account, Totals
 from robocorba.events.clients import Client
 from robocorba.events.correlation import Correlator

@@ -11,14 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
 from typing import Any, NamedTuple
 
-from robocorba.errors import (
-    AlreadyConnected,
-    ProxyGone,
-    RoboCorbaError,
-    ServiceError,
-    TooManyProxies,
-    UnknownSubscription,
-)
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.events import AlreadyConnected, ProxyGone, TooManyProxies, UnknownSubscription
+from robocorba.errors.services import ServiceError
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
 from robocorba.events.clients import Client, Clients, Consumer

@@ -18,13 +18,13 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from robocorba.errors import ClientGone, EventError, NotDelivered, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, EventError, NotDelivered, Refused, Unconfirmed
+from robocorba.events.call_limiter import Turns
 from robocorba.events.clients import Consumer
 from robocorba.events.event import Run, merged
 from robocorba.events.outlet import Condition, Outlet
 from robocorba.events.queue import Item, QueuePolicy
 from robocorba.events.subscription import Fit, Subscription
-from robocorba.events.turns import Turns
 
 #: Longest call from a supplier's thread: what one consumer that hangs costs the others, once.
 INLINE_LIMIT_S = 0.05

@@ -7,7 +7,7 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple, TypeAlias
 
-from robocorba.errors import InvalidQueue
+from robocorba.errors.events import InvalidQueue
 from robocorba.events.event import Run, Together
 
 Item: TypeAlias = Run | Together

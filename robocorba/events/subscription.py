@@ -8,7 +8,7 @@ from functools import lru_cache
 from itertools import chain
 from typing import NamedTuple
 
-from robocorba.errors import InvalidSubscription
+from robocorba.errors.events import InvalidSubscription
 from robocorba.events.event import MAX_NAME
 
 MAX_CLAUSES = 200

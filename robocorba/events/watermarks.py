@@ -13,7 +13,7 @@ import struct
 from pathlib import Path
 from types import TracebackType
 
-from robocorba.errors import ServiceError
+from robocorba.errors.services import ServiceError
 
 #: Origins that are remembered; one more, and the one that was silent for the longest is forgotten.
 MAX_ORIGINS = 256

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS, LOWER, UPPER, Side
+from robocorba.spatial.grids import Floats
 
 #: Links that overlap by less than this only lean on each other, m.
 _TOUCH_M = 1e-4

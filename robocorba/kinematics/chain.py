@@ -13,9 +13,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from robocorba.grids import Floats, Longs
 from robocorba.kernels import kernel
 from robocorba.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
+from robocorba.spatial.grids import Floats, Longs
 
 #: What a turn of the hand counts as: a radian as much as this way.
 TURN_M = 0.3

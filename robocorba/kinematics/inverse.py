@@ -2,7 +2,7 @@
 
 Our own damped least squares in compiled functions (`chain.py`), started again from other postures where one leads
 nowhere. mink on MuJoCo solves as many poses from the same seeds, but takes each step through Python objects and a
-solver of quadratic programs: more than ten times as long altogether (bench/kinematics.py).
+solver of quadratic programs: more than ten times as long altogether (bench/robots/kinematics.py).
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from robocorba.errors import Unreachable
-from robocorba.grids import Floats, Longs
+from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.chain import NEAR, TURN_M, chains_of, pull
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, LUMBAR, UPPER, Side
+from robocorba.spatial.grids import Floats, Longs
 
 #: An arm at ease (7,), rad: the elbow bent and a little aside, the wrist in the middle of its range.
 EASE = np.radians((5, -10, 0, 75, 0, 14, -10))

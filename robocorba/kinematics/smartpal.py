@@ -11,8 +11,8 @@ from enum import Enum
 
 import numpy as np
 
-from robocorba.grids import Floats
-from robocorba.simulation.pose import Limits
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import Limits
 
 
 class Side(Enum):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.kinematics.pose import HandPose
+from robocorba.spatial.grids import Floats
 
 #: Of one arm (7,), rad; both arms may take any of them at once. tuck keeps the arm over the base, for narrow ways.
 POSTURES: dict[str, Floats] = {

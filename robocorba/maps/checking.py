@@ -65,7 +65,7 @@ def blocked(building: Building) -> Iterator[Finding]:
 def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
     """One sentence for each kind of finding on a floor, which counts and names what it is about."""
     # Here, because the formats take a third of a second to load, and a server must be back at once.
-    from robocorba.maps.formats.losses import Losses
+    from robocorba.maps.losses import Losses
 
     kinds = Losses()
     for finding in found:

@@ -14,10 +14,11 @@ import numpy as np
 import shapely
 from shapely import LineString, STRtree
 
-from robocorba.errors import InvalidElement, describe
+from robocorba.errors.maps import InvalidElement, describe
 from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import KIND_OF, XY, Building, PathEdge, PathNode, TopologicalMap
+from robocorba.maps.model import KIND_OF, Building, PathEdge, PathNode, TopologicalMap
 from robocorba.maps.vicinity import Box, Same
+from robocorba.spatial.pose import XY
 
 #: A node nearer than this to an obstacle stands on it, m.
 TOUCH_M = 1e-3

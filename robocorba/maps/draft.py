@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from robocorba.errors import DuplicateElement, StaleEdit, UnknownElement
+from robocorba.errors.maps import DuplicateElement, StaleEdit, UnknownElement
 from robocorba.maps.changes import Change, Key, key, key_of, ordered
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import PLACE, Building, Element, ElementKind

@@ -18,10 +18,11 @@ from matplotlib.patches import Arc
 from PIL import Image
 from shapely import Polygon
 
-from robocorba.errors import UnknownFloor
+from robocorba.errors.paths import UnknownFloor
 from robocorba.maps import geometry
-from robocorba.maps.model import XY, Building, Door, DoorKind, Elevator, FloorMap, PathEdge
+from robocorba.maps.model import Building, Door, DoorKind, Elevator, FloorMap, PathEdge
 from robocorba.maps.sheet import DPI, FOOT_PX, GROUND, HEAD_PX, INK, MAX_PIXELS, Frame, Sheet
+from robocorba.spatial.pose import XY
 
 WALL, FIXED, MOVABLE = "#1f2430", "#b9b2a6", "#5b8fd6"
 DOOR, LOCKED = "#2f9e5a", "#c0392b"

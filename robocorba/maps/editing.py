@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
-from robocorba.errors import (
+from robocorba.errors.maps import (
     InvalidElement,
     NothingToRedo,
     NothingToUndo,

@@ -15,7 +15,6 @@ import shapely
 from shapely import LineString, Polygon
 
 from robocorba.maps.model import (
-    XY,
     Area,
     BoxShape,
     CircleShape,
@@ -32,6 +31,7 @@ from robocorba.maps.model import (
     Side,
     Wall,
 )
+from robocorba.spatial.pose import XY
 
 #: Longest name, characters.
 MAX_NAME = 200

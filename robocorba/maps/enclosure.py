@@ -11,7 +11,7 @@ from shapely import Polygon, STRtree
 
 from robocorba.maps.collisions import TOUCH_M
 from robocorba.maps.geometry import Obstacle
-from robocorba.maps.model import XY
+from robocorba.spatial.pose import XY
 
 #: How far around a place its surroundings are looked at, m: what is open as far as this is not closed off.
 #: More sees larger closed halls, and costs its square in obstacles.

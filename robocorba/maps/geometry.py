@@ -20,7 +20,6 @@ from shapely import LineString, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.model import (
-    XY,
     BoxShape,
     Building,
     CircleShape,
@@ -35,6 +34,7 @@ from robocorba.maps.model import (
     Side,
     Wall,
 )
+from robocorba.spatial.pose import XY
 
 #: A door cuts the walls along it that lie within this distance, m.
 DOOR_REACH_M = 0.15

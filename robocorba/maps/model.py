@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 import msgspec
 
-XY: TypeAlias = tuple[float, float]
+from robocorba.spatial.pose import XY
 
 
 class ElementKind(str, Enum):

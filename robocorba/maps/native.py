@@ -12,10 +12,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robocorba.errors import InvalidElement, MapFileError
+from robocorba.errors.maps import InvalidElement, MapFileError
 from robocorba.maps import validation
 from robocorba.maps.model import (
-    XY,
     Area,
     Building,
     Door,
@@ -31,6 +30,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.yaml_file import YamlFile, parse_yaml, read_yaml
+from robocorba.spatial.pose import XY
 
 FORMAT_VERSION = 1
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import shapely
 
-from robocorba.maps.model import XY
+from robocorba.spatial.pose import XY
 
 MOST_CORNERS = 1000
 #: No coordinate is farther from 0, m.

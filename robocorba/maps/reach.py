@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from shapely import STRtree
 
-from robocorba.errors import describe
+from robocorba.errors.maps import describe
 from robocorba.maps.collisions import TOUCH_M, all_paths, called
 from robocorba.maps.enclosure import Enclosures
 from robocorba.maps.geometry import obstacles

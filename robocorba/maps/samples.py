@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import native
 from robocorba.maps.model import Building
 

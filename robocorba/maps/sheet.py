@@ -21,7 +21,8 @@ from matplotlib.text import Text
 from PIL import Image
 
 from robocorba.maps import geometry
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
+from robocorba.spatial.pose import XY
 
 INK, GROUND = "#1f2430", "#ffffff"
 #: Longest side of a picture, least height, room for title and scale, pixels.

@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robocorba.errors import AlreadyRunning, MapFileError, VersionUnavailable
+from robocorba.errors.maps import MapFileError, VersionUnavailable
+from robocorba.errors.services import AlreadyRunning
 from robocorba.maps.changes import Change, Key, elements_of
 from robocorba.maps.model import (
     PLACE,

@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from robocorba.errors import InvalidElement, describe
+from robocorba.errors.maps import InvalidElement, describe
 from robocorba.maps.collisions import STRUCTURE, TOUCH_M, Collision, Pair, Paths, all_paths, collisions
 from robocorba.maps.element_rules import MIN_LENGTH, SLACK_M, faults, name_faults
 from robocorba.maps.geometry import DOOR_REACH_M, obstacles, shaft_polygon

@@ -13,7 +13,6 @@ from typing import Generic, NamedTuple, TypeVar
 
 from robocorba.maps.geometry import CIRCLE_SIDES, DOOR_REACH_M, LANDING_REACH_M, Obstacle, blocking
 from robocorba.maps.model import (
-    XY,
     BoxShape,
     Building,
     CircleShape,
@@ -25,6 +24,7 @@ from robocorba.maps.model import (
     SegmentShape,
     Wall,
 )
+from robocorba.spatial.pose import XY
 
 #: Up to so many boxes are compared one by one.
 FEW = 50

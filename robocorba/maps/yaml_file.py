@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 
 MAX_BYTES = 64 * 1024 * 1024
 MAX_DEPTH = 40

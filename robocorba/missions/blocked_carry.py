@@ -16,13 +16,15 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import Blocker, ImpossibleCarry
-from robocorba.grids import Floats
+from robocorba.errors.paths import Blocker
+from robocorba.errors.robots import ImpossibleCarry
 from robocorba.maps.geometry import landing_line
-from robocorba.maps.model import XY, Elevator
+from robocorba.maps.model import Elevator
 from robocorba.missions.formation import Formation, Pose, width_of
 from robocorba.missions.surroundings import Ground, Nearest, Surroundings, placed
 from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, remaining
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import XY
 
 #: A disc of this radius shows whether the walls leave any way at all, m.
 THIN_M = 0.05

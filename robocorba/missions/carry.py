@@ -15,8 +15,7 @@ import shapely
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import ImpossibleCarry, InvalidCarry
-from robocorba.grids import Floats
+from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.maps.model import Building, Elevator, Floor
 from robocorba.maps.movable import movables
 from robocorba.maps.movable import outline as outline_of
@@ -34,6 +33,7 @@ from robocorba.planning.body_search import (
     shorten,
 )
 from robocorba.planning.request import FARTHEST_M, SMARTPAL_RADIUS_M
+from robocorba.spatial.grids import Floats
 
 #: What stays free around the body, m; and what shall, where there is room.
 MARGIN_M, WISHED_M = 0.05, 0.15

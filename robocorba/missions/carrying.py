@@ -6,13 +6,13 @@ import math
 from collections import deque
 from collections.abc import Callable
 
-from robocorba.control.motion import Wish
-from robocorba.control.robot_state import RobotState
-from robocorba.errors import MotionFailed
-from robocorba.frames import turned
+from robocorba.errors.robots import MotionFailed
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.rhythm import Rhythm
 from robocorba.missions.trajectory import Trajectory
+from robocorba.motion.motion import Wish
+from robocorba.motion.robot_state import RobotState
+from robocorba.spatial.frames import turned
 
 #: How much of what is missing is made up for in a second, 1/s.
 GAIN = 4.0

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import InvalidCarry
-from robocorba.grids import Floats
+from robocorba.errors.robots import InvalidCarry
 from robocorba.planning.request import SMARTPAL_RADIUS_M
+from robocorba.spatial.grids import Floats
 
 Pose = tuple[float, float, float]
 

@@ -9,13 +9,13 @@ from itertools import combinations
 
 import shapely
 
-from robocorba.errors import PathError
+from robocorba.errors.paths import PathError
 from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.model import XY
 from robocorba.missions.formation import Pose
 from robocorba.missions.surroundings import placed
 from robocorba.missions.world import Thing, World
 from robocorba.planning.request import MOST_AREAS, Path, PathRequest, Place, RouteMode
+from robocorba.spatial.pose import XY
 
 #: Who gathers stays so far from the others, m, where there is room.
 ASIDE_M = 0.12

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from shapely import LineString
 
-from robocorba.errors import MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.kinematics import tasks
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import RADIUS_M, Side

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from robocorba.errors import MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.planning.request import Place
 
 #: For a robot that can't get to a place, and for leaving the leader out, m².

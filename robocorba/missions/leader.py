@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Container, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
-from robocorba.errors import MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.missions.messages import Answer, Call, Offer, Order, Proposal, Record, State
 from robocorba.missions.subplan import Carry, CooperativePlan
 from robocorba.missions.trajectory import Trajectory

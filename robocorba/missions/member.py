@@ -5,13 +5,14 @@ from __future__ import annotations
 import threading
 import time
 
-from robocorba.control.course import Aborted
+from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
 from robocorba.control.runner import Begun, Report, Result
-from robocorba.errors import MissionFailed, RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MissionFailed
 from robocorba.missions.clock import LeaderClock
+from robocorba.missions.execution import Performer, Places
 from robocorba.missions.messages import Order, Proposal, Record, State
-from robocorba.missions.performer import Performer, Places
 from robocorba.missions.rhythm import Rhythm
 
 #: A leader that was not heard for so long is gone, s.

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from robocorba.errors import InvalidMission
+from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.subplan import VERSION, SubPlan
 
 _TYPE = "mission."

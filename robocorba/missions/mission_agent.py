@@ -9,10 +9,12 @@ from collections.abc import Callable
 from typing import Protocol
 
 from robocorba.control.robot import Robot
-from robocorba.errors import EventError, NotReachable, RobotError
+from robocorba.errors.events import EventError
+from robocorba.errors.robots import RobotError
+from robocorba.errors.services import NotReachable
+from robocorba.missions.execution import Places
 from robocorba.missions.member import Member
 from robocorba.missions.messages import Answer, Call, Offer, Order, Proposal
-from robocorba.missions.performer import Places
 from robocorba.missions.transport import Came, Transport
 from robocorba.simulation.registry import Pose
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from shapely import Polygon
 
-from robocorba.errors import MissionFailed
-from robocorba.frames import out_of
+from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry import CarryPlan, Leg, plan_carry
@@ -33,7 +32,7 @@ from robocorba.missions.subplan import (
     Wait,
 )
 from robocorba.missions.surroundings import placed
-from robocorba.missions.taken import taken
+from robocorba.missions.swept_area import taken
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
@@ -41,6 +40,7 @@ from robocorba.programs.icons import Destination
 from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
 from robocorba.simulation.reservations import MOST_LIMIT_S
+from robocorba.spatial.frames import out_of
 
 #: Helpers gather so far behind their places, m, and back off as far.
 BACK_M = 0.3

@@ -10,11 +10,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.missions.leader import MissionReport, Phase
 from robocorba.missions.messages import Record, type_of
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Came
+from robocorba.spatial.grids import Floats
 
 REPORT_FILE = "report.json"
 

@@ -13,11 +13,11 @@ import shapely.affinity
 from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.grids import Grid, build_grid, segments_of
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, movables
 from robocorba.missions.formation import Pose
+from robocorba.spatial.grids import Grid, build_grid, segments_of
 
 #: What stands somewhere besides, by floor: with a name, or just a shape.
 Blocked = Mapping[str, Sequence[Obstacle | BaseGeometry]]

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robocorba.errors import InvalidPlan
+from robocorba.errors.robots import InvalidPlan
 from robocorba.missions.formation import Pose
 
 #: Of the carriers at most: m/s, rad/s and m/s².

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
-from robocorba.errors import EventError, InvalidMission, NotReachable
+from robocorba.errors.events import EventError
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.messages import Message, message_of, payload, type_of
 
 #: Messages that wait; the newest are dropped where there are more. Of those that came, so many are remembered.

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from shapely import Polygon
 
-from robocorba.grids import Floats, Grid, segments_of
 from robocorba.kernels import kernel
 from robocorba.planning.space import line_clearance
+from robocorba.spatial.grids import Floats, Grid, segments_of
 
 #: Looked at on the way are poses between which no point of the body moves farther than this, m: nowhere in between is
 #: it nearer to anything by more than half of that.

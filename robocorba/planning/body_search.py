@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
 from robocorba.planning.body import Body, body_clearance, body_passes
 from robocorba.planning.space import nearest_segment
+from robocorba.spatial.grids import Floats, Grid, Longs
 
 Bytes = NDArray[np.uint8]
 Singles = NDArray[np.float32]

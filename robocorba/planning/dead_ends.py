@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats, Longs
 from robocorba.kernels import kernel
 from robocorba.planning.segments import segments_distance2
 from robocorba.planning.triangulation import Flags, Mesh, locate, on_lattice
+from robocorba.spatial.grids import Floats, Longs
 
 #: The way out of a triangle of the core.
 IN_CORE = -1

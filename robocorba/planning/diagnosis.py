@@ -8,13 +8,14 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from robocorba.errors import Blocker
-from robocorba.grids import Longs
-from robocorba.maps.model import XY, Building
+from robocorba.errors.paths import Blocker
+from robocorba.maps.model import Building
 from robocorba.planning import geometric, topological
 from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.snapshot import Snapshot
 from robocorba.planning.space import FloorSpace
+from robocorba.spatial.grids import Longs
+from robocorba.spatial.pose import XY
 
 #: A robot of this radius shows whether the walls leave any way at all, m.
 THIN_M = 0.02

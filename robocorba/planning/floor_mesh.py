@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
-from robocorba.maps.model import XY
 from robocorba.planning.dead_ends import ways_out
 from robocorba.planning.triangulation import Mesh, crossings, empty_mesh, enlarged, insert_points, insert_walls
+from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.pose import XY
 
 #: Angles that differ by less are equal, rad.
 SAME_RAD = 1e-7

@@ -8,13 +8,14 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from robocorba.grids import Floats
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
 from robocorba.planning.elevators import Ride, ride
 from robocorba.planning.request import Criterion, PathRequest
 from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
 from robocorba.planning.snapshot import Snapshot
 from robocorba.planning.tangent_graph import NO_LANES, Leg
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import XY
 
 #: A place that matters to the search: floor, and the elevator whose cabin it is; start and goal have own names.
 _Stop = tuple[str, str]

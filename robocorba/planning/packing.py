@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats, Longs
 from robocorba.kernels import kernel
+from robocorba.spatial.grids import Floats, Longs
 
 
 class Packed(NamedTuple):

@@ -6,7 +6,7 @@ import contextlib
 import time
 from typing import NoReturn
 
-from robocorba.errors import NoPath, NotFree
+from robocorba.errors.paths import NoPath, NotFree
 from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
 from robocorba.planning import diagnosis, geometric, topological
 from robocorba.planning.request import (

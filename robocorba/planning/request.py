@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
-from robocorba.errors import InvalidPoint, InvalidRequest, UnknownFloor
-from robocorba.maps.model import XY, Building
+from robocorba.errors.paths import InvalidPoint, InvalidRequest, UnknownFloor
+from robocorba.maps.model import Building
 from robocorba.maps.polygons import FARTHEST_M, check_polygon
+from robocorba.spatial.pose import XY
 
 #: Planners in SmartPal's laboratory take its base for a disc of this radius, m.
 SMARTPAL_RADIUS_M = 0.40

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import LARGEST_RADIUS_M, Names
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
+from robocorba.spatial.grids import Floats, Grid, Longs
 
 #: Columns of Roads.measures: what an edge is like. A drive waits and travels 0 s; a ride's length is its climb.
 LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)

@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.kernels import kernel
 from robocorba.planning.request import PointKind
+from robocorba.spatial.grids import Floats
 
 FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, FIXED = range(9)
 COLUMNS = 9

@@ -12,14 +12,14 @@ import math
 
 import numpy as np
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
-from robocorba.planning.guide import Guide, read_guide, rides_on, step_cost
+from robocorba.planning.heuristics import Guide, read_guide, rides_on, step_cost
 from robocorba.planning.packing import Packed
 from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, Roads
 from robocorba.planning.route import COLUMNS, ELEVATOR, FIXED, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
 from robocorba.planning.space import TOUCH_M, against_one_way, least_around, line_free
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_stands_free, unpack
+from robocorba.spatial.grids import Floats, Grid, Longs
 
 #: What `find_way` says beside a way.
 FOUND, START_NOT_FREE, GOAL_NOT_FREE, START_SEES_NO_NODE, GOAL_SEES_NO_NODE, NO_WAY = range(6)

@@ -11,12 +11,11 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from robocorba.errors import NoPath
-from robocorba.grids import Floats, Longs
+from robocorba.errors.paths import NoPath
 from robocorba.maps.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
 from robocorba.maps.movable import movables
 from robocorba.planning.floor_source import FloorSource
-from robocorba.planning.guide import make_guide
+from robocorba.planning.heuristics import make_guide
 from robocorba.planning.packing import Packed
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Path, PathRequest
 from robocorba.planning.roads import CLEARANCE, RoadMap
@@ -24,6 +23,7 @@ from robocorba.planning.search import points_of
 from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
+from robocorba.spatial.grids import Floats, Longs
 
 #: Tangent graphs kept, one for each floor and radius; the least recently used is dropped first.
 MOST_GRAPHS = 64

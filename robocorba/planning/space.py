@@ -14,14 +14,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from robocorba.grids import Floats, Grid, build_grid, column_of, row_of, segments_of, span
 from robocorba.kernels import kernel
 from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
 from robocorba.maps.vicinity import named_obstacles
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.floor_source import FloorSource, Touched
 from robocorba.planning.segments import segments_distance2
+from robocorba.spatial.grids import Floats, Grid, build_grid, column_of, row_of, segments_of, span
+from robocorba.spatial.pose import XY
 
 #: A robot may touch what it drives past, but not by more than rounding, m.
 TOUCH_M = 1e-9

@@ -18,9 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.errors import PlanningTimeout
-from robocorba.grids import Floats
-from robocorba.maps.model import XY
+from robocorba.errors.paths import PlanningTimeout
 from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.space import FloorSpace
@@ -36,6 +34,8 @@ from robocorba.planning.tangent_search import (
     search,
 )
 from robocorba.planning.visible_region import make_scratch
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import XY
 
 #: Robots turn at least this far from a vertex, m: without any distance, a wall would have no corner to turn at.
 LEAST_TURN_M = 0.01

@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
 from robocorba.planning.dead_ends import DeadEnds, stamp_way_out
 from robocorba.planning.space import against_one_way, line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh
 from robocorba.planning.visible_region import Scratch, seen_from
+from robocorba.spatial.grids import Floats, Grid, Longs
 
 #: How a search ended.
 DONE, NO_ROOM, NO_BUDGET = range(3)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 
-from robocorba.grids import Floats, Grid, column_of, row_of
 from robocorba.kernels import kernel
 from robocorba.planning.floor_mesh import SAME_RAD
 from robocorba.planning.space import line_free
+from robocorba.spatial.grids import Floats, Grid, column_of, row_of
 
 #: An arc is driven as lines that touch it from outside, one for each so many radians: at most 0.33 % longer.
 SIDE_RAD = math.pi / 16

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.grids import Floats, Longs
-from robocorba.maps.model import XY
 from robocorba.planning import geometric
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
 from robocorba.planning.route import ELEVATOR, FLOOR, LIMIT, NODE, X, Y, waypoints
@@ -25,6 +23,8 @@ from robocorba.planning.search import (
 )
 from robocorba.planning.snapshot import Snapshot
 from robocorba.planning.world import floor_grid, floor_lanes, unpack
+from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.pose import XY
 
 #: An alternative may use an edge of a better path again, but as if it were so much longer.
 DETOUR_FACTOR = 1.6

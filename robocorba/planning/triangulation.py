@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
+from robocorba.spatial.grids import Floats, Grid, Longs
 
 #: Steps of the lattice across the frame: products of two differences fit into 64 bits.
 LATTICE = 1 << 30

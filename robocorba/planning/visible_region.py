@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats, Longs
 from robocorba.kernels import kernel
 from robocorba.planning.triangulation import Mesh, _after_in_star, _corner_of, _first_of_star, locate, on_lattice
+from robocorba.spatial.grids import Floats, Longs
 
 #: How far beside a ray a vertex still counts as seen, in steps of the lattice.
 SLACK_STEPS = 4.0

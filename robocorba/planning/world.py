@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats, Grid, Longs
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import Roads
 from robocorba.planning.space import FloorSpace, stands_free
+from robocorba.spatial.grids import Floats, Grid, Longs
 
 
 class Ground(NamedTuple):

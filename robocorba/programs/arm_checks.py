@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.errors import InvalidProgram, Unreachable
-from robocorba.grids import Floats
+from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.kinematics.smartpal import JOINTS, LUMBAR
 from robocorba.programs.hands import Body, HandIcon, Kinematics, home, joints_of, way
 from robocorba.programs.icons import (
@@ -24,6 +23,7 @@ from robocorba.programs.icons import (
     MoveTable,
 )
 from robocorba.programs.report import Report
+from robocorba.spatial.grids import Floats
 
 #: Between two postures that are looked at, no joint moves more than this.
 _STEP_RAD = math.radians(2)

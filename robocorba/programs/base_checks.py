@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from robocorba.errors import InvalidPoint, NotFree, PathError, UnknownFloor
+from robocorba.errors.paths import InvalidPoint, NotFree, PathError, UnknownFloor
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
 from robocorba.programs.icons import HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
 from robocorba.programs.report import Report

@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from robocorba.grids import Floats
 from robocorba.kinematics.smartpal import BASE
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.planning.request import Place
@@ -33,6 +32,7 @@ from robocorba.programs.icons import (
 )
 from robocorba.programs.program import Program, walk
 from robocorba.programs.report import Report
+from robocorba.spatial.grids import Floats
 
 #: How often a check looks at icons, those in repeats more than once.
 MOST_LOOKS = 4000

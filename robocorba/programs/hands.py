@@ -8,12 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
-from robocorba.errors import InvalidProgram
-from robocorba.grids import Floats
+from robocorba.errors.robots import InvalidProgram
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs.icons import Gripper, Lumbar, MhandJoints, MhandOffset, MhandPose, MhandPosture, sides
+from robocorba.spatial.grids import Floats
 
 #: Icons that move joints.
 HandIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar | Gripper

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from robocorba.errors import InvalidProgram
+from robocorba.errors.robots import InvalidProgram
 from robocorba.programs.icons import CONDITIONS, ICONS, Body, Icon, Text, bodies
 
 MOST_BYTES = 1024 * 1024

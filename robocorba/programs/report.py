@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from robocorba.errors import InvalidProgram
+from robocorba.errors.robots import InvalidProgram
 
 
 class Finding(NamedTuple):

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.grids import Floats, Grid, Longs, column_of, row_of
 from robocorba.kernels import kernel
+from robocorba.spatial.grids import Floats, Grid, Longs, column_of, row_of
 
 #: `direction` is off by no more than this, rad.
 SLACK_RAD = 1e-3

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from robocorba.errors import InvalidScan
-from robocorba.grids import Floats
+from robocorba.errors.sensing import InvalidScan
+from robocorba.spatial.grids import Floats
 
 MOST_RAYS = 8192
 MOST_RANGE_M = 1000.0

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.errors import InvalidScan
-from robocorba.grids import Floats
+from robocorba.errors.sensing import InvalidScan
 from robocorba.kernels import kernel
+from robocorba.spatial.grids import Floats
 
 MOST_SIGMA_M, MOST_RELATIVE = 10.0, 1.0
 #: Of SplitMix64 (Steele, Lea and Flood, 2014).

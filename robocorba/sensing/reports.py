@@ -9,7 +9,7 @@ from collections.abc import Callable
 from robocorba.sensing.virtual_sensor import ScanSpec, Sighting, VirtualSensor
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
-from robocorba.simulation.seen import Pose
+from robocorba.spatial.floor_state import Pose
 
 
 class Reports:

@@ -8,7 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.grids import (
+from robocorba.kernels import kernel
+from robocorba.sensing.casting import Scene, cast
+from robocorba.sensing.fan import Fan
+from robocorba.spatial.grids import (
     Floats,
     Longs,
     build_grid,
@@ -19,9 +22,6 @@ from robocorba.grids import (
     segments_of,
     starts_of,
 )
-from robocorba.kernels import kernel
-from robocorba.sensing.casting import Scene, cast
-from robocorba.sensing.fan import Fan
 
 #: Segments that a cell holds on average, and bounds of its side, m.
 SEGMENTS_A_CELL = 4.0

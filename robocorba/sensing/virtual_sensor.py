@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.errors import InvalidScan, SensorBehind, UnknownFloor
-from robocorba.grids import Floats, Longs, column_of, row_of
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, standing
@@ -24,8 +24,9 @@ from robocorba.sensing.casting import Scene, cast
 from robocorba.sensing.fan import LASER, MOST_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
 from robocorba.sensing.sight import NOBODY, Sight, lines_of
-from robocorba.simulation.elevator import Doors
-from robocorba.simulation.floor_update import BodyKind, FloorUpdate, FloorView, Motions
+from robocorba.spatial.elevator_state import Doors
+from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
+from robocorba.spatial.grids import Floats, Longs, column_of, row_of
 
 #: What is older is not sensed any more, s.
 LAG_LIMIT_S = 1.0

@@ -10,7 +10,7 @@ import pymunk
 from pymunk._chipmunk import ffi, lib  # type: ignore[import-not-found]
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
-from robocorba.grids import Floats
+from robocorba.spatial.grids import Floats
 
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _MOTION = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY

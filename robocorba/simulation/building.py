@@ -12,17 +12,19 @@ from typing import NamedTuple
 
 import shapely
 
-from robocorba.errors import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownFloor, UnknownRobot
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownRobot
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import landing_doors, movables, outline, standing
-from robocorba.simulation.elevator import Cabin, Doors, Moment, Phase, Ride
-from robocorba.simulation.floor_update import Body, BodyKind
+from robocorba.simulation.elevator import Cabin, Phase, Ride
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservations, Wanted
-from robocorba.simulation.seen import Pose, State
-from robocorba.simulation.world import RobotRecord, WorldRecord
+from robocorba.simulation.world_record import RobotRecord, WorldRecord
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_state import Pose, State
+from robocorba.spatial.floor_update import Body, BodyKind
 
 #: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
 KG_A_SQUARE_METRE = 9.0

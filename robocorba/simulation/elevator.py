@@ -15,10 +15,11 @@ from collections.abc import Container
 from enum import Enum
 from typing import NamedTuple
 
-from robocorba.errors import ElevatorFull, InvalidRide, NoRide
+from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Elevator
 from robocorba.planning.elevators import travel_time, travelled
-from robocorba.simulation.world import CabinRecord, RideRecord
+from robocorba.simulation.world_record import CabinRecord, RideRecord
+from robocorba.spatial.elevator_state import Doors, Moment
 
 #: A robot has so long to drive in, and so long to drive out, while the doors are open, s.
 BOARDING_LIMIT_S = 15.0
@@ -29,15 +30,6 @@ MOST_CALLS = 200
 #: Characters of a party's name, at most.
 MOST_PARTY_NAME = 200
 _TOUCH_M = 1e-9
-
-
-class Doors(Enum):
-    """Of the floor where the cabin is; while it travels all are closed."""
-
-    CLOSED = 0
-    OPENING = 1
-    OPEN = 2
-    CLOSING = 3
 
 
 class Phase(Enum):
@@ -83,18 +75,6 @@ class Ride(NamedTuple):
     origin: str
     destination: str
     ahead: int
-
-
-class Moment(NamedTuple):
-    """What the 2D simulator shows: height of the cabin's floor in m, the floor where it stands, empty on the way."""
-
-    height: float
-    floor: str
-    doors: Doors
-    #: Share of the way that the doors are open.
-    opening: float
-    riders: tuple[str, ...]
-    queue: tuple[str, ...]
 
 
 class Cabin:

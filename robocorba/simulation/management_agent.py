@@ -10,18 +10,19 @@ from typing import NamedTuple
 
 import msgspec
 
-from robocorba.errors import InvalidChoice, ServiceError, SessionExpired, UnknownRobot
+from robocorba.errors.services import ServiceError
+from robocorba.errors.simulation import InvalidChoice, SessionExpired, UnknownRobot
 from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import Happening, SimulatedBuilding
-from robocorba.simulation.keeper import Keeper
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import LastScan, OmniDatabase
-from robocorba.simulation.pace import Pace, check_pace
 from robocorba.simulation.registry import Client, Description, Registry
 from robocorba.simulation.session import Session
+from robocorba.simulation.simulation_loop import Pace, check_pace
+from robocorba.simulation.state_writer import Keeper
 from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
-from robocorba.simulation.world import WorldRecord
+from robocorba.simulation.world_record import WorldRecord
 
 #: Robots at most, unless an administrator chose another limit, and how many he may choose.
 DEFAULT_LIMIT, MOST_ROBOTS = 300, 10_000

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from robocorba.maps.model import Building
-from robocorba.simulation.floor_update import BodyKind, FloorView
 from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.spatial.floor_update import BodyKind, FloorView
 
 if TYPE_CHECKING:
     from robocorba.simulation.picture import FloorPainter

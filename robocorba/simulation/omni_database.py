@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.errors import UnknownFloor
-from robocorba.grids import Floats, Longs
+from robocorba.errors.paths import UnknownFloor
 from robocorba.kernels import kernel
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.simulation.elevator import Moment
-from robocorba.simulation.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
-from robocorba.simulation.seen import Pose, Seen
+from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.floor_state import Pose, Seen
+from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
+from robocorba.spatial.grids import Floats, Longs
 
 #: Bodies that left a floor and are remembered; who knows an older version gets the whole floor.
 MOST_GONE = 10_000

@@ -21,11 +21,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.grids import Floats, segments_of
 from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
-from robocorba.simulation.pose import Limits
-from robocorba.simulation.seen import Seen, in_own_frames
+from robocorba.spatial.floor_state import Seen, in_own_frames
+from robocorba.spatial.grids import Floats, segments_of
+from robocorba.spatial.pose import Limits
 
 #: The time of a step, s.
 STEP_S = 0.02

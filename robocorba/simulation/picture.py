@@ -21,15 +21,17 @@ from matplotlib.font_manager import FontProperties, findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from robocorba.errors import InvalidPicture, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import InvalidPicture
 from robocorba.maps import drawing
 from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, MOVABLE
 from robocorba.maps.geometry import landing_line, shaft_polygon
-from robocorba.maps.model import XY, Building, Elevator, FloorMap
+from robocorba.maps.model import Building, Elevator, FloorMap
 from robocorba.maps.movable import movables
 from robocorba.maps.sheet import GROUND, HEAD_PX, INK, MAX_LETTERS, Frame, Sheet
-from robocorba.simulation.elevator import Moment
-from robocorba.simulation.floor_update import Body, BodyKind, FloorView
+from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.floor_update import Body, BodyKind, FloorView
+from robocorba.spatial.pose import XY
 
 LEAST_WIDTH_PX, MOST_WIDTH_PX = 200, 4096
 #: Of all layers that a painter keeps, a byte each.

@@ -28,11 +28,13 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from robocorba import __version__
-from robocorba.errors import MapFileError, OutOfStep, StateDamaged, UnknownFloor
+from robocorba.errors.maps import MapFileError
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import OutOfStep, StateDamaged
 from robocorba.maps import native
 from robocorba.maps.model import Building
-from robocorba.simulation.floor_format import dumps, loads
-from robocorba.simulation.floor_update import FloorUpdate, FloorView
+from robocorba.spatial.floor_format import dumps, loads
+from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
 PROFILE = "x-robocorba"
 MAP = "building.yaml.gz"

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from robocorba.errors import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
-from robocorba.simulation.pose import Limits, Pose
+from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
+from robocorba.spatial.pose import Limits, Pose
 
 #: A robot that was not heard of for so long is logged off, s.
 LEASE_S = 2.0

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import InvalidReservation, ReservationsFull, UnknownFloor
-from robocorba.maps.model import XY
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import InvalidReservation, ReservationsFull
 from robocorba.maps.polygons import FloorArea, check_polygon
-from robocorba.simulation.world import ReservationRecord
+from robocorba.simulation.world_record import ReservationRecord
+from robocorba.spatial.pose import XY
 
 #: Areas of a request, their corners together, and requests at once, at most.
 MOST_AREAS, MOST_CORNERS, MOST_REQUESTS = 32, 512, 500

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from robocorba.errors import InvalidRide
+from robocorba.errors.simulation import InvalidRide
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import Robot, SimulatedBuilding
 from robocorba.simulation.elevator import Ride
 from robocorba.simulation.registry import Client
 from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
-from robocorba.simulation.seen import State
+from robocorba.spatial.floor_state import State
 
 
 class Session:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import msgspec
 
-from robocorba.errors import InvalidMission, StaleMission, UnknownMission
+from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.record_file import RecordFile
-from robocorba.simulation.pose import Limits
 from robocorba.simulation.registry import Description
-from robocorba.simulation.seen import Pose
-from robocorba.simulation.world import WorldRecord
+from robocorba.simulation.world_record import WorldRecord
+from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Limits
 
 #: "RoCs": tells our files from those of others.
 APPLICATION_ID = 0x526F4373

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.errors import Unreachable
-from robocorba.grids import Floats
+from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, ARM_JOINTS, Side
 from robocorba.smartpal.arm_kinematics import ArmKinematics
@@ -18,6 +17,7 @@ from robocorba.smartpal.codes import Answer
 from robocorba.smartpal.dynamics import Dynamics
 from robocorba.smartpal.motion import Motion, joint_motion, most_line_speed
 from robocorba.smartpal.unit import JOG_TIMEOUT_MS, LEAST_JOG_TIMEOUT_MS, MOST_JOG_TIMEOUT_MS
+from robocorba.spatial.grids import Floats
 
 #: Motions that wait for their turn; ours.
 MOST_MOTIONS = 32

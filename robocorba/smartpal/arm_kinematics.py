@@ -11,14 +11,14 @@ import threading
 
 import numpy as np
 
-from robocorba.errors import Unreachable
-from robocorba.grids import Floats
+from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.chain import chains_of, locate
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import SHOULDER_M
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, ARM_JOINTS, JOINTS, LUMBAR, Side
+from robocorba.spatial.grids import Floats
 
 #: Rows of the lines of an arm's joints, behind those of the lumbar.
 _LUMBAR_JOINTS = LUMBAR.stop - LUMBAR.start

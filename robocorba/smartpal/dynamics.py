@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
+from robocorba.spatial.grids import Floats
 
 STEP_S = 0.002
 #: Axes of the base, in the frame of where it was at the start: x, y in m, heading in rad.

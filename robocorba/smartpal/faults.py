@@ -6,7 +6,8 @@ import math
 import threading
 from collections.abc import Mapping
 
-from robocorba.errors import FieldError, RobotError
+from robocorba.errors.base import FieldError
+from robocorba.errors.robots import RobotError
 from robocorba.smartpal.codes import Alarm
 from robocorba.smartpal.unit import Unit
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.smartpal.glide import Glide
+from robocorba.spatial.grids import Floats
 
 
 class Motion:

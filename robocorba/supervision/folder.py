@@ -23,7 +23,7 @@ from typing import TypeVar
 import msgspec
 import psutil
 
-from robocorba.errors import AlreadyRunning, PortInUse, ServiceError
+from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.settings import Address
 
 T = TypeVar("T")

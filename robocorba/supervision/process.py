@@ -7,14 +7,15 @@ import contextlib
 import logging
 import os
 import signal
-import sys
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from robocorba.errors import RoboCorbaError, StartFailed
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import StartFailed
+from robocorba.supervision.launch import bound_command
 
 #: A process that ran this long starts again at once; one that keeps ending waits longer each time.
 STEADY_S = 2.0
@@ -24,7 +25,6 @@ GRACE_S = 5.0
 PROBE_PAUSE_S = 0.05
 LONGEST_LINE = 16 * 1024
 
-CHILD = str(Path(__file__).with_name("child.py"))
 _log = logging.getLogger(__name__)
 
 
@@ -105,7 +105,7 @@ class Supervised:
         try:
             process = await asyncio.create_subprocess_exec(
                 # -I -S: a bare interpreter starts in 20 ms and can't be led astray by the environment.
-                *(sys.executable, "-I", "-S", CHILD, str(os.getpid()), *self.spec.command),
+                *bound_command(*self.spec.command),
                 cwd=self.spec.cwd,
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=write_end,

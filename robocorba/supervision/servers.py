@@ -9,10 +9,10 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.calls import describe
-from robocorba.errors import NotReachable
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS, SENSORS
-from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
 
 
@@ -62,8 +62,8 @@ def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
 
     The simulation server tells the first channel what happens."""
     return [
-        Server("map_editor", "servers.map_editor", _MAP_EDITOR),
-        Server("simulation", "servers.simulation", _SIMULATION, ("--channel", subnets[0])),
+        Server("map_editor", "robocorba.servers.map_editor", _MAP_EDITOR),
+        Server("simulation", "robocorba.servers.simulation", _SIMULATION, ("--channel", subnets[0])),
         *(_sensor(f"s{number}") for number in range(1, sensors + 1)),
         *(_channel(name, subnets) for name in subnets),
     ]
@@ -76,10 +76,12 @@ def probe_of(name: str) -> Probe | None:
 
 
 def _sensor(name: str) -> Server:
-    return Server(f"sensor_{name}", "servers.virtual_sensor", {f"{SENSORS}/{name}": _SENSOR}, ("--name", name))
+    return Server(
+        f"sensor_{name}", "robocorba.servers.virtual_sensor", {f"{SENSORS}/{name}": _SENSOR}, ("--name", name)
+    )
 
 
 def _channel(name: str, subnets: Sequence[str]) -> Server:
     peers = [argument for peer in subnets if peer != name for argument in ("--peer", peer)]
     objects = {f"{CHANNELS}/{name}": _CHANNEL}
-    return Server(f"events_{name}", "servers.event_channel", objects, ("--name", name, *peers))
+    return Server(f"events_{name}", "robocorba.servers.event_channel", objects, ("--name", name, *peers))

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 
 from omniORB import CORBA
 
-from robocorba.calls import describe
-from robocorba.errors import InvalidPeer, NotReachable
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
+from robocorba.errors.events import InvalidPeer
+from robocorba.errors.services import NotReachable
 from robocorba.events.federation import MAX_CHANNELS, check_name
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb
 from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder

@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import signal
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +17,11 @@ from pathlib import Path
 import psutil
 
 from robocorba import logs
-from robocorba.errors import PortInUse, ServiceError
-from robocorba.orb import CONTEXT, Orb
+from robocorba.corba.orb import CONTEXT, Orb
+from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.settings import Address
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
+from robocorba.supervision.launch import module_command
 from robocorba.supervision.process import ProcessSpec, Supervised
 from robocorba.supervision.servers import Server
 
@@ -125,7 +125,7 @@ class System:
         )
 
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
-        command = [sys.executable, "-m", server.module, "--state", str(self.folder.path)]
+        command = [*module_command(server.module), "--state", str(self.folder.path)]
         command += ["--endpoint", str(Address(self.naming.host, port)), "--naming", str(self.naming)]
         command += server.arguments
         if self.building:

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from bench.event_channel.peers import PEERS, installed
-from bench.event_channel.peers.base import Peer
-from bench.event_channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
-from bench.event_channel.stage import Stage, collect, ready, trio
-from bench.processes import ProcessFailed
+from bench.common.processes import ProcessFailed
+from bench.events.channel.peers import PEERS, installed
+from bench.events.channel.peers.base import Peer
+from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+from bench.events.channel.stage import Stage, collect, ready, trio
 
 pytestmark = pytest.mark.system
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.event_network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
-from bench.event_network.namespaces import Namespace
-from bench.event_network.networks import Network, counts, networks, round_trips_us
-from bench.processes import Process, ProcessFailed
+from bench.common.namespaces import Namespace
+from bench.common.processes import Process, ProcessFailed
+from bench.events.network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
+from bench.events.network.networks import Network, counts, networks, round_trips_us
 
 pytestmark = pytest.mark.system
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-from bench.geometric import EDITS, Found, measure
+from bench.planning.geometric import EDITS, Found, measure
 
 
 class Report:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from bench.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
 from robocorba.maps.validation import problems
+from robocorba.testing.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from bench import report
-from bench.event_channel.memory import slope_an_hour
-from bench.report import at_least, at_most, tell
+from bench.events.channel.memory import slope_an_hour
+from robocorba.testing import report
+from robocorba.testing.report import at_least, at_most, tell
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
 

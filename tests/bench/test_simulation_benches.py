@@ -13,16 +13,28 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
-from bench import simulation_headless, simulation_robots, simulation_sensors
-from bench.headless_clients import PARTS, Wanderers
-from bench.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, Worked, drive, in_threads, joined, pids_of
-from bench.simulation_building import RADIUS_M, office, robots
-from bench.simulation_headless import LASER, MOST, OURS, RING, Case, Lap, crowd
-from bench.simulation_robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
-from clients.robot_processes import servers
+from bench.simulation import headless as bench_headless
+from bench.simulation import robots as bench_robots
+from bench.simulation import sensors as bench_sensors
+from bench.simulation.building import RADIUS_M, office, robots
+from bench.simulation.headless import LASER, MOST, OURS, RING, Case, Lap, crowd
+from bench.simulation.headless_clients import PARTS, Wanderers
+from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
+from bench.simulation.robots_client import (
+    PATIENCE,
+    STUCK_M_S,
+    Clients,
+    Robot,
+    Worked,
+    drive,
+    in_threads,
+    joined,
+    pids_of,
+)
+from robocorba.clients.robot_processes import servers
+from robocorba.corba.orb import Orb
 from robocorba.maps import native
 from robocorba.maps.movable import movables
-from robocorba.orb import Orb
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
@@ -90,18 +102,18 @@ def test_laps_are_told_by_their_medians() -> None:
         Lap(factor, factor, {**dict.fromkeys(OURS, 0.0), "steps": 2.0 / factor, "scans": 1.0}, 60)
         for factor in (4.0, 2.0, 3.0)
     ]
-    row = simulation_headless.row_of(Case(10, "ring", RING, 60.0), laps)
+    row = bench_headless.row_of(Case(10, "ring", RING, 60.0), laps)
     assert (row["x real time"], row["worst"], row["best"]) == (3.0, 2.0, 4.0)
     assert row["us a robot and s"] == pytest.approx(1e5 / 3)
     assert row["hits a robot and min"] == 6.0
-    parts = simulation_headless.parts_of(Case(10, "ring", RING, 60.0), laps)
+    parts = bench_headless.parts_of(Case(10, "ring", RING, 60.0), laps)
     assert parts["scans"] == pytest.approx(1e6 / 6000)
     assert parts["all"] == pytest.approx(parts["steps"])
 
 
 @pytest.mark.parametrize(("factor_of_most", "is_linear"), [(1.0, True), (0.7, False)])
 def test_growth_is_judged_by_the_time_a_robot(factor_of_most: float, is_linear: bool) -> None:
-    cases = simulation_headless.CASES
+    cases = bench_headless.CASES
     rows = [
         {
             "robots": case.robots,
@@ -110,7 +122,7 @@ def test_growth_is_judged_by_the_time_a_robot(factor_of_most: float, is_linear: 
         }
         for case in cases
     ]
-    *speeds, growth = simulation_headless.marks_of(rows)
+    *speeds, growth = bench_headless.marks_of(rows)
     assert [mark.limit for mark in speeds] == [case.least for case in cases if case.least]
     assert all(mark.is_reached for mark in speeds)
     assert growth.is_reached is is_linear
@@ -183,10 +195,10 @@ def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
 
 
 def test_runs_of_robots_are_told() -> None:
-    row = simulation_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
+    row = bench_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
     assert (row["command ms"], row["command p99"], row["worst"], row["from due p99"]) == (1.0, 30.0, 30.0, 60.0)
     assert (row["callers"], row["made"], row["achieved"], row["hits/min"]) == (12, 0.5, 1.0, 5.0)
-    one_by_one, at_once = simulation_robots.log_on_rows_of("1", FEW, found_by_a_run())
+    one_by_one, at_once = bench_robots.log_on_rows_of("1", FEW, found_by_a_run())
     assert (one_by_one["median ms"], one_by_one["worst ms"], at_once["p99 ms"]) == (3.0, 4.0, 20.0)
 
 
@@ -200,11 +212,11 @@ def test_robots_are_judged_by_the_medians_of_the_runs(
 ) -> None:
     runs = [found_by_a_run(**found), found_by_a_run(), found_by_a_run(**found)]
     other = MANY if load is FEW else FEW
-    rows = [simulation_robots.row_of("1", load, each, 6, 60.0) for each in runs]
-    rows.append(simulation_robots.row_of("1", other, found_by_a_run(), 6, 60.0))
+    rows = [bench_robots.row_of("1", load, each, 6, 60.0) for each in runs]
+    rows.append(bench_robots.row_of("1", other, found_by_a_run(), 6, 60.0))
     for row in rows:
         row["command p99"] = 15.0 if row["made"] == 1.0 else 30.0
-    marks = simulation_robots.marks_of(rows, 6)
+    marks = bench_robots.marks_of(rows, 6)
     judged, others = (marks[:3], marks[3:]) if load is FEW else (marks[3:], marks[:3])
     assert [mark.is_reached for mark in judged] == is_reached[: len(judged)]
     assert all(mark.is_reached for mark in others)
@@ -221,8 +233,8 @@ def test_robots_that_were_logged_off_are_counted() -> None:
 
 @pytest.mark.parametrize(("refused", "is_reached"), [(2, [True, True]), (1, [True, False])])
 def test_every_run_must_refuse_the_one_too_many(refused: int, is_reached: list[bool]) -> None:
-    rows = [row for name in "12" for row in simulation_robots.log_on_rows_of(name, MANY, found_by_a_run())]
-    assert [mark.is_reached for mark in simulation_robots.log_on_marks_of(rows, 6, refused)] == is_reached
+    rows = [row for name in "12" for row in bench_robots.log_on_rows_of(name, MANY, found_by_a_run())]
+    assert [mark.is_reached for mark in bench_robots.log_on_marks_of(rows, 6, refused)] == is_reached
 
 
 # ---- sensors ----
@@ -231,17 +243,16 @@ def test_every_run_must_refuse_the_one_too_many(refused: int, is_reached: list[b
 @pytest.mark.parametrize(("scan_ms", "is_reached"), [(0.3, True), (0.5, False)])
 def test_a_scan_is_compared_with_null_calls_of_its_own_round(scan_ms: float, is_reached: bool) -> None:
     rounds = [
-        {simulation_sensors.NULL: [0.2 * slow] * 3, simulation_sensors.SCAN: [scan_ms * slow] * 3}
-        for slow in (1.0, 5.0, 1.0)
+        {bench_sensors.NULL: [0.2 * slow] * 3, bench_sensors.SCAN: [scan_ms * slow] * 3} for slow in (1.0, 5.0, 1.0)
     ]
-    rows = simulation_sensors.latency_rows(simulation_sensors.ALONE, rounds)
+    rows = bench_sensors.latency_rows(bench_sensors.ALONE, rounds)
     assert [row["null calls"] for row in rows] == pytest.approx([1.0, scan_ms / 0.2])
-    (mark,) = simulation_sensors.marks_of(rows)
+    (mark,) = bench_sensors.marks_of(rows)
     assert mark.is_reached is is_reached
 
 
 def test_what_each_sensor_does_is_told_side_by_side() -> None:
-    assert simulation_sensors.spread([20, 19]) == "20 + 19"
+    assert bench_sensors.spread([20, 19]) == "20 + 19"
 
 
 # ---- a real system, for all of them ----
@@ -262,22 +273,22 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Clie
 @pytest.mark.system
 def test_a_small_run_of_robots(system: tuple[Any, Clients, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     server, clients, state = system
-    monkeypatch.setattr(simulation_robots, "WARM_UP_S", 0.5)
-    monkeypatch.setattr(simulation_robots, "NULL_CALLS", 20)
+    monkeypatch.setattr(bench_robots, "WARM_UP_S", 0.5)
+    monkeypatch.setattr(bench_robots, "NULL_CALLS", 20)
     (pid,) = pids_of(state, "simulation")
     people = robots(office(), 12)
-    assert len(simulation_robots.null_calls(server, people[0])) == 20
-    assert simulation_robots.is_refused(server, people[0]) is False
+    assert len(bench_robots.null_calls(server, people[0])) == 20
+    assert bench_robots.is_refused(server, people[0]) is False
 
-    on = simulation_robots.log_on(server, clients, people, 6)
-    found = simulation_robots.drive(server, clients, 2, 3.5, pid)
+    on = bench_robots.log_on(server, clients, people, 6)
+    found = bench_robots.drive(server, clients, 2, 3.5, pid)
     clients.all("log_off")
 
     assert on["refused"] is True
     assert len(on[BY_TURNS]) == len(on[AT_ONCE]) == 6
     assert (found["due"], found["lost"]) == (6 * 35, 0)
     assert 0.9 * 210 <= len(found["command"]) <= 210
-    row = simulation_robots.row_of("1", Load(2, 2), found, 6, 3.5)
+    row = bench_robots.row_of("1", Load(2, 2), found, 6, 3.5)
     assert row["pace"] > 0.5 and row["server cores"] > 0 < row["client cores"]
     assert server._get_state().robots == 0
 
@@ -286,15 +297,15 @@ def test_a_small_run_of_robots(system: tuple[Any, Clients, Path], monkeypatch: p
 def test_a_small_run_of_sensors(system: tuple[Any, Clients, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     server, clients, state = system
     for name, value in (("ROBOTS", 6), ("SETTLE_S", 0.5), ("CALLS", 10), ("ROUNDS", 2)):
-        monkeypatch.setattr(simulation_sensors, name, value)
+        monkeypatch.setattr(bench_sensors, name, value)
 
-    (row,) = simulation_sensors.throughput(server, clients, state, 1.0, 1)
+    (row,) = bench_sensors.throughput(server, clients, state, 1.0, 1)
 
     assert row["sensors"] == 2
     assert row["scans/s"] > 20 and row["scans a sensor's CPU s"] > 20
     assert sum(map(int, row["robots of sensors"].split(" + "))) == 6
-    with simulation_sensors.awake(state):
-        rounds = simulation_sensors.latency(server)
+    with bench_sensors.awake(state):
+        rounds = bench_sensors.latency(server)
     assert len(rounds) == 2
     assert {len(took) for each in rounds for took in each.values()} == {10}
     assert server._get_state().robots == 0

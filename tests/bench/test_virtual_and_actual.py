@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import virtual_and_actual as bench
-from robocorba.control.robot_state import ActorCommand, RobotState
+from bench.robots import virtual_and_actual as bench
 from robocorba.control.tick_file import Tick, TickFile
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.smartpal import JOINTS, Side
-from tests.system.virtual_and_actual import Apart
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.testing.virtual_and_actual import Apart
 
 ICONS = ("icons[0]", "icons[2].icons[0]", "icons[3]")
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robocorba.commands import event_stats
 from robocorba.commands.events import json_line, text_line
-from robocorba.event_client import Event
+from robocorba.corba.event_client import Event
 from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.servers import probe_of, servers

@@ -15,9 +15,9 @@ from robocorba.maps import native
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, PathEdge, PathNode, TopologicalMap
 from robocorba.maps.samples import SAMPLES
+from robocorba.testing.buildings import two_floors
 from tests.formats.rmf_files import small, written
 from tests.formats.ros_files import BLACK, GREY, WHITE, write_ros
-from tests.maps.buildings import two_floors
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from robocorba.commands.path import as_table, parse_place
-from robocorba.errors import InvalidRequest
+from robocorba.errors.paths import InvalidRequest
 from robocorba.planning.request import Names, Path, Place, PointKind
 
 

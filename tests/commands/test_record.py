@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robocorba.errors import NotReachable
-from robocorba.simulation.floor_update import MOTION, WHOLE, FloorUpdate
+from robocorba.errors.services import NotReachable
 from robocorba.simulation.recording import Recorder, Recording
-from tests.maps.buildings import two_floors
+from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate
+from robocorba.testing.buildings import two_floors
 
 record = importlib.import_module("robocorba.commands.record")  # whose name is also that of the command
 

@@ -14,10 +14,10 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 from robocorba.commands.replay import replay
-from robocorba.simulation.elevator import Doors, Moment
-from robocorba.simulation.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.simulation.recording import Recorder
-from tests.maps.buildings import two_floors
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.testing.buildings import two_floors
 
 app = typer.Typer()
 app.command()(replay)

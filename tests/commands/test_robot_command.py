@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 
 import pytest
 from typer.testing import CliRunner
 
 from robocorba.commands import command
+from robocorba.supervision.launch import module_command
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ from robocorba.commands import command
     ],
 )
 def test_arguments_of_the_adaptor_stay_apart(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
-    given: list[list[str]] = []
+    given: list[tuple[str, ...]] = []
     monkeypatch.setattr(os, "execv", lambda program, words: given.append(words))
     assert CliRunner().invoke(command(), ["robot", *arguments]).exit_code == 0
-    assert given == [[sys.executable, "-m", "clients.robot", *arguments]]
+    assert given == [module_command("robocorba.clients.robot", *arguments)]

@@ -19,9 +19,9 @@ from rich.console import Console
 
 from robocorba.commands.scene import Scene, as_tables, clients, elevators, plain, robots, sensor, show, tables
 from robocorba.commands.waiting import Absence, Stop
-from robocorba.errors import NotReachable
-from robocorba.simulation.elevator import Doors, Moment
-from robocorba.simulation.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.errors.services import NotReachable
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
 

@@ -14,20 +14,20 @@ import msgspec
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.adaptors import Surroundings
 from robocorba.control.high_controller import HighController
+from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.robot_state import Velocity
 from robocorba.control.runner import Heard
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.simulated_adaptor import SimulatedAdaptor
-from robocorba.errors import MotionFailed, RobotLost, SessionExpired
-from robocorba.grids import Floats
+from robocorba.errors.robots import MotionFailed, RobotLost
+from robocorba.errors.simulation import SessionExpired
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
 from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
+from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.programs.icons import Icon
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
@@ -35,6 +35,7 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.store import SimulationStore
+from robocorba.spatial.grids import Floats
 from tests.simulation.places import tower
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

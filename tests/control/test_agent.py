@@ -8,18 +8,12 @@ from typing import Any
 
 import pytest
 
-from robocorba.control import adaptors
-from robocorba.control.adaptors import Surroundings
+from robocorba.control import model_switcher
 from robocorba.control.agent import BODY_HELD_M, AgentState, Condition, ControlAgent
+from robocorba.control.model_switcher import Surroundings
 from robocorba.control.runner import Result
-from robocorba.errors import (
-    IllegalOrder,
-    InvalidChoice,
-    InvalidProgram,
-    MotionFailed,
-    RobotLost,
-    UnknownAdaptor,
-)
+from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
+from robocorba.errors.simulation import InvalidChoice
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
@@ -215,8 +209,8 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
 
 
 def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
-    """The robot of docs/adaptors.md; it begins somewhat away from its body."""
-    make = adaptors.make
+    """The robot of docs/model_switcher.md; it begins somewhat away from its body."""
+    make = model_switcher.make
 
     def with_disc(name: str, surroundings: Surroundings) -> object:
         if name != "disc":
@@ -232,7 +226,7 @@ def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m:
         disc.start = start_away
         return disc
 
-    monkeypatch.setattr(adaptors, "make", with_disc)
+    monkeypatch.setattr(model_switcher, "make", with_disc)
     agent.switch("disc", ())
 
 

@@ -14,12 +14,12 @@ import pytest
 
 from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.driving import Drive, DriveAt
 from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
-from robocorba.control.motion import Wish
-from robocorba.control.robot_state import ActorCommand, RobotState
-from robocorba.errors import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
 from robocorba.kinematics.smartpal import BASE, LOWER, SPEED, UPPER
+from robocorba.motion.driving import Drive, DriveAt
+from robocorba.motion.motion import Wish
+from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
 from tests.control.places import controller, documented_adaptor, eventually
 

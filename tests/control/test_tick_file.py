@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from robocorba.control import tick_file
-from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.control.tick_file import COLUMNS, Tick, TickFile
-from robocorba.errors import RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.smartpal import JOINTS
+from robocorba.motion.robot_state import ActorCommand, RobotState
 
 JOINTS_RAD = np.arange(len(JOINTS)) / 10.0
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from robocorba.data_pool.pool import DataPool
-from robocorba.errors import NotReachable
+from robocorba.errors.services import NotReachable
 from robocorba.maps.model import BoxShape, Building, MapObject, PolygonShape, SegmentShape, Wall
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.simulation.floor_update import FloorUpdate
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
+from robocorba.spatial.floor_update import FloorUpdate
 from tests.simulation.places import Clock, tower
 
 

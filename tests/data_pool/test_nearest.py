@@ -13,12 +13,12 @@ from shapely import Point
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.data_pool.pool import DataPool
-from robocorba.errors import InvalidPoint, InvalidRequest
+from robocorba.errors.paths import InvalidPoint, InvalidRequest
 from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building, Floor, FloorMap, Wall
 from robocorba.maps.movable import landing_doors, outline
-from robocorba.simulation.elevator import Doors
 from robocorba.simulation.registry import Description, Pose
+from robocorba.spatial.elevator_state import Doors
 from tests.data_pool.places import Place
 from tests.simulation.places import robot
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robocorba.data_pool import plans as limits
 from robocorba.data_pool.plans import MAX_CONTENT, MAX_PLANS, Plan, Plans
-from robocorba.errors import InvalidPlan, StalePlan, UnknownPlan
+from robocorba.errors.robots import InvalidPlan, StalePlan, UnknownPlan
 
 CONTENT = msgpack.packb({"table": "T1", "steps": [1, 2, 3]})
 

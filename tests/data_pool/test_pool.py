@@ -18,11 +18,13 @@ import pytest
 from hypothesis import strategies as st
 
 from robocorba.data_pool.pool import DataPool
-from robocorba.errors import NotReachable, PlaceTaken, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import PlaceTaken
 from robocorba.maps.model import MapObject, Wall
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import Phase
-from robocorba.simulation.floor_update import Body, FloorUpdate
+from robocorba.spatial.floor_update import Body, FloorUpdate
 from tests.data_pool.places import Place, furnished, same
 from tests.simulation.places import robot
 

@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 
-from robocorba.errors import NotDelivered, NotReachable, SessionOver
+from robocorba.errors.events import NotDelivered, SessionOver
+from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.event import Header, Run

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from robocorba.errors import EventError
+from robocorba.errors.events import EventError
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import Header, Run, Together

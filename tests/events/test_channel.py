@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors import ProxyGone
+from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.outlet import PullOutlet

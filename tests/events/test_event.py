@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidEvent
+from robocorba.errors.events import InvalidEvent
 from robocorba.events.event import MAX_PAYLOAD_BYTES, Encoding, Header, Run, Together, check, checked_header, merged
 from tests.events.samples import NOW, events, numbers
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from robocorba.errors import NotDelivered, SessionOver
+from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events import feed as feed_module
 from robocorba.events.event import Encoding, Header, Run
 from robocorba.events.feed import Feed
 from robocorba.events.subscription import Fit
-from tests.system.processes import eventually
+from robocorba.testing.processes import eventually
 
 FIT = Fit(True, ())
 

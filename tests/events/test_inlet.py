@@ -6,14 +6,14 @@ import threading
 
 import pytest
 
-from robocorba.errors import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events import inlet
 from robocorba.events.account import Account
 from robocorba.events.event import Run
 from robocorba.events.inlet import Inlet, PolledInlet
 from robocorba.events.outlet import Condition
+from robocorba.testing.processes import eventually
 from tests.events.samples import Supplier, said
-from tests.system.processes import eventually
 
 
 class Published:

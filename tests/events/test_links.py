@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors import InvalidPeer, NotReachable, SessionOver, UnknownPeer
+from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
+from robocorba.errors.services import NotReachable
 from robocorba.events import gateway as gateway_module
 from robocorba.events.channel import Channel
 from robocorba.events.event import Header, Run
@@ -17,8 +18,8 @@ from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.links import LinkStates
 from robocorba.events.store import PeerRecord
 from robocorba.events.watermarks import Watermarks
+from robocorba.testing.processes import eventually
 from tests.events.network import GatewayWire, Network, Node
-from tests.system.processes import eventually
 
 
 def link(node: Node) -> LinkStates:

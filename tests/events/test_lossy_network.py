@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import pytest
 
 from robocorba.events import feed, gateway
+from robocorba.testing.processes import eventually
 from tests.events.network import Consumer, Network, Weather
-from tests.system.processes import eventually
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robocorba.errors import InvalidPeer
+from robocorba.errors.events import InvalidPeer
 from robocorba.events import federation
 from robocorba.events.federation import Federation, Notice, check_name
 from robocorba.events.subscription import Pattern

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events import push_outlet
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
@@ -20,8 +20,8 @@ from robocorba.events.outlet import Condition, Outlet, PullOutlet
 from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import Item, OverflowRule, QueuePolicy
 from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
+from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, add, failing, is_balanced, open_channel, said, wanting
-from tests.system.processes import eventually
 
 BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
 

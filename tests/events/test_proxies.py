@@ -11,17 +11,16 @@ from typing import Any
 
 import pytest
 
-from robocorba.errors import (
+from robocorba.errors.events import (
     AlreadyConnected,
-    AlreadyRunning,
     ClientGone,
     Disconnected,
     InvalidQueue,
     ProxyGone,
-    ServiceError,
     TooManyProxies,
     UnknownSubscription,
 )
+from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events import inlet as inlets
 from robocorba.events import proxies as module
 from robocorba.events.channel import Channel
@@ -33,8 +32,8 @@ from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.store import PeerRecord, Store
 from robocorba.events.subscription import ALL
+from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, said, wanting
-from tests.system.processes import eventually
 
 POLICY = QueuePolicy(100)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from robocorba.errors import InvalidQueue
+from robocorba.errors.events import InvalidQueue
 from robocorba.events.event import Together
 from robocorba.events.queue import EventQueue, Item, OverflowRule, QueuePolicy
 from tests.events.samples import NOW, events, numbers

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidSubscription
+from robocorba.errors.events import InvalidSubscription
 from robocorba.events.subscription import EVERYTHING, MAX_UNION, Clause, Fit, Pattern, checked, fit, is_covered, union
 
 #: Without brackets, which only fnmatch knows.

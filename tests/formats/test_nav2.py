@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats import write_map
 from robocorba.maps.model import Building, Floor, FloorMap
 from tests.formats.rmf_files import imported, small

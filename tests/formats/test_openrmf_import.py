@@ -9,7 +9,7 @@ from typing import Any
 import networkx as nx
 import pytest
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.checking import blocked, summaries
 from robocorba.maps.formats import read_map

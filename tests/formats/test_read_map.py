@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
-from robocorba.maps.formats.losses import NAMES_SHOWN, Losses
+from robocorba.maps.losses import NAMES_SHOWN, Losses
 from robocorba.maps.model import Building, Floor, FloorMap
 from tests.formats.hostile import HOSTILE, changed, places
 from tests.formats.rmf_files import small, written

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image
 from scipy import ndimage
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
 from robocorba.maps.formats.grid import Canvas

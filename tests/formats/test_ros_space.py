@@ -9,7 +9,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map
 from robocorba.maps.geometry import obstacles

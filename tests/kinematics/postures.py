@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robocorba.grids import Floats
 from robocorba.kinematics.smartpal import JOINTS, LOWER, UPPER
+from robocorba.spatial.grids import Floats
 
 HOME = np.zeros(len(JOINTS))
 

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from robocorba.grids import Floats
 from robocorba.kinematics.body import Body, within_limits
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LOWER, LUMBAR, UPPER, Side
+from robocorba.spatial.grids import Floats
 
 from .postures import HOME, anywhere, at
 

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import Unreachable
-from robocorba.grids import Floats
+from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import Body, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LOWER, LUMBAR, UPPER, Side
 from robocorba.kinematics.tasks import POSTURES
+from robocorba.spatial.grids import Floats
 
 from .postures import HOME, anywhere, at
 

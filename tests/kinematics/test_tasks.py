@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from robocorba.grids import Floats
 from robocorba.kinematics.body import Body, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, RADIUS_M, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, POSTURES, SHEET_M, grip_table, hand_over
+from robocorba.spatial.grids import Floats
 
 from .postures import HOME
 

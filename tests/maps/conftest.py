@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robocorba.maps.model import Building
-from tests.maps.buildings import two_floors
+from robocorba.testing.buildings import two_floors
 
 
 @pytest.fixture

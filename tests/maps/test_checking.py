@@ -21,7 +21,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.samples import SAMPLES, load_sample
-from tests.maps.buildings import grid, two_floors, with_all
+from robocorba.testing.buildings import grid, two_floors, with_all
 
 APART = "nodes of L1 not connected with the rest of it for a robot of radius 0.40 m (1): "
 OUTLINE = ((0.0, 0.0), (20.0, 0.0), (20.0, 10.0), (0.0, 10.0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
-from robocorba.errors import UnknownFloor
+from robocorba.errors.paths import UnknownFloor
 from robocorba.maps import drawing
 from robocorba.maps.drawing import PathMark, draw_building, draw_floor, png_bytes, to_pixel
 from robocorba.maps.model import (

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import (
+from robocorba.errors.maps import (
     DuplicateElement,
     InvalidElement,
     MapError,
@@ -41,7 +41,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.storage import MapStore
-from tests.maps.buildings import floor_names, is_refused, names, placed, two_floors
+from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
 
 L1, WALL, NODE, EDGE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE, ElementKind.FLOOR
 

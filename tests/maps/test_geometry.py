@@ -16,7 +16,6 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps import geometry
 from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, blocking, free_space, obstacles
 from robocorba.maps.model import (
-    XY,
     BoxShape,
     Building,
     CircleShape,
@@ -33,7 +32,8 @@ from robocorba.maps.model import (
     Side,
     Wall,
 )
-from tests.maps.buildings import with_all
+from robocorba.spatial.pose import XY
+from robocorba.testing.buildings import with_all
 
 ROOM = ((0.0, 0.0), (10.0, 0.0), (10.0, 8.0), (0.0, 8.0))
 

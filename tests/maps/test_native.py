@@ -10,11 +10,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import native, yaml_file
 from robocorba.maps.model import Building, CircleShape, ElementKind, Floor, MapObject, PathEdge
 from robocorba.maps.yaml_file import parse_yaml
-from tests.maps.buildings import buildings, grid, two_floors
+from robocorba.testing.buildings import buildings, grid, two_floors
 
 MANUAL = Path(__file__).parents[2] / "docs" / "map-file.md"
 

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from shapely import LineString, Point
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import geometry, native, validation
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors import AlreadyRunning, MapFileError
+from robocorba.errors.maps import MapFileError
+from robocorba.errors.services import AlreadyRunning
 from robocorba.maps import storage
 from robocorba.maps.editing import BuildingEditor
 from robocorba.maps.model import Building, ElementKind, Wall
 from robocorba.maps.storage import FIRST_VERSION, MapStore
-from tests.maps.buildings import grid
+from robocorba.testing.buildings import grid
 
 L1, WALL = "L1", ElementKind.WALL
 

@@ -15,12 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon
 
-from robocorba.errors import InvalidElement, UnknownElement
+from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry, validation
 from robocorba.maps.collisions import blockages
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import (
-    XY,
     BoxShape,
     Building,
     CircleShape,
@@ -39,6 +38,7 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.samples import SAMPLES, load_sample
 from robocorba.maps.topology import topological_map
+from robocorba.spatial.pose import XY
 
 RADIUS = 0.40
 #: Real buildings, where they are at hand.

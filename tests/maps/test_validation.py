@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidElement
+from robocorba.errors.maps import InvalidElement
 from robocorba.maps import changes
 from robocorba.maps.changes import Change
 from robocorba.maps.collisions import blockages
@@ -35,7 +35,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.validation import check_change, check_element, problems
-from tests.maps.buildings import buildings, grid, is_refused, placed, two_floors, with_all
+from robocorba.testing.buildings import buildings, grid, is_refused, placed, two_floors, with_all
 
 NAN, INF = math.nan, math.inf
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))

@@ -10,11 +10,11 @@ from typing import Any
 
 import msgpack
 
-from robocorba.control.adaptors import Surroundings
+from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import ControlAgent
-from robocorba.control.nearby import PoolNearby
+from robocorba.control.model_switcher import Surroundings
 from robocorba.data_pool.pool import DataPool
-from robocorba.errors import NotReachable
+from robocorba.errors.services import NotReachable
 from robocorba.missions.leader import Leader
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.subplan import CooperativePlan, Step, SubPlan, Wait

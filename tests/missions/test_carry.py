@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon
 
-from robocorba.errors import ImpossibleCarry, InvalidCarry
+from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import BoxShape, Building, Door, Element, Elevator, ElevatorDoor, Floor, MapObject, Side, Wall
 from robocorba.maps.samples import load_sample

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPoint, Point, Polygon
 
-from robocorba.errors import InvalidCarry
+from robocorba.errors.robots import InvalidCarry
 from robocorba.maps.model import CircleShape, MapObject
 from robocorba.maps.movable import outline as outline_of
 from robocorba.missions.formation import Formation, Grip, formations

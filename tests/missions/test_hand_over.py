@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import shapely
 
-from robocorba.errors import MissionFailed
+from robocorba.clients.cooperation import EXPANSIONS
+from robocorba.errors.robots import MissionFailed
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
@@ -23,7 +24,6 @@ from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOver
 from robocorba.missions.subplan import CooperativePlan, Gather, Grip
 from robocorba.planning.request import Place as Spot
 from robocorba.programs import icons
-from robocorba.remote.cooperation import EXPANSIONS
 from robocorba.simulation.registry import Pose
 from tests.control.places import Place
 from tests.missions.places import Bus, Crew

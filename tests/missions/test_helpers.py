@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from robocorba.errors import MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.missions.helpers import assigned
 from robocorba.planning.request import Place
 

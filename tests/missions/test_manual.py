@@ -10,7 +10,7 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from robocorba.errors import MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.missions.messages import KINDS, Record
 from robocorba.missions.subplan import Step, SubPlan, Wait
 from robocorba.planning.request import Place as Spot

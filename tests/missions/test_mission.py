@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robocorba.control import driving, giving_way, robot
+from robocorba.collision_avoidance import giving_way
+from robocorba.control import robot
 from robocorba.control.runner import Result
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.missions import leader, member, mission_agent
@@ -18,6 +19,7 @@ from robocorba.missions.leader import MissionReport
 from robocorba.missions.record import as_json
 from robocorba.missions.subplan import Approach, Carry, Gather, Wait
 from robocorba.missions.trajectory import Trajectory
+from robocorba.motion import driving
 from robocorba.planning.request import Place as Spot
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.simulation.registry import Pose

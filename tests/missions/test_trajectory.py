@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidPlan
+from robocorba.errors.robots import InvalidPlan
 from robocorba.missions.trajectory import Trajectory
 
 PLACES = ((-1.42, 0.0, 0.0), (1.42, 0.0, math.pi), (0.4, 1.02, -math.pi / 2))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from robocorba.errors import MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle, object_geometry
 from robocorba.maps.model import BoxShape, Building, Elevator, ElevatorDoor, Floor, MapObject, Side
 from robocorba.maps.movable import movables, outline
@@ -15,7 +15,7 @@ from robocorba.maps.topology import topological_map
 from robocorba.missions.world import Thing
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest
-from tests.maps.buildings import with_all
+from robocorba.testing.buildings import with_all
 
 
 class MapWorld:

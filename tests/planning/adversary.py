@@ -10,8 +10,9 @@ import numpy as np
 import shapely
 
 from robocorba.maps.geometry import bounds, obstacles
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
 from robocorba.planning.request import Place
+from robocorba.spatial.pose import XY
 
 #: Shares of queries whose ends are the same, nearly the same, or on both sides of a wall in line with it.
 EQUAL, NEARLY_EQUAL, IN_LINE = 0.03, 0.03, 0.06

@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.grid_maps import KINDS, building_of
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import Building
 from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.testing.grid_maps import KINDS, building_of
 from tests.planning.generated import isolated_node, one_way_hall, random_building, two_halls, with_random_roads
 from tests.planning.scenes import random_room, tower, two_rooms
 

@@ -10,7 +10,6 @@ from shapely import LineString, Point, Polygon, STRtree
 
 from robocorba.maps.geometry import bounds, obstacles, shaft_polygon
 from robocorba.maps.model import (
-    XY,
     BoxShape,
     Building,
     CircleShape,
@@ -29,6 +28,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.validation import problems
+from robocorba.spatial.pose import XY
 from tests.planning.scenes import edge, node, room, wall
 
 #: Nodes keep this distance from obstacles, m: far less than a robot needs.

@@ -17,13 +17,14 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Point
 
-from bench.grid_maps import Cell
-from robocorba.errors import NoPath, NotFree
+from robocorba.errors.paths import NoPath, NotFree
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
-from tests.planning.fine_grid import FORGIVEN_M, SPARE_M, FineGrid, FloorGeometry
+from robocorba.spatial.pose import XY
+from robocorba.testing.fine_grid import FORGIVEN_M, SPARE_M, FineGrid, FloorGeometry
+from robocorba.testing.grid_maps import Cell
 from tests.planning.visibility import VisibilityGraph, cabin_place
 
 Array: TypeAlias = NDArray[np.float64]

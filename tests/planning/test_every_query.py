@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest, Place, PointKind, RouteMode
-from tests.maps.buildings import buildings
+from robocorba.testing.buildings import buildings
 from tests.planning.adversary import Adversary
 from tests.planning.every_building import DRAWN, IMPORTED, buildings_at_random, grids, rooms_at_random
 from tests.planning.generated import isolated_node, one_way_hall, two_halls

@@ -9,12 +9,12 @@ import pytest
 from robocorba.maps.model import Building
 from robocorba.maps.samples import load_sample
 from robocorba.maps.validation import problems
-from robocorba.planning.checking import faults
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Names, Path, PathRequest, Place, PointKind, RouteMode
 from tests.planning.adversary import Adversary
 from tests.planning.generated import one_way_hall, random_building, two_halls
 from tests.planning.judge import Judge
+from tests.planning.path_check import faults
 from tests.planning.reference import random_places
 from tests.planning.scenes import random_room, room, tower, two_rooms
 

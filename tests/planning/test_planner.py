@@ -12,15 +12,23 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidPoint, InvalidRequest, NoPath, NotFree, PathError, PlanningTimeout, UnknownFloor
+from robocorba.errors.paths import (
+    InvalidPoint,
+    InvalidRequest,
+    NoPath,
+    NotFree,
+    PathError,
+    PlanningTimeout,
+    UnknownFloor,
+)
 from robocorba.maps.geometry import free_space, object_geometry
 from robocorba.maps.model import Area, BoxShape, Building, Door, ElementKind, MapObject
 from robocorba.maps.samples import load_sample
-from robocorba.planning.checking import faults
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.roads import BLOCKED, CLEARANCE
 from robocorba.planning.route import waypoints
+from tests.planning.path_check import faults
 from tests.planning.reference import random_places, shortest_by_visibility
 from tests.planning.scenes import edge, node, random_room, room, tower, two_rooms, wall
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors import NoPath
+from robocorba.errors.paths import NoPath
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import Building
 from robocorba.maps.samples import SAMPLES, load_sample
-from robocorba.planning.checking import faults
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
+from tests.planning.path_check import faults
 from tests.planning.reference import Reference, random_places
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from robocorba.grids import build_grid
 from robocorba.maps.model import BoxShape, Building, Door, ElementKind, MapObject, Wall
 from robocorba.planning.segments import segments_distance2
 from robocorba.planning.space import FloorSpace, against_one_way, line_clearance, line_free
+from robocorba.spatial.grids import build_grid
 from tests.planning.scenes import random_room
 
 coordinate = st.floats(-30, 30).map(lambda value: round(value, 3))

@@ -13,11 +13,12 @@ import pytest
 import shapely
 from shapely import LineString
 
-from robocorba.errors import PlanningTimeout
+from robocorba.errors.paths import PlanningTimeout
 from robocorba.maps.geometry import obstacles
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
+from robocorba.spatial.pose import XY
 from tests.planning.reference import random_places
 from tests.planning.scenes import random_room, room, wall
 

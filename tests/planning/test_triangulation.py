@@ -10,10 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from robocorba.grids import build_grid
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.triangulation import FRAME_CORNERS, Mesh, side
 from robocorba.planning.visible_region import make_scratch, seen_from
+from robocorba.spatial.grids import build_grid
 
 #: On a coarse grid walls meet, cross, overlap and lie on one line as often as they can.
 coarse = st.integers(0, 6).map(float)

@@ -13,8 +13,9 @@ from scipy.sparse import csgraph
 from shapely import LineString, Point
 
 from robocorba.maps.geometry import free_space
-from robocorba.maps.model import XY, Building
+from robocorba.maps.model import Building
 from robocorba.planning.request import Place
+from robocorba.spatial.pose import XY
 
 Array: TypeAlias = NDArray[np.float64]
 #: Sides of a quarter of an arc; grown obstacles are up to 0.5 % of the radius too large.

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidProgram, NoPath
+from robocorba.errors.paths import NoPath
+from robocorba.errors.robots import InvalidProgram
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.samples import load_sample
 from robocorba.planning.planner import PathPlanner

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from robocorba.errors import InvalidProgram
+from robocorba.errors.robots import InvalidProgram
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.icons import (
     ICONS,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robocorba.errors import InvalidScan
+from robocorba.errors.sensing import InvalidScan
 from robocorba.sensing.noise import Noise
 
 DISTANCES = np.full((20, 1000), 4.0)

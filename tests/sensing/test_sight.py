@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import InvalidScan
-from robocorba.grids import Floats
+from robocorba.errors.sensing import InvalidScan
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
 from robocorba.sensing.sight import Sight, lines_of
+from robocorba.spatial.grids import Floats
 
 coordinate = st.floats(-20, 20).map(lambda value: round(value, 2))
 point = st.tuples(coordinate, coordinate)

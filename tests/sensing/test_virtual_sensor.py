@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from robocorba.errors import InvalidScan, SensorBehind, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.maps.model import ElementKind, Wall
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
 from robocorba.sensing.noise import Noise

@@ -14,7 +14,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.simulation.registry import Description
-from robocorba.simulation.seen import Pose
+from robocorba.spatial.floor_state import Pose
 
 
 class Clock:

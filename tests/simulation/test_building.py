@@ -7,7 +7,8 @@ import math
 import msgspec
 import pytest
 
-from robocorba.errors import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken
 from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import Happening, SimulatedBuilding
@@ -15,8 +16,8 @@ from robocorba.simulation.elevator import Phase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import wanted_of
-from robocorba.simulation.seen import Pose
-from robocorba.simulation.world import WorldRecord
+from robocorba.simulation.world_record import WorldRecord
+from robocorba.spatial.floor_state import Pose
 from tests.simulation.places import robot, tower
 
 

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import ElevatorFull, InvalidRide, NoRide
+from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
 from robocorba.planning.elevators import ride, travel_time, travelled
-from robocorba.simulation.elevator import BOARDING_LIMIT_S, MOST_CALLS, Cabin, Doors, Phase, fits
+from robocorba.simulation.elevator import BOARDING_LIMIT_S, MOST_CALLS, Cabin, Phase, fits
+from robocorba.spatial.elevator_state import Doors
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
 LIFT = Elevator("E1", (0.0, 0.0), (1.8, 1.8), tuple(ElevatorDoor(name) for name in HEIGHTS), speed=1.5, door_time=3.0)

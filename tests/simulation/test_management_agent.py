@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors import (
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import ServiceError
+from robocorba.errors.simulation import (
     InvalidChoice,
     InvalidReservation,
     NameTaken,
     PlaceTaken,
     ServerFull,
-    ServiceError,
     SessionExpired,
-    UnknownFloor,
     UnknownRobot,
 )
 from robocorba.maps.model import ElementKind
@@ -28,8 +28,8 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import ClientRecord, SimulationStore
+from robocorba.testing.processes import eventually
 from tests.simulation.places import robot, tower
-from tests.system.processes import eventually
 
 PASSAGE = ("L1", ((4.0, 0.0), (6.0, 0.0), (6.0, 1.0), (4.0, 1.0)))
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from robocorba.errors import OutOfStep, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import OutOfStep
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.simulation.elevator import Doors
-from robocorba.simulation.floor_update import WHOLE, BodyKind, FloorView
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
+from robocorba.spatial.elevator_state import Doors
+from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorView
 from tests.simulation.places import robot, tower
 
 

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageColor
 
-from robocorba.errors import InvalidPicture, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import InvalidPicture
 from robocorba.maps import drawing
 from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL, to_pixel
 from robocorba.maps.model import (
-    XY,
     Area,
     BoxShape,
     Building,
@@ -35,9 +35,10 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.sheet import FOOT_PX, GROUND, HEAD_PX, INK
 from robocorba.simulation import picture
-from robocorba.simulation.elevator import Doors, Moment
-from robocorba.simulation.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, SightFan
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.spatial.pose import XY
 
 WIDTH = 800
 SQUARE = ((-1.0, -0.25), (1.0, -0.25), (1.0, 0.25), (-1.0, 0.25))

@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from robocorba.errors import StateDamaged, UnknownFloor
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import StateDamaged
 from robocorba.maps.model import Building, Floor, FloorMap
-from robocorba.simulation.elevator import Doors, Moment
-from robocorba.simulation.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.simulation.recording import CHUNK_S, MAP, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
-from tests.maps.buildings import two_floors
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.testing.buildings import two_floors
 
 BEGAN = 1.7e9
 SMALL = Building("b", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})

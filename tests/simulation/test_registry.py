@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from robocorba.errors import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
+from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.simulation.physics import Limits
 from robocorba.simulation.registry import Description, Registry
-from robocorba.simulation.seen import Pose
+from robocorba.spatial.floor_state import Pose
 from tests.simulation.places import Clock, robot
 
 

@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors import InvalidReservation, ReservationsFull, UnknownFloor
-from robocorba.maps.model import XY
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import InvalidReservation, ReservationsFull
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation import reservations
 from robocorba.simulation.reservations import Reservations, Wanted, wanted_of
-from robocorba.simulation.world import ReservationRecord
+from robocorba.simulation.world_record import ReservationRecord
+from robocorba.spatial.pose import XY
 
 FLOORS = ("L1", "L2")
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors import AlreadyRunning, InvalidMission, ServiceError, StaleMission, UnknownMission
+from robocorba.errors.services import AlreadyRunning, ServiceError
+from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.simulation.store import MAX_DOCUMENT, Choices, ClientRecord, Mission, SimulationStore
-from robocorba.simulation.world import CabinRecord, ReservationRecord, RideRecord, RobotRecord, WorldRecord
+from robocorba.simulation.world_record import CabinRecord, ReservationRecord, RideRecord, RobotRecord, WorldRecord
 from tests.simulation.places import robot
 
 

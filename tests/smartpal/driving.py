@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.robot_state import ActorCommand, RobotState
-from robocorba.grids import Floats
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.spatial.grids import Floats
 
 TICK_S = 0.02
 SPEED_M_S, JOINT_RAD_S = 0.45, 0.5

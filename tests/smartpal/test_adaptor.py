@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from robocorba.control import smartpal_adaptor
-from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
-from robocorba.errors import AdaptorFailed, UnitFailed
-from robocorba.grids import Floats
+from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.kinematics.smartpal import JOINTS, SPEED, Side
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.spatial.grids import Floats
 
 ARGUMENTS = ["--naming", "127.0.0.1:1"]
 

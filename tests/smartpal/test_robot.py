@@ -11,7 +11,7 @@ import pytest
 from robocorba.settings import InvalidSetting, SmartPalSettings
 from robocorba.smartpal.dynamics import STEP_S
 from robocorba.smartpal.robot import RealTime
-from tests.system.processes import eventually
+from robocorba.testing.processes import eventually
 
 COMMON = ["--endpoint", "127.0.0.1:2", "--naming", "127.0.0.1:1"]
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors import AdaptorFailed, NotReachable, UnitFailed
+from robocorba.corba.remote.smartpal_units import CALL_LIMIT_S, RemoteSmartPalUnits, units_at
+from robocorba.errors.robots import AdaptorFailed, UnitFailed
+from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import Side
-from robocorba.remote.smartpal_units import CALL_LIMIT_S, RemoteSmartPalUnits, units_at
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import _GlobalIDL
 

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from robocorba.corba.orb import Orb
 from robocorba.maps import native
-from robocorba.orb import Orb
 from robocorba.settings import Address
-from tests.maps.buildings import two_floors
-from tests.system.processes import ECHO_UP, Launcher, Running, claimed_ports, real_system
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import Launcher, Running, claimed_ports, real_system
+
+HERE = Path(__file__).resolve().parent
+ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def servers_of_tests() -> Iterator[None]:
+    """Servers that only tests have are modules of this folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(HERE), prepend=os.pathsep)
+        yield
 
 
 @pytest.fixture
@@ -55,7 +68,7 @@ def client(naming_port: int) -> Iterator[Orb]:
 
 @pytest.fixture(scope="module")
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """The real servers on the building of tests.maps.buildings.two_floors, one system for a module."""
+    """The real servers on the building of robocorba.testing.buildings.two_floors, one system for a module."""
     folder = tmp_path_factory.mktemp("system")
     native.save(two_floors(), folder / "two-floors.yaml")
     with claimed_ports() as port, Launcher(folder) as launch:

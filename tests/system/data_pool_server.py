@@ -12,11 +12,11 @@ from typing import Any
 
 import msgpack
 
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.data_pool import PoolFollower
+from robocorba.corba.servants.data_pool import DataPoolServant
 from robocorba.data_pool.plans import Plans
 from robocorba.names import ROBOTS
-from robocorba.orb import Orb
-from robocorba.remote.data_pool import PoolFollower
-from robocorba.servants.data_pool import DataPoolServant
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba__POA
 

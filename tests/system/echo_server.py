@@ -16,7 +16,7 @@ import time
 from typing import Any, NoReturn
 
 from robocorba import logs
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.settings import ServerSettings
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from robocorba.commands.up import run
-from robocorba.errors import RoboCorbaError
+from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from tests.system.elements import XY, id_of, wall

@@ -13,7 +13,7 @@ from typing import Any
 import omniORB
 from omniORB import CORBA
 
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robocorba.events import inlet, proxies, push_outlet
-from servers import event_channel
+from robocorba.servers import event_channel
 
 push_outlet.MAX_FAILURES = inlet.MAX_FAILURES = 6
 push_outlet.LONGEST_PAUSE_S = inlet.LONGEST_PAUSE_S = 0.2

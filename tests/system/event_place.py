@@ -15,11 +15,12 @@ import CosEventComm
 import CosEventComm__POA
 from omniORB import CORBA
 
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
-from tests.system.processes import Launcher, claimed_ports, eventually
+from robocorba.testing.processes import Launcher, claimed_ports, eventually
 
 #: A channel's server that gives silent clients up sooner, and has MOST_PROXIES.
 IMPATIENT, MOST_PROXIES = "event_impatient_server", 100
@@ -47,11 +48,11 @@ class Place:
         where = ("-start", str(port), "-always", "-nohostname", "-datadir", str(launch.folder))
         launch(find_omninames(), *where, *endpoint)
 
-    def start(self, name: str, server: str = "servers.event_channel") -> Popen[str]:
+    def start(self, name: str, server: str = "robocorba.servers.event_channel") -> Popen[str]:
         """Start channel `name`, or start it again; waits until it answers."""
         offset = self._offsets.setdefault(name, len(self._offsets) + 1)
         addresses = ("--endpoint", f"127.0.0.1:{self.port + offset}", "--naming", f"127.0.0.1:{self.port}")
-        command = (sys.executable, "-m", server, "--state", str(self.launch.folder / "state"), *addresses)
+        command = (*module_command(server), "--state", str(self.launch.folder / "state"), *addresses)
         process = self.launch(*command, "--name", name)
         eventually(lambda: process.poll() is not None or self._answers(name), 30, f"channel {name}")
         assert process.poll() is None, process.communicate()[1]

@@ -13,8 +13,8 @@ import time
 import msgspec
 from omniORB import CORBA
 
-from robocorba.calls import describe
-from robocorba.orb import Orb
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 import time
 
-from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
-from robocorba.orb import Orb
-from robocorba.remote.smartpal_units import units_at
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.smartpal_units import units_at
+from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.settings import Address
 
 

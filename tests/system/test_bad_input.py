@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import Running
 from tests.system.elements import Example, examples, id_of, ring
-from tests.system.processes import Running
 
 pytestmark = pytest.mark.system
 

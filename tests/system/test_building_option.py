@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from robocorba.corba.orb import Orb
 from robocorba.maps import native
-from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import Running, refusal
 from tests.formats.rmf_files import small, written
-from tests.maps.buildings import two_floors
 from tests.system.elements import wall
-from tests.system.processes import Running, refusal
 
 pytestmark = pytest.mark.system
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import psutil
@@ -13,10 +12,11 @@ import pytest
 from omniORB import CORBA
 from PIL import Image
 
-from robocorba.naming import corbaname
-from robocorba.orb import Orb
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
-from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, read_json
+from robocorba.supervision.launch import module_command
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -38,7 +38,7 @@ def place(words: tuple[str, str, str]) -> str:
 
 
 def test_the_small_client(system: Running, launch: Launcher) -> None:
-    module = (sys.executable, "-m", "clients.get_path")
+    module = module_command("robocorba.clients.get_path")
     code, out, err = run(launch, *module, *WEST, *EAST, str(system.naming))
     assert (code, err) == (0, "")
     first, *_, last = out.splitlines()
@@ -65,7 +65,7 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher
     simulation, state = (ROBOCORBA, "simulation"), ("--state", str(system.state))
     assert run(launch, *simulation, "pace", "10", *state) == (0, "", "")
     environment = {"PYTHONPATH": str(ROOT), "ROBOCORBA_NAMING": str(system.naming)}
-    process = launch(sys.executable, "-m", "clients.drive", "A", *WEST, "L2", "14", "3", **environment)
+    process = launch(*module_command("robocorba.clients.drive"), "A", *WEST, "L2", "14", "3", **environment)
     out, err = process.communicate(timeout=60.0)
     code = process.returncode
     assert (code, err) == (0, "")
@@ -147,7 +147,7 @@ def test_a_client_in_cpp(system: Running, tmp_path: Path) -> None:
 
 
 def test_the_demo_carries_the_table(launch: Launcher, tmp_path: Path) -> None:
-    demo = (sys.executable, "-m", "clients.demo", "demo", "--quick")
+    demo = (*module_command("robocorba.clients.demo"), "demo", "--quick")
     process = launch(*demo, PYTHONPATH=str(ROOT), TMPDIR=str(tmp_path))
     out, err = process.communicate(timeout=300)  # its mission ends sooner; on a new machine kernels are compiled first
     assert process.returncode == 0, out + err
@@ -168,7 +168,7 @@ def test_the_demo_carries_the_table(launch: Launcher, tmp_path: Path) -> None:
 
 
 def test_a_demo_that_is_interrupted_leaves_nothing_behind(launch: Launcher, tmp_path: Path) -> None:
-    demo = (sys.executable, "-m", "clients.demo", "demo", "--quick")
+    demo = (*module_command("robocorba.clients.demo"), "demo", "--quick")
     process = launch(*demo, PYTHONPATH=str(ROOT), TMPDIR=str(tmp_path))
     eventually(lambda: list(tmp_path.glob("robocorba-demo-*/up.json")), 60.0, "the servers' start")
     process.send_signal(signal.SIGINT)

@@ -14,14 +14,16 @@ from typing import Any
 import msgpack
 import pytest
 
-from robocorba.conversion import maps
+from robocorba.corba.conversion import maps
+from robocorba.corba.remote.data_pool import PoolFollower, RemotePool
+from robocorba.corba.remote.floors import RemoteFloor
 from robocorba.data_pool.pool import DataPool
-from robocorba.errors import NotReachable, UnknownFloor, UnknownPlan
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.robots import UnknownPlan
+from robocorba.errors.services import NotReachable
 from robocorba.maps.model import Wall
-from robocorba.remote.data_pool import PoolFollower, RemotePool
-from robocorba.remote.floors import RemoteFloor
-from tests.system.processes import eventually
-from tests.system.simulation_place import BACK_LIMIT_S, Place, drive_to, simulation
+from robocorba.testing.processes import eventually
+from robocorba.testing.simulation import BACK_LIMIT_S, Place, drive_to, simulation
 
 pytestmark = pytest.mark.system
 

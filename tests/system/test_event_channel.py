@@ -14,12 +14,12 @@ import omniORB
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors import InvalidEvent, InvalidSubscription
-from robocorba.event_client import Event, EventClient
+from robocorba.corba.event_client import Event, EventClient
+from robocorba.errors.events import InvalidEvent, InvalidSubscription
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import eventually
 from tests.system.event_place import EventConsumer, Place, PushConsumer, open_place, text
-from tests.system.processes import eventually
 
 pytestmark = pytest.mark.system
 QUEUE = RoboCorba.QueuePolicy(1000, RoboCorba.DISCARD_OLDEST, 0.0)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.federation_channels import channels
-from tests.system.federation_chaos import NAMING, Chaos, Outcome
+from robocorba.testing.federation import channels
+from robocorba.testing.federation_chaos import NAMING, Chaos, Outcome
 
 pytestmark = pytest.mark.system
 #: Whose turn it is.

@@ -15,6 +15,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import eventually, hang
 from tests.system.event_place import (
     IMPATIENT,
     MOST_PROXIES,
@@ -27,7 +28,6 @@ from tests.system.event_place import (
     open_place,
     text,
 )
-from tests.system.processes import eventually, hang
 
 pytestmark = pytest.mark.system
 GONE = CORBA.OBJECT_NOT_EXIST

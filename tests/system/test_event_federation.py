@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 import pytest
 from omniORB import CORBA
 
-from robocorba.event_client import Event
+from robocorba.corba.event_client import Event
 from robocorba.events.event import MAX_PAYLOAD_BYTES
 from robocorba.stubs import RoboCorba
-from tests.system.federation_channels import LIMIT_S, Channels, Consumer, Counts, channels
-from tests.system.processes import eventually
+from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
+from robocorba.testing.processes import eventually
 
 pytestmark = pytest.mark.system
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,11 +15,12 @@ import CosEventComm__POA
 import pytest
 from omniORB import CORBA
 
-from robocorba.event_client import EventClient
-from robocorba.orb import Orb
+from robocorba.corba.event_client import EventClient
+from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
+from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
-from tests.system.processes import eventually
+from robocorba.testing.processes import eventually
 
 OMNIEVENTS, EVENTC = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin"), shutil.which("eventc")
 pytestmark = [
@@ -85,7 +85,7 @@ class Place:
     def start_channel(self, name: str, offset: int, *more: str) -> None:
         addresses = ("--endpoint", f"127.0.0.1:{self.port + offset}", "--naming", f"127.0.0.1:{self.port}")
         state = ("--state", str(self._folder / "state"))
-        self._launch(sys.executable, "-m", "servers.event_channel", *state, *addresses, "--name", name, *more)
+        self._launch(*module_command("robocorba.servers.event_channel"), *state, *addresses, "--name", name, *more)
 
     def channel(self, name: str) -> Any:
         return self.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)

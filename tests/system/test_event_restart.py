@@ -14,10 +14,11 @@ import CosEventComm
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors import Unconfirmed
-from robocorba.event_client import EventClient
+from robocorba.corba.event_client import EventClient
+from robocorba.errors.events import Unconfirmed
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import eventually
 from tests.system.event_place import (
     EventConsumer,
     InBackground,
@@ -28,7 +29,6 @@ from tests.system.event_place import (
     open_place,
     text,
 )
-from tests.system.processes import eventually
 
 pytestmark = pytest.mark.system
 EVERYTHING = [RoboCorba.Clause([RoboCorba.EventPattern("", "")], 0.0)]

@@ -12,8 +12,8 @@ from typing import Any
 import CosEventChannelAdmin
 import pytest
 
+from robocorba.testing.processes import eventually
 from tests.system.event_place import Place, PushConsumer, open_place, text
-from tests.system.processes import eventually
 
 COMMANDS = {name: shutil.which(name) for name in ("eventc", "eventf", "events", "rmeventc")}
 OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.system.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system, refusal
+from robocorba.supervision.launch import module_command
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system, refusal
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -172,7 +172,7 @@ def test_the_example_clients(launch: Launch, federation: Running, events: Events
     arguments, interest = CLIENTS[client]
     more = ("3", *arguments(str(federation.naming)))
     environment = {"PYTHONPATH": str(ROOT), "ROBOCORBA_NAMING": str(federation.naming)}
-    program = (sys.executable, "-m", f"clients.{client}")
+    program = module_command(f"robocorba.clients.{client}")
 
     consumer = launch(*program, "consume", "hall", *more, **environment)
     assert consumer.stdout is not None

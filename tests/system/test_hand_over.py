@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import sys
 import threading
 from collections import deque
 from collections.abc import Iterator
@@ -15,11 +14,9 @@ import av
 import numpy as np
 import pytest
 
-from clients import hand_over
-from clients.hand_over import BASE_BACK_M, BUILDING, CHANNEL, GIVER, PLACES, STARTS, TAKER
-from clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
-from robocorba.control.robot_state import RobotState
-from robocorba.grids import Floats
+from robocorba.clients import hand_over
+from robocorba.clients.hand_over import BASE_BACK_M, BUILDING, CHANNEL, GIVER, PLACES, STARTS, TAKER
+from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
 from robocorba.kinematics import tasks
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.inverse import InverseKinematics
@@ -27,11 +24,14 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.maps.samples import load_sample, sample_path
+from robocorba.motion.robot_state import RobotState
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
 from robocorba.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
-from tests.system.processes import Launcher, claimed_ports, real_system
+from robocorba.spatial.grids import Floats
+from robocorba.supervision.launch import module_command
+from robocorba.testing.processes import Launcher, claimed_ports, real_system
 
 pytestmark = pytest.mark.slow
 
@@ -161,7 +161,7 @@ def test_actual_robots_in_servers_that_run(launch: Launcher, tmp_path: Path, nam
 
 
 def check_run(launch: Launcher, folder: Path, kind: str, *options: str) -> None:
-    process = launch(sys.executable, "-m", "clients.hand_over", str(folder), *options, PYTHONPATH=str(ROOT))
+    process = launch(*module_command("robocorba.clients.hand_over"), str(folder), *options, PYTHONPATH=str(ROOT))
     out, err = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, err) == (0, ""), f"{out}\n{err}"
     told = [line.split(" s  ", 1)[1] for line in out.splitlines() if " s  " in line]

@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
+from robocorba.corba.orb import Orb
 from robocorba.maps import native
-from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
-from tests.maps.buildings import two_floors
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import Running, eventually
 from tests.system.elements import all_elements, replay, wall
-from tests.system.processes import Running, eventually
 from tests.system.test_up import answers
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import Launcher, Running, read_json
 from tests.system.editing_client import SHARED, STEP_RAD
 from tests.system.elements import all_elements, replay
-from tests.system.processes import Launcher, Running, read_json
 
 pytestmark = pytest.mark.system
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
+from robocorba.corba.orb import Orb
 from robocorba.maps import native
-from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba
-from tests.maps.buildings import two_floors
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import Running
 from tests.system.elements import XY, all_elements, examples, id_of, replay, wall
-from tests.system.processes import Running
 
 pytestmark = pytest.mark.system
 

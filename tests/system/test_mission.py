@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests.system.mission_place import (
+from robocorba.testing.missions import (
     MissionPlace,
     Start,
     Watch,
     missions,
     save_three_rooms,
 )
-from tests.system.processes import eventually
+from robocorba.testing.processes import eventually
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(400)]
 

@@ -17,18 +17,18 @@ from typing import NamedTuple
 import pytest
 
 from robocorba.control.agent import Condition
-from robocorba.errors import NotReachable
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.data_pool import RemotePool
+from robocorba.corba.remote.floors import RemoteDatabase
+from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.missions.formation import HAND_M
-from robocorba.orb import Orb
-from robocorba.remote.agents import RemoteAgent
-from robocorba.remote.data_pool import RemotePool
-from robocorba.remote.floors import RemoteDatabase
 from robocorba.repeating import Repeating
-from robocorba.simulation.floor_update import WHOLE
 from robocorba.simulation.registry import Pose
+from robocorba.spatial.floor_update import WHOLE
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, real_system
 from tests.missions.worlds import two_storeys
-from tests.system.processes import ROBOCORBA, Launcher, Running, claimed_ports, real_system
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
-from robocorba.naming import corbaname
-from robocorba.orb import Orb
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
-from tests.system.processes import Launcher, Running, eventually
+from robocorba.supervision.launch import module_command
+from robocorba.testing.processes import Launcher, Running, eventually
 
 ROOT = Path(__file__).resolve().parents[2]
 CLIENT = ROOT / "clients" / "new_robot.py"
@@ -51,7 +51,7 @@ def test_it_drives_until_something_is_near(system: Running, launch: Launcher, sy
         return {client.name: client.at.x for client in server.clients()}
 
     uri = corbaname(system.naming, "RoboCorba/SimulationServer")
-    process = launch(sys.executable, "-m", "clients.new_robot", uri, PYTHONPATH=str(ROOT))
+    process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
     eventually(lambda: robots().get("new", 0.0) > X + 1.0, 20.0, "it drives")
     out, err = process.communicate(timeout=60.0)
     assert (process.returncode, err) == (0, "")
@@ -71,7 +71,7 @@ def test_it_is_logged_off_also_where_it_is_refused(system: Running, launch: Laun
     start = RoboCorba.Pose("L1", X + 0.5, Y, 0.0)
     other = server.registerRobot(RoboCorba.RobotDescription("other", start, 0.4, 127.0, limits))
     process = launch(
-        *(sys.executable, "-m", "clients.new_robot", corbaname(system.naming, "RoboCorba/SimulationServer")),
+        *(*module_command("robocorba.clients.new_robot"), corbaname(system.naming, "RoboCorba/SimulationServer")),
         PYTHONPATH=str(ROOT),
     )
     _, err = process.communicate(timeout=60.0)

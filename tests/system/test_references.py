@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors import NotReachable
-from robocorba.naming import corbaname
-from robocorba.orb import Orb
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.system import find_omninames
-from tests.system.processes import HERE, eventually, hang
+from robocorba.testing.processes import eventually, hang
 
 pytestmark = pytest.mark.system
 
@@ -48,7 +48,7 @@ def serve(launch: Launch, tmp_path: Path, naming_port: int) -> Callable[..., sub
 
     def start(offset: int = 1, **environment: str) -> subprocess.Popen[str]:
         arguments = ("--endpoint", f"127.0.0.1:{naming_port + offset}", "--naming", f"127.0.0.1:{naming_port}")
-        server = str(HERE / "echo_server.py")
+        server = str(Path(__file__).with_name("echo_server.py"))
         return launch(sys.executable, server, "--state", str(tmp_path / str(offset)), *arguments, **environment)
 
     return start

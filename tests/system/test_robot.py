@@ -7,7 +7,6 @@ import math
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,14 +15,16 @@ import pytest
 
 from robocorba.control.agent import AgentState, Condition
 from robocorba.control.runner import Result
-from robocorba.errors import AdaptorFailed, IllegalOrder, InvalidProgram, NotReachable, UnknownAdaptor
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.data_pool import RemotePool
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
+from robocorba.errors.services import NotReachable
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps
-from robocorba.remote.agents import RemoteAgent
-from robocorba.remote.data_pool import RemotePool
 from robocorba.stubs import RoboCorba
-from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, hang, refusal
+from robocorba.supervision.launch import module_command
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang, refusal
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -223,7 +224,7 @@ def test_what_a_robot_process_refuses(system: Running, tmp_path: Path) -> None:
     with Launcher(tmp_path) as launch:
 
         def robot(*arguments: str) -> str:
-            command = (sys.executable, "-m", "clients.robot", *arguments, "--naming", str(system.naming))
+            command = (*module_command("robocorba.clients.robot"), *arguments, "--naming", str(system.naming))
             return refusal(launch(*command, ROBOCORBA_STATE=str(tmp_path / "state"), PYTHONPATH=str(Path.cwd())))
 
         assert robot("I", "--at", "1,2").endswith("--at is '1,2': needs --floor")

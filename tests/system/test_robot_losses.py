@@ -6,7 +6,6 @@ import contextlib
 import math
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 
@@ -14,14 +13,15 @@ import pytest
 
 from robocorba.control.agent import AgentState, Condition
 from robocorba.control.runner import Result
-from robocorba.errors import IllegalOrder
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.errors.robots import IllegalOrder
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps
-from robocorba.remote.agents import RemoteAgent
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
-from tests.smartpal.place import ROOT, RobotPlace, robot_place
-from tests.system.processes import Launcher, Running, eventually, hang
+from robocorba.supervision.launch import module_command
+from robocorba.testing.actual_robot import ROOT, RobotPlace, robot_place
+from robocorba.testing.processes import Launcher, Running, eventually, hang
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -92,7 +92,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: Robo
     where = ("--floor", "L1", "--at", "5,3,0", "--naming", str(system.naming), "--state", str(folder / "state"))
     adaptor = ("--adaptor", "smartpal", "--", "--naming", str(place.naming), "--pose=5,3,0")
     with Launcher(folder) as launch:
-        process = launch(sys.executable, "-m", "clients.robot", "A", *where, *adaptor, PYTHONPATH=str(ROOT))
+        process = launch(*module_command("robocorba.clients.robot"), "A", *where, *adaptor, PYTHONPATH=str(ROOT))
         assert process.stdout is not None and process.stderr is not None
         if process.stdout.readline() != "ready\n":
             raise AssertionError(process.stderr.read())

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
-from robocorba.event_client import Event, EventClient
-from robocorba.remote.floors import RemoteFloor
-from robocorba.simulation import floor_format
+from robocorba.corba.event_client import Event, EventClient
+from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.spatial import floor_format
 from robocorba.stubs import RoboCorba
-from tests.system.processes import eventually
-from tests.system.simulation_place import (
+from robocorba.testing.processes import eventually
+from robocorba.testing.simulation import (
     BEAT_S,
     CROSS,
     FREE_S,

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
-from tests.system.processes import eventually
-from tests.system.simulation_place import (
+from robocorba.testing.processes import eventually
+from robocorba.testing.simulation import (
     CROSS,
     NO_MOUNT,
     NO_NOISE,

@@ -1,6 +1,6 @@
 """Kills of the simulation server, of sensor processes and of clients, and what became of every robot.
 
-With more rounds and a table: python -m bench.simulation_chaos"""
+With more rounds and a table: python -m bench.simulation.chaos"""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
-from tests.system.processes import eventually
-from tests.system.simulation_place import BACK_LIMIT_S, GONE, Chaos, Place, away, complaints, simulation
+from robocorba.testing.processes import eventually
+from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, Place, away, complaints, simulation
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROUNDS = 3

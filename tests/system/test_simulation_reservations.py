@@ -10,16 +10,18 @@ import msgspec
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors import InvalidReservation, InvalidRide, RobotLost, UnknownFloor
+from robocorba.corba.remote.session import RemoteSession
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.robots import RobotLost
+from robocorba.errors.simulation import InvalidReservation, InvalidRide
 from robocorba.maps.polygons import FloorArea
-from robocorba.remote.session import RemoteSession
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation
-from robocorba.simulation.seen import Pose
+from robocorba.spatial.floor_state import Pose
 from robocorba.stubs import RoboCorba
-from tests.system.processes import eventually
-from tests.system.simulation_place import (
+from robocorba.testing.processes import eventually
+from robocorba.testing.simulation import (
     BACK_LIMIT_S,
     CLIENT,
     FREE_S,

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
-from robocorba.calls import limit_calls
-from robocorba.control.robot_state import ActorCommand, RobotState
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
-from robocorba.errors import AdaptorFailed, UnitFailed
+from robocorba.corba.calls import limit_calls
+from robocorba.corba.remote.smartpal_units import units_at
+from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
-from robocorba.remote.smartpal_units import units_at
+from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
+from robocorba.testing.actual_robot import RobotPlace, robot_place
+from robocorba.testing.processes import eventually
 from tests.smartpal.driving import TICK_S, drive_to, ticks
-from tests.smartpal.place import RobotPlace, robot_place
-from tests.system.processes import eventually
 
 pytestmark = pytest.mark.system
 

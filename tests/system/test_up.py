@@ -15,9 +15,9 @@ import psutil
 import pytest
 from omniORB import CORBA
 
-from robocorba.orb import Orb
+from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
-from tests.system.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
+from robocorba.testing.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
 
 pytestmark = pytest.mark.system
 

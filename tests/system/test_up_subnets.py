@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.event_client import EventClient
+from robocorba.corba.event_client import EventClient
+from robocorba.corba.orb import Orb
 from robocorba.names import CHANNELS
-from robocorba.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, read_json, refusal
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json, refusal
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -13,17 +13,17 @@ import pytest
 
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
+from robocorba.corba.orb import Orb
 from robocorba.kinematics.body import Body
 from robocorba.maps import native
 from robocorba.maps.model import Building, Floor, Wall
-from robocorba.orb import Orb
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
-from tests.maps.buildings import two_floors, with_all
-from tests.smartpal.place import RobotPlace, robot_place
-from tests.system.processes import Launcher, Running, claimed_ports, eventually, real_system
-from tests.system.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
+from robocorba.testing.actual_robot import RobotPlace, robot_place
+from robocorba.testing.buildings import two_floors, with_all
+from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -18,13 +18,14 @@ from omniORB import CORBA
 
 from robocorba.commands.scene import System, as_json
 from robocorba.commands.watch import Camera, film
-from robocorba.errors import InvalidPicture, UnknownFloor
-from robocorba.orb import Orb
-from robocorba.simulation.floor_update import WHOLE
+from robocorba.corba.orb import Orb
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import InvalidPicture
 from robocorba.simulation.recording import Recording
+from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
-from tests.maps.buildings import two_floors
-from tests.system.processes import ROBOCORBA, Launcher, Running, eventually, refusal
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, refusal
 
 pytestmark = pytest.mark.system
 

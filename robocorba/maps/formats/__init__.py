@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps import native
 from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_floors, ros_map
 from robocorba.maps.formats.files import write_file
-from robocorba.maps.formats.losses import Exported, Imported
+from robocorba.maps.losses import Exported, Imported
 from robocorba.maps.model import Building
 from robocorba.maps.yaml_file import read_yaml
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from robocorba.maps.formats.files import floor_paths, write_file
-from robocorba.maps.formats.losses import Exported, Losses
+from robocorba.maps.losses import Exported, Losses
 from robocorba.maps.model import Building, FloorMap, PathEdge, PathNode
 
 #: The frame that coordinates are given in, as nav2 names the map's.

@@ -12,13 +12,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robocorba.maps.formats.losses import Imported, Losses, settle
 from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
 from robocorba.maps.formats.openrmf_lanes import Names, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
 from robocorba.maps.formats.openrmf_outline import Outline, outline_of
 from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
 from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.losses import Imported, Losses, settle
 from robocorba.maps.model import (
     Building,
     Door,

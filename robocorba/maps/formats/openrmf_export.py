@@ -16,19 +16,10 @@ from typing import Any
 import shapely
 import yaml
 
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.geometry import bounds, obstacles
-from robocorba.maps.model import (
-    XY,
-    Building,
-    Door,
-    DoorKind,
-    Elevator,
-    FloorMap,
-    MapObject,
-    PolygonShape,
-    Side,
-)
+from robocorba.maps.losses import Losses
+from robocorba.maps.model import Building, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape, Side
+from robocorba.spatial.pose import XY
 
 #: Navigation graphs that the format's tools generate: indices 0 to 8.
 MOST_GRAPHS = 9

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from robocorba.maps.formats.yaml_item import Item
-from robocorba.maps.model import XY
+from robocorba.spatial.pose import XY
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from collections.abc import Collection, Iterable
 
 import shapely
 
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.openrmf_file import Level, Link, flag
 from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.model import XY, Elevator, PathEdge, PathNode, TopologicalMap
+from robocorba.maps.losses import Losses
+from robocorba.maps.model import Elevator, PathEdge, PathNode, TopologicalMap
+from robocorba.spatial.pose import XY
 
 #: Parameters of lanes and vertices that a building keeps in a form of its own.
 _LANE_KEYS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.openrmf_file import Level
 from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, ElevatorDoor, Side
 
 #: Where a door is about as near to two sides, the way that it slides decides between them, m.

@@ -8,11 +8,12 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.openrmf_file import Level
 from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.model import XY, Elevator, MapObject, PolygonShape
+from robocorba.maps.losses import Losses
+from robocorba.maps.model import Elevator, MapObject, PolygonShape
+from robocorba.spatial.pose import XY
 
 #: Floor polygons that leave a gap of up to twice this between them count as one, m.
 GAP_M = 0.05

@@ -11,10 +11,10 @@ import cmath
 import statistics
 from dataclasses import dataclass
 
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.openrmf_file import Level
 from robocorba.maps.formats.yaml_item import Item
-from robocorba.maps.model import XY
+from robocorba.maps.losses import Losses
+from robocorba.spatial.pose import XY
 
 #: Metres a pixel where a file measures nothing, as in the format's own editor.
 DEFAULT_SCALE = 0.05

@@ -9,12 +9,12 @@ import numpy as np
 import shapely
 from PIL import Image
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats.files import floor_paths, write_file
 from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, Canvas
-from robocorba.maps.formats.losses import Exported, Losses
 from robocorba.maps.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.maps.geometry import bounds, obstacles
+from robocorba.maps.losses import Exported, Losses
 from robocorba.maps.model import Building
 
 DEFAULT_RESOLUTION_M = 0.05

@@ -15,15 +15,15 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from robocorba.errors import InvalidElement
+from robocorba.errors.maps import InvalidElement
 from robocorba.maps import validation
 from robocorba.maps.formats import ros_map
 from robocorba.maps.formats.grid import FREE, Canvas
-from robocorba.maps.formats.losses import Imported, Losses
 from robocorba.maps.formats.ros_map import RosOptions
 from robocorba.maps.formats.ros_picture import Settings, named_file, read_cells, read_settings
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.geometry import LANDING_REACH_M, landing_line, shaft_polygon
+from robocorba.maps.losses import Imported, Losses
 from robocorba.maps.model import Building, Elevator, Floor, FloorMap
 from robocorba.maps.yaml_file import YamlFile, read_yaml
 

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats.grid import MOST_SIDES, OCCUPIED, count_sides
-from robocorba.maps.formats.losses import Imported, Losses, settle
 from robocorba.maps.formats.ros_picture import Settings, read_cells, read_settings
 from robocorba.maps.formats.ros_space import SPECKS, Space, kept_space, without_specks
 from robocorba.maps.formats.solids import solids
 from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.losses import Imported, Losses, settle
 from robocorba.maps.model import Building, Floor, FloorMap, GeometricalMap, MapObject, PolygonShape
 from robocorba.maps.yaml_file import YamlFile
 

@@ -14,9 +14,9 @@ from PIL import Image
 
 from robocorba.maps.element_rules import MAX_NUMBER
 from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.yaml_item import Item
-from robocorba.maps.model import XY
+from robocorba.maps.losses import Losses
+from robocorba.spatial.pose import XY
 
 #: Thresholds of a file that names none: those of ROS 1, whose grey of 205 is neither free nor occupied.
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196

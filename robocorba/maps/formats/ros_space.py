@@ -8,9 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from robocorba.maps.formats.grid import FREE, OCCUPIED, UNKNOWN
-from robocorba.maps.formats.losses import Losses
 from robocorba.maps.formats.ros_picture import Settings
 from robocorba.maps.formats.solids import EIGHT
+from robocorba.maps.losses import Losses
 
 #: Smallest free region that is kept beside the largest [m2]. A robot of 0.4 m radius takes 0.5 m2; with
 #: twice that it can turn and leave. Laser rays through windows leave thousands of smaller ones.

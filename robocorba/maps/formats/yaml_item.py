@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from robocorba.errors import MapFileError
+from robocorba.errors.maps import MapFileError
 from robocorba.maps.yaml_file import YamlFile
 
 MAX_NAME = 200

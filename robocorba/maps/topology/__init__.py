@@ -16,7 +16,7 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors import InvalidElement, UnknownElement
+from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
 from robocorba.maps.model import Building, PathNode, TopologicalMap
 from robocorba.maps.topology.axis import connect, draw_axis

@@ -12,8 +12,8 @@ from scipy.spatial import Voronoi
 from shapely import Point, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.model import XY
 from robocorba.maps.topology.roads import Roads, middle
+from robocorba.spatial.pose import XY
 
 #: Points along the obstacles are at most this many radii apart, while there are fewer than MAX_SITES.
 SITE_STEP = 0.4

@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 from shapely import LineString, Polygon
 
 from robocorba.maps import geometry
-from robocorba.maps.model import XY, Elevator, ElevatorDoor, PathNode, Side
+from robocorba.maps.model import Elevator, ElevatorDoor, PathNode, Side
 from robocorba.maps.topology.roads import SAME_PLACE_M, Roads
+from robocorba.spatial.pose import XY
 
 #: A node waits in front of an elevator, so many radii from its door; the first that is free.
 FRONT_RADII = (2.5, 2.0, 1.5, 1.1)

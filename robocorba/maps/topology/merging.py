@@ -5,8 +5,8 @@ from __future__ import annotations
 import networkx as nx
 import numpy as np
 
-from robocorba.maps.model import XY
 from robocorba.maps.topology.roads import BEND_SHARE, SAME_PLACE_M, Roads, middle, off_line
+from robocorba.spatial.pose import XY
 
 #: Nodes closer than this many radii, or this share of their clearance, become one.
 MERGE_RADII, MERGE_SHARE = 3.0, 0.75

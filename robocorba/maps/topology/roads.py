@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.model import XY
+from robocorba.spatial.pose import XY
 
 #: A bend closer to the chord than this share of its clearance is straightened.
 BEND_SHARE = 0.5

@@ -1,0 +1,95 @@
+"""Resident memory of a channel under steady mixed traffic: whether it grows."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import psutil
+from matplotlib.axes import Axes
+
+from bench.common.processes import Process
+from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN
+from bench.events.channel.stage import Stage, collect, ready
+from robocorba.testing.report import PROGRESS, at_most, tell
+
+#: Who sends how many events a second, and who receives, how many in its process. Everybody gets everything.
+SUPPLIERS = {PLAIN.name: 50.0, HEADER.name: 100.0, CLIENT.name: 50.0}
+CONSUMERS = {BOUNDED.name: 5}
+LAP_S = 10.0
+SAMPLE_S = 2.0
+#: The first part of the time is for caches to fill; after it the channel may grow by so much.
+WARM_UP_SHARE = 0.25
+MOST_MIB_AN_HOUR = 2.0
+MIB = 2**20
+#: Of the table.
+ROWS = 20
+
+
+def run(minutes: float) -> bool:
+    """Whether every mark was reached."""
+    samples: list[tuple[float, float]] = []
+    with Stage() as stage:
+        broker = stage.broker(HEADER.name)
+        consumers = [stage.consumer(peer, broker, count) for peer, count in CONSUMERS.items()]
+        ready(*consumers)
+        suppliers = {stage.supplier(peer, broker): rate for peer, rate in SUPPLIERS.items()}
+        ready(*suppliers)
+        ended = threading.Event()
+        watcher = threading.Thread(target=_watch, args=(psutil.Process(broker.pid), samples, ended), daemon=True)
+        watcher.start()
+        try:
+            events, lost = _traffic(suppliers, consumers, minutes * 60)
+        finally:
+            ended.set()
+            watcher.join(10)
+    step = max(1, len(samples) // ROWS)
+    rows = [{"minutes": at / 60, "resident, MiB": size} for at, size in samples[::step]]
+    slope = slope_an_hour(*zip(*samples, strict=True))
+    marks = [
+        at_most("growth after the warm-up, MiB an hour", slope, MOST_MIB_AN_HOUR),
+        at_most(f"events lost of {events:,} for each of {sum(CONSUMERS.values())} consumers", lost, 0),
+    ]
+    traffic = f"{sum(SUPPLIERS.values()):g} events a second for {sum(CONSUMERS.values())} consumers"
+    title = f"Resident memory of a channel, {traffic}"
+    return tell("event_channel_memory", title, rows, marks, lambda axes: _draw(axes, samples))
+
+
+def slope_an_hour(seconds: Sequence[float], sizes: Sequence[float]) -> float:
+    """The straight line through what follows the warm-up."""
+    start = seconds[0] + WARM_UP_SHARE * (seconds[-1] - seconds[0])
+    points = [(at, size) for at, size in zip(seconds, sizes, strict=True) if at >= start]
+    at, size = zip(*points, strict=True)
+    return float(np.polyfit(at, size, 1)[0]) * 3600
+
+
+def _traffic(suppliers: dict[Process, float], consumers: list[Process], seconds: float) -> tuple[int, int]:
+    """How many events were sent, and how many of them did not arrive, over all consumers."""
+    events = lost = 0
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        counts = [round(rate * LAP_S) for rate in suppliers.values()]
+        for (supplier, rate), count in zip(suppliers.items(), counts, strict=True):
+            supplier.say({"do": "pace", "first": 0, "count": count, "rate": rate})
+        for supplier in suppliers:
+            supplier.hear(10 * LAP_S)
+        total = sum(counts)
+        for consumer in consumers:  # all suppliers have the id 0: what is counted is how many came
+            lost += sum(total - one["count"] for one in collect(consumer, [range(total)], 30.0))
+        events += total
+        left = max(0.0, until - time.monotonic())
+        PROGRESS.print(f"memory: {events:,} events, {lost} lost, {left / 60:.1f} min left")
+    return events, lost
+
+
+def _watch(process: psutil.Process, samples: list[tuple[float, float]], ended: threading.Event) -> None:
+    began = time.monotonic()
+    while not ended.wait(SAMPLE_S):
+        samples.append((time.monotonic() - began, process.memory_info().rss / MIB))
+
+
+def _draw(axes: Axes, samples: list[tuple[float, float]]) -> None:
+    axes.plot([at / 60 for at, _ in samples], [size for _, size in samples])
+    axes.set(xlabel="minutes", ylabel="MiB")

@@ -1,0 +1,236 @@
+"""The experiment: both set-ups side by side on one network, runs of one and the other in random order.
+
+Standard: all robots on one channel on the server computer, in sub-network II. Federated: a channel in each sub-network,
+peers of one another. All channels are the same program, and both set-ups live all the time; a run uses one of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bench.common.processes import Process
+from bench.events.network import mission
+from bench.events.network.load import Core
+from bench.events.network.networks import SUBNET_OF, Counts, Network, counts
+from robocorba.supervision.launch import module_command
+from robocorba.supervision.system import find_omninames
+
+STANDARD, FEDERATED = "standard", "federated"
+SET_UPS = (STANDARD, FEDERATED)
+#: The channel of the standard set-up, and those of the federation by sub-network.
+CENTRAL, CHANNEL_OF = "central", {"I": "room-I", "II": "room-II"}
+START_LIMIT_S = 60.0
+#: From the command to a run's begin; after that until what is sent counts.
+HEAD_START_S, WARM_UP_S = 0.03, 0.2
+#: For the load to reach what is wanted, and for the rest after a change of the delay.
+SETTLE_LOAD_S, SETTLE_DELAY_S = 1.0, 0.2
+SILENCE_S = 2.0
+
+
+class Plan(NamedTuple):
+    """How much is measured: runs of `run_s` each for every set-up, load (share) and delay of one way."""
+
+    delays_us: Sequence[int]
+    loads: Sequence[float]
+    runs: int
+    run_s: float
+
+    @property
+    def total(self) -> int:
+        return len(self.delays_us) * len(self.loads) * len(SET_UPS) * self.runs
+
+
+FULL = Plan((0, 200, 1000, 5000), tuple(load / 10 for load in range(10)), 10, 1.3)
+QUICK = Plan((0, 1000), (0.0, 0.3, 0.6, 0.9), 4, 1.3)
+
+
+class Outcome(NamedTuple):
+    """One run. Latencies in us, of the mission's events: supplier and consumer in one sub-network, or not."""
+
+    set_up: str
+    delay_us: int
+    load: float
+    busy: float
+    local_us: np.ndarray
+    remote_us: np.ndarray
+    lost: int
+    packets: int
+    bytes: int
+    #: Events and bytes that came to the gateways, and events that were not sent to them.
+    forwarded: int
+    forwarded_bytes: int
+    unseen: int
+    #: Events that were sent, and those of them that somebody in the other sub-network wants.
+    sent: int
+    wanted_across: int
+
+    @property
+    def all_us(self) -> np.ndarray:
+        return np.concatenate([self.local_us, self.remote_us])
+
+
+class Experiment:
+    """Both set-ups, running on `network`."""
+
+    def __init__(self, network: Network, robots: Mapping[str, Process], load: Process, leaders_core: int) -> None:
+        self._network, self._robots, self._load = network, robots, load
+        self._core = Core(leaders_core)
+        self._number = 0
+        self._delay_us, self._wanted = 0, 0.0
+
+    def set_delay(self, delay_us: int) -> None:
+        """Of packets between the sub-networks, one way."""
+        self._delay_us = delay_us
+        counts(self._network, delay_us=delay_us)
+        time.sleep(SETTLE_DELAY_S)
+
+    def set_load(self, share: float) -> None:
+        """How busy the leader's core is kept."""
+        self._wanted = share
+        self._load.ask(share)
+        time.sleep(SETTLE_LOAD_S)
+
+    def silence(self) -> Counts:
+        """What crosses the link in SILENCE_S while nobody says anything."""
+        before = counts(self._network)
+        time.sleep(SILENCE_S)
+        return counts(self._network).since(before)
+
+    def run(self, set_up: str, run_s: float) -> Outcome:
+        """The mission once, for `run_s` that count. Raises ProcessFailed."""
+        self._number += 1
+        link, forwarded_before = counts(self._network), self._forwarded(set_up)
+        begin = time.monotonic() + HEAD_START_S
+        count_from = begin + WARM_UP_S
+        end = count_from + run_s
+        run = {"number": self._number, "set_up": set_up, "begin": begin, "count_from": count_from, "end": end}
+        self._ask_all({"do": "prepare", **run})
+        for robot in self._robots.values():
+            robot.say({"do": "play"})
+        time.sleep(max(0.0, count_from - time.monotonic()))
+        self._core.busy()
+        time.sleep(max(0.0, end - time.monotonic()))
+        busy = self._core.busy()
+        for robot in self._robots.values():
+            robot.hear(START_LIMIT_S)
+        sent = [mission.Sent(*one) for answer in self._ask_all({"do": "sent"}).values() for one in answer]
+        wanted = {name: mission.expected(name, sent) for name in self._robots}
+        heard = {
+            name: robot.ask({"do": "collect", "expect": wanted[name]}, START_LIMIT_S)
+            for name, robot in self._robots.items()
+        }
+        crossed = counts(self._network).since(link)
+        forwarded = [now - then for now, then in zip(self._forwarded(set_up), forwarded_before, strict=True)]
+        latencies: dict[bool, list[float]] = {True: [], False: []}
+        for name, answer in heard.items():
+            for type, source, latency_us in answer["latencies"]:
+                if mission.is_mission(type):
+                    latencies[SUBNET_OF[source] == SUBNET_OF[name]].append(latency_us)
+        return Outcome(
+            set_up,
+            self._delay_us,
+            self._wanted,
+            busy,
+            np.array(latencies[True]),
+            np.array(latencies[False]),
+            sum(wanted[name] - answer["heard"] for name, answer in heard.items()),
+            sum(crossed.packets),
+            sum(crossed.bytes),
+            forwarded[0],
+            forwarded[1],
+            forwarded[2],
+            sum(one.number for one in sent),
+            sum(one.number for one in sent if _is_wanted_across(one)),
+        )
+
+    def _forwarded(self, set_up: str) -> tuple[int, int, int]:
+        """Events and bytes that the federation's gateways got so far, and events that were not sent to them."""
+        if set_up != FEDERATED:
+            return (0, 0, 0)
+        links = [link for robot in ("A", "C") for link in self._robots[robot].ask({"do": "links", "set_up": set_up})]
+        events, size, unseen = (sum(link[key] for link in links) for key in ("came", "came_bytes", "unseen"))
+        return events, size, unseen
+
+    def _ask_all(self, command: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: robot.ask(command) for name, robot in self._robots.items()}
+
+
+def _is_wanted_across(one: mission.Sent) -> bool:
+    return any(mission.expected(robot, [one]) for robot in mission.ROBOTS if SUBNET_OF[robot] != SUBNET_OF[one.source])
+
+
+@contextlib.contextmanager
+def experiment(network: Network, folder: Path, leaders_core: int, cores: Sequence[int]) -> Iterator[Experiment]:
+    """Start everything: the leader on a core of its own, all others on `cores`. Raises ProcessFailed."""
+    with contextlib.ExitStack() as stack:
+
+        def start(host: str, of: str, name: str, *command: str, on: Sequence[int] = cores) -> Process:
+            return stack.enter_context(network.start(host, of, command, folder / f"{name}.log", on))
+
+        def channel(host: str, of: str, name: str, *more: str) -> None:
+            own, naming = network.address(host, of, host), network.address("server", "naming", host)
+            state = str(folder / name)
+            common = ("--state", state, "--endpoint", own, "--naming", naming, "--name", name)
+            start(host, of, name, *module_command("robocorba.servers.event_channel"), *common, *more)
+
+        naming = network.address("server", "naming", "server")
+        data = folder / "naming"
+        data.mkdir()
+        command = (
+            find_omninames(),
+            "-start",
+            naming.rsplit(":", 1)[1],
+            "-always",
+            "-nohostname",
+            "-datadir",
+            str(data),
+        )
+        start("server", "naming", "omniNames", *command, "-ORBendPoint", f"giop:tcp:{naming}")
+        channel("server", "central", CENTRAL)
+        channel("server", "channel", CHANNEL_OF["II"], "--peer", CHANNEL_OF["I"])
+        channel("channel", "channel", CHANNEL_OF["I"], "--peer", CHANNEL_OF["II"])
+        robots = {}
+        for name in mission.ROBOTS:
+            own, other = SUBNET_OF[name], "II" if SUBNET_OF[name] == "I" else "I"
+            settings = {
+                "name": name,
+                "naming": network.address("server", "naming", name),
+                "endpoint": network.address(name, "robot", name),
+                "channels": {STANDARD: CENTRAL, FEDERATED: CHANNEL_OF[own]},
+                "peers": {FEDERATED: CHANNEL_OF[other]},
+            }
+            on = (leaders_core,) if name == mission.LEADER else cores
+            program = (sys.executable, "-m", "bench.events.network.robot")
+            robots[name] = start(name, "robot", f"robot-{name}", *program, json.dumps(settings), on=on)
+        working = (sys.executable, "-m", "bench.events.network.load", str(leaders_core))
+        load = stack.enter_context(Process(working, folder / "load.log", (leaders_core,)))
+        for robot in robots.values():
+            robot.hear(START_LIMIT_S)
+        yield Experiment(network, robots, load, leaders_core)
+
+
+def split_cores() -> tuple[int, list[int]]:
+    """The leader's core, and those of all others; the same one where there is no other."""
+    cores = sorted(os.sched_getaffinity(0))
+    return cores[-1], cores[:-1] or cores
+
+
+def conduct(experiment: Experiment, plan: Plan, seed: int = 7) -> Iterator[Outcome]:
+    """All runs of a plan. Delays and loads come in random order, and so do the two set-ups."""
+    chance = random.Random(seed)
+    for delay_us in chance.sample(plan.delays_us, len(plan.delays_us)):
+        experiment.set_delay(delay_us)
+        for load in chance.sample(plan.loads, len(plan.loads)):
+            experiment.set_load(load)
+            for set_up in chance.sample(SET_UPS * plan.runs, len(SET_UPS) * plan.runs):
+                yield experiment.run(set_up, plan.run_s)

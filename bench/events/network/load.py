@@ -1,0 +1,85 @@
+"""Other work on the leader's computer: a process that keeps a core busy for a given share of the time.
+
+python -m bench.events.network.load CORE: reads lines of JSON on stdin, the share of the core that is to be busy in all
+(0 to 0.95), answers each with null, and ends with its stdin. It works as much as others on the core leave to be done;
+so a share below what they need themselves can't be held.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+import threading
+import time
+
+import psutil
+
+#: Mean time from one piece of work to the next, s.
+PERIOD_S = 0.01
+#: How often the share is looked at, and how much of a difference is made up for each time.
+LOOK_S, GAIN = 0.2, 0.3
+LONGEST_SHARE = 0.95
+
+
+class Core:
+    """What a core has done since it was last asked."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        self._idle_s, self._at = self._read()
+
+    def busy(self) -> float:
+        """The share of the time in which it did not idle. Idle time is exact, unlike the kinds of work, which
+        the kernel guesses from samples."""
+        idle_s, at = self._read()
+        share = 1 - (idle_s - self._idle_s) / (at - self._at)
+        self._idle_s, self._at = idle_s, at
+        return min(1.0, max(0.0, share))
+
+    def _read(self) -> tuple[float, float]:
+        times = psutil.cpu_times(percpu=True)[self._number]
+        return times.idle + getattr(times, "iowait", 0.0), time.monotonic()
+
+
+class Governor:
+    """Finds the share that is to be worked so that the core is busy for the wanted share."""
+
+    def __init__(self) -> None:
+        self.wanted = self.work = 0.0
+
+    def want(self, share: float) -> None:
+        """Change the wanted share."""
+        self.work = max(0.0, self.work + share - self.wanted) if share else 0.0
+        self.wanted = share
+
+    def correct(self, busy: float) -> None:
+        """The core was busy for that share."""
+        self.work = min(LONGEST_SHARE, max(0.0, self.work + GAIN * (self.wanted - busy))) if self.wanted else 0.0
+
+
+def work(governor: Governor, core: Core) -> None:
+    """Work and sleep in turns of random length: even turns could hide from the kernel's clock, and from the robots."""
+    look_at = time.monotonic() + LOOK_S
+    while True:
+        began = time.monotonic()
+        period = PERIOD_S * random.uniform(0.5, 1.5)
+        end = began + governor.work * period
+        while time.monotonic() < end:
+            pass
+        if time.monotonic() > look_at:
+            governor.correct(core.busy())
+            look_at = time.monotonic() + LOOK_S
+        time.sleep(max(0.0, began + period - time.monotonic()))
+
+
+def main() -> None:
+    governor = Governor()
+    threading.Thread(target=work, args=(governor, Core(int(sys.argv[1]))), daemon=True).start()
+    for line in sys.stdin:
+        governor.want(json.loads(line))
+        print("null", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,217 @@
+"""A robot of the experiment, connected to the channels of both set-ups: python -m bench.events.network.robot SETTINGS
+
+SETTINGS is JSON: name, naming and endpoint (HOST:PORT), channels and peers (names by set-up). Commands are lines of
+JSON on stdin, each answered by a line on stdout:
+  {"do": "prepare", ...}   a run, with the fields of Run
+  {"do": "play"}           plays the mission until the end of that run
+  {"do": "sent"}           what it sent in it: [type, source, count], ...
+  {"do": "collect", ...}   waits for `expect` events of it; how many came, and [type, source, latency in us], ...
+  {"do": "links", ...}     what its channel in a `set_up` says of its links
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import queue
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from bench.events.network import mission
+from robocorba.corba.event_client import Event, EventClient
+from robocorba.corba.orb import Orb
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+
+#: Longest wait for another robot, and for the last events of a run.
+ANSWER_LIMIT_S = 10.0
+
+
+class Run(NamedTuple):
+    """When a run begins, when what is sent begins to count, and when it ends: seconds of time.monotonic."""
+
+    number: int
+    set_up: str
+    begin: float
+    count_from: float
+    end: float
+
+
+class Robot:
+    """Tells and hears through `clients`, one for each set-up."""
+
+    def __init__(self, name: str, clients: Mapping[str, EventClient]) -> None:
+        self.name = name
+        self.clients = clients
+        self._run = Run(-1, "", 0.0, 0.0, 0.0)
+        self._sent: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        self._heard: list[tuple[str, str, int, bool]] = []
+        self._inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        patterns = mission.INTERESTS[name]
+        self.subscriptions = {
+            set_up: client.subscribe(partial(self._hear, set_up), *patterns) for set_up, client in clients.items()
+        }
+
+    # ---- a run ----
+
+    def prepare(self, run: Run) -> None:
+        """Forget the run before."""
+        with self._lock:
+            self._run, self._heard = run, []
+        self._sent.clear()
+        while not self._inbox.empty():
+            self._inbox.get()
+
+    def play(self) -> None:
+        """The mission, until the run's end."""
+        time.sleep(max(0.0, self._run.begin - time.monotonic()))
+        telling = threading.Thread(target=self._tell_state)
+        telling.start()
+        if self.name == mission.LEADER:
+            self._lead()
+        else:
+            self._help()
+        telling.join()
+
+    def _lead(self) -> None:
+        step, due = 0, self._run.begin
+        while due < self._run.end:
+            time.sleep(max(0.0, due - time.monotonic()))
+            for helper in mission.HELPERS:
+                self._tell(f"{mission.SUBPLAN}.{helper}", mission.subplan(helper, step))
+            self._wait_for_all(mission.READY, step)
+            self._tell(mission.GO, {"step": step})
+            self._wait_for_all(mission.RESULT, step)
+            step += 1
+            due = max(due + 1 / mission.STEP_HZ, time.monotonic())
+        self._tell(mission.DONE, {"steps": step})
+
+    def _wait_for_all(self, type: str, step: int) -> None:
+        """A barrier. Raises queue.Empty where a helper does not answer."""
+        missing = {*mission.HELPERS}
+        while missing:
+            event = self._inbox.get(timeout=ANSWER_LIMIT_S)
+            if event.type == type and event.payload["step"] == step:
+                missing.discard(event.source)
+
+    def _help(self) -> None:
+        while (event := self._inbox.get(timeout=ANSWER_LIMIT_S)).type != mission.DONE:
+            step = event.payload["step"]
+            if event.type == mission.GO:
+                self._tell(mission.RESULT, {"step": step, "done": True, "problem": ""})
+            else:
+                self._tell(mission.READY, {"step": step})
+
+    def _tell_state(self) -> None:
+        """States and scans in turn, half a period apart; robots are not in step with each other."""
+        half = 0.5 / mission.STATE_HZ
+        due = self._run.begin + mission.ROBOTS.index(self.name) / len(mission.ROBOTS) * half
+        turn = 0
+        while due < self._run.end:
+            time.sleep(max(0.0, due - time.monotonic()))
+            count, is_scan = divmod(turn, 2)
+            if is_scan:
+                self._tell(mission.SCAN, mission.scan(self.name, count))
+            else:
+                self._tell(mission.STATE, mission.state(self.name, count))
+            turn += 1
+            due = max(due + half, time.monotonic() - half)
+
+    # ---- events ----
+
+    def _tell(self, type: str, content: dict[str, Any]) -> None:
+        run = self._run
+        with self._lock:
+            self._sent[type] += 1
+        content["run"] = run.number
+        content["counts"] = time.monotonic() >= run.count_from
+        client = self.clients[run.set_up]
+        content["made_ns"] = time.monotonic_ns()
+        client.push(type, content)
+
+    def _hear(self, set_up: str, event: Event) -> None:
+        came_ns = time.monotonic_ns()
+        content = event.payload
+        run = self._run
+        if (content["run"], set_up) != (run.number, run.set_up):
+            return
+        with self._lock:
+            self._heard.append((event.type, event.source, came_ns - content["made_ns"], content["counts"]))
+        if event.type.startswith("mission."):
+            self._inbox.put(event)
+
+    # ---- afterwards ----
+
+    def sent(self) -> list[mission.Sent]:
+        """How many events of each type."""
+        with self._lock:
+            return [mission.Sent(type, self.name, count) for type, count in self._sent.items()]
+
+    def collect(self, expect: int) -> dict[str, Any]:
+        """How many events came, and the latencies of those that count, us."""
+        deadline = time.monotonic() + ANSWER_LIMIT_S
+        while len(self._heard) < expect and time.monotonic() < deadline:
+            time.sleep(0.002)
+        with self._lock:
+            heard = self._heard
+        return {"heard": len(heard), "latencies": [[*one[:2], one[2] / 1e3] for one in heard if one[3]]}
+
+    def links(self, set_up: str) -> list[dict[str, int]]:
+        """Of each link of a channel: events and bytes that came to its gateway, events that its peer did not want."""
+        return [
+            {"came": link.events.received + link.repeated, "came_bytes": link.bytes, "unseen": 0}
+            if link.direction == RoboCorba.INCOMING
+            else {"came": 0, "came_bytes": 0, "unseen": link.unseen}
+            for link in self.clients[set_up].channel.state().links
+        ]
+
+    def obey(self, do: str, **more: Any) -> Any:
+        """The answer to a command."""
+        if do == "prepare":
+            return self.prepare(Run(**more))
+        answers: dict[str, Callable[..., Any]] = {
+            "play": self.play,
+            "sent": self.sent,
+            "collect": self.collect,
+            "links": self.links,
+        }
+        return answers[do](**more)
+
+
+def main() -> None:
+    settings = json.loads(sys.argv[1])
+    naming = Address.parse(settings["naming"])
+    with Orb(naming, options={"endPoint": f"giop:tcp:{settings['endpoint']}"}) as orb:
+        clients = {
+            set_up: EventClient(orb, channel, settings["name"], timeout_s=30.0)
+            for set_up, channel in settings["channels"].items()
+        }
+        robot = Robot(settings["name"], clients)
+        for set_up, peer in settings["peers"].items():
+            if not robot.subscriptions[set_up].wait_in_force(peer, 30.0):
+                sys.exit(f"{settings['channels'][set_up]} is not linked with {peer}")
+        gc.freeze()
+        _answer("ready")
+        for command in _commands():
+            _answer(robot.obey(**command))
+        for client in clients.values():
+            client.close()
+
+
+def _commands() -> Iterator[dict[str, Any]]:
+    for line in sys.stdin:
+        yield json.loads(line)
+
+
+def _answer(value: Any) -> None:
+    print(json.dumps(value), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""Robot processes that have everything loaded before they begin: forked from one that has, thirty start in seconds.
+
+python -m bench.missions.nursery: says "loaded"; then reads lines of JSON on stdin, [FILE, ARGUMENT, ...], answers each
+with the id of a process that is `robocorba robot ARGUMENT ...` and prints to FILE, and ends with its stdin. The robots
+end with it."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import gc
+import json
+import os
+import random
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.common.processes import PR_SET_PDEATHSIG
+from robocorba.clients import robot
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.missions import carry
+
+_libc = ctypes.CDLL(None)
+
+
+def main() -> None:
+    carry.warm_up()
+    InverseKinematics()
+    gc.freeze()
+    if len(list(Path("/proc/self/task").iterdir())) > 1:
+        sys.exit("robot_nursery: there are threads already, which a fork would lose; set OPENBLAS_NUM_THREADS=1")
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for them but by their ids
+    print(json.dumps("loaded"), flush=True)
+    for line in sys.stdin:
+        out, *arguments = json.loads(line)
+        pid = os.fork()
+        if not pid:
+            _be_robot(out, arguments)
+        print(pid, flush=True)
+
+
+def _be_robot(out: str, arguments: Sequence[str]) -> None:
+    """Does not return."""
+    code = 1
+    try:
+        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        random.seed()
+        for descriptor, file, flags in ((0, os.devnull, os.O_RDONLY), (1, out, os.O_CREAT | os.O_WRONLY)):
+            os.dup2(os.open(file, flags, 0o600), descriptor)
+        os.dup2(1, 2)
+        faulthandler.register(signal.SIGUSR1)  # tells where all its threads are
+        robot.main(arguments)
+        code = 0
+    except BaseException as wrong:
+        print(f"robot: {wrong}", file=sys.stderr)
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""A server that answers every getPath with the same path: what the wire and the ORB cost without any planning.
+
+python -m bench.planning.canned_answer HOST:PORT POINTS
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from robocorba.corba.orb import Orb
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+
+
+class CannedPlanner(RoboCorba__POA.PathPlanner):
+    """Answers with `points` points, made anew for each call as a planner must."""
+
+    def __init__(self, points: int) -> None:
+        self._points = range(points)
+
+    def getPath(self, start: Any, goal: Any) -> list[Any]:
+        return [
+            RoboCorba.PathPoint(
+                RoboCorba.NODE, "room-101-door", RoboCorba.Point("L1", 1.0, float(i)), 0.5, 1.0 * i, 2.0 * i, ""
+            )
+            for i in self._points
+        ]
+
+
+def main(endpoint: str, points: str) -> None:
+    address = Address.parse(endpoint)
+    with Orb(Address(address.host, 1), address) as orb:  # nobody listens on port 1: it is called by corbaloc
+        orb.serve({"PathPlanner": CannedPlanner(int(points))})
+        orb.run()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

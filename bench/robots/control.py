@@ -1,0 +1,190 @@
+"""The control loop of a robot at 50 Hz, while another process keeps a core busy.
+
+    python -m bench.robots.control [--seconds 60] [--pin]
+
+A real system and a real robot process that runs a program: the base drives, arms and lumbar move. First virtual, then
+on the actual robot's stand-in. One core, the last, is kept busy by a process that is bound to it. Everything else may
+run on all cores, as with a user; with --pin, on all the others only."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from bench.common.processes import Process
+from bench.robots.place import RecordedRobot, servers, stand_in
+from robocorba.control.high_controller import SPEED_CAP, TICK_S
+from robocorba.corba.orb import Orb
+from robocorba.kinematics.smartpal import ACCELERATION, BASE, JOINTS, LOWER, SPEED, UPPER
+from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.program import Program, dumps
+from robocorba.spatial.grids import Floats
+from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell
+
+NAME = "control"
+MOST_P99_MS = 5.0
+#: It begins to count so long after the program, s.
+WARM_UP_S = 3.0
+#: Limits are kept to so much: of rounding.
+SLACK = 1e-6
+BUSY = "while True: pass"
+
+
+def program() -> Program:
+    """Some minutes of work."""
+    builder = ProgramBuilder("work")
+    with builder.repeat(100):
+        builder.mhand_posture("both", "ready").mbase_by(ahead=1.0, turn=0.8).lumbar(-0.1, 0.3).mbase_by(ahead=-1.0)
+        builder.mhand_posture("both", "tuck").mbase_by(left=0.5, turn=-0.8).lumbar(0.0, 0.0).mbase_by(left=-0.5)
+    return builder.program()
+
+
+@contextlib.contextmanager
+def loaded(core: int, folder: Path) -> Iterator[None]:
+    """A core that is busy all the time."""
+    with Process((sys.executable, "-c", BUSY), folder / "busy.log", [core]):
+        yield
+
+
+def lateness_s(begun: Floats) -> tuple[Floats, int]:
+    """Of ticks that began then: how late each one was, and how many were missed altogether.
+
+    As the controller counts: ticks are due every TICK_S, and where one is later than that, from there on anew. When the
+    first was due is not known: the most punctual tick is taken to be on time."""
+    grids: list[list[float]] = [[]]
+    due = missed = 0
+    offset = float(begun[0])
+    for at in begun.tolist():
+        ahead = at - (offset + due * TICK_S)
+        if ahead > TICK_S:
+            missed += int(ahead / TICK_S)
+            offset, due, ahead = at, 0, 0.0
+            grids.append([])
+        grids[-1].append(ahead)
+        due += 1
+    return np.concatenate([np.array(grid) - min(grid) for grid in grids if grid]), missed
+
+
+def broken_limits(ticks: Floats) -> dict[str, int]:
+    """How many commands were beyond a limit, by its name."""
+    time_s, heading, told = ticks[:, 4], ticks[:, 5], ticks[:, 6:9]
+    joints, speeds = ticks[:, 9 : 9 + len(JOINTS)], ticks[:, 9 + len(JOINTS) :]
+    c, s = np.cos(heading), np.sin(heading)
+    velocity = np.column_stack((c * told[:, 0] - s * told[:, 1], s * told[:, 0] + c * told[:, 1]))
+    passed = np.maximum(np.diff(time_s), TICK_S)[:, np.newaxis]
+    more = 1.0 + SLACK
+    found = {
+        "base: speed": np.hypot(told[:, 0], told[:, 1]) > SPEED_CAP * more,
+        "base: turn": np.abs(told[:, 2]) > BASE.turn * more,
+        "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE.acceleration * TICK_S * more,
+        "base: turn acceleration": np.abs(np.diff(told[:, 2])) > BASE.turn_acceleration * TICK_S * more,
+        "joints: position": (joints < LOWER - SLACK) | (joints > UPPER + SLACK),
+        "joints: speed": np.abs(speeds) > SPEED * more,
+        "joints: acceleration": np.abs(np.diff(speeds, axis=0)) > ACCELERATION * passed * more + SLACK,
+        "joints: leaps": np.abs(np.diff(joints, axis=0)) > SPEED * passed * more + SLACK,
+    }
+    return {name: int(np.count_nonzero(is_beyond)) for name, is_beyond in found.items()}
+
+
+def measure(folder: Path, orb: Orb, seconds: float, adaptor: Sequence[str]) -> Floats:
+    """All ticks of so many seconds of work."""
+    with RecordedRobot(folder, orb, "4,3,0", adaptor) as robot:
+        robot.agent.load(dumps(program()))
+        robot.agent.run()
+        time.sleep(WARM_UP_S)
+        began = time.monotonic()
+        time.sleep(seconds)
+        ended = time.monotonic()
+        if (state := robot.agent.state()).program.reason:
+            sys.exit(f"control: the program ended: {state.program.reason}")
+        robot.agent.abort()
+        time.sleep(0.5)
+    ticks = robot.ticks()
+    return ticks[(ticks[:, 0] >= began) & (ticks[:, 0] < ended)]
+
+
+def row(which: str, ticks: Floats, seconds: float) -> tuple[dict[str, Any], Floats]:
+    late_s, missed = lateness_s(ticks[:, 0])
+    late_ms = late_s * 1e3
+    between_ms = np.abs(np.diff(ticks[:, 2]) - TICK_S) * 1e3
+    work_ms = (ticks[:, 3] - ticks[:, 0]) * 1e3
+    found = {
+        "robot": which,
+        "ticks": len(ticks),
+        "due": round(seconds / TICK_S),
+        "missed": missed,
+        "late p50, ms": quantile(late_ms.tolist(), 0.5),
+        "p99": quantile(late_ms.tolist(), 0.99),
+        "worst": float(late_ms.max()),
+        "between commands, off by p99, ms": quantile(between_ms.tolist(), 0.99),
+        "a tick's work p50, ms": quantile(work_ms.tolist(), 0.5),
+        "work p99, ms": quantile(work_ms.tolist(), 0.99),
+        "top speed told, m/s": float(np.hypot(ticks[:, 6], ticks[:, 7]).max()),
+        "beyond limits": sum(broken_limits(ticks).values()),
+    }
+    return found, late_ms
+
+
+def marks(found: dict[str, Any]) -> list[Mark]:
+    which = found["robot"]
+    return [
+        at_most(f"{which}: late, p99, ms", found["p99"], MOST_P99_MS),
+        at_most(f"{which}: ticks missed", found["missed"], 0),
+        at_most(f"{which}: commands beyond a limit", found["beyond limits"], 0),
+    ]
+
+
+def main() -> int:
+    """Exit code: 0 if every mark was reached."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each of the two robots (default: %(default)s)")
+    parser.add_argument("--pin", action="store_true", help="servers and robot on the other cores only")
+    options = parser.parse_args()
+    *others, busy = sorted(os.sched_getaffinity(0))
+    if options.pin and others:
+        os.sched_setaffinity(0, others)
+    found: dict[str, tuple[dict[str, Any], Floats]] = {}
+    with (
+        tempfile.TemporaryDirectory() as name,
+        servers(Path(name)) as system,
+        Orb(system.naming) as orb,
+        loaded(busy, Path(name)),
+    ):
+        folder = Path(name)
+        for which in ("virtual", "actual"):
+            with contextlib.ExitStack() as stack, PROGRESS.status(f"{which}: {options.seconds:g} s"):
+                adaptor: tuple[str, ...] = ()
+                if which == "actual":
+                    naming = stack.enter_context(stand_in(folder, orb))
+                    adaptor = ("--adaptor", "smartpal", "--", "--naming", str(naming))
+                ticks = measure(folder / which, orb, options.seconds, adaptor)
+            found[which] = row(which, ticks, options.seconds)
+            for limit, count in broken_limits(ticks).items():
+                if count:
+                    print(f"{which}: {count} commands beyond the limit of {limit}")
+    rows = [one for one, _ in found.values()]
+
+    def draw(axes: Axes) -> None:
+        for which, (_, late_ms) in found.items():
+            axes.plot(np.sort(late_ms), np.linspace(0, 1, len(late_ms)), label=which)
+        axes.set(xscale="log", xlabel="late, ms", ylabel="share of ticks that were earlier", xlim=(0.01, None))
+        axes.axvline(MOST_P99_MS, color="grey", linestyle=":")
+        axes.legend()
+
+    bound = f"others on {others}" if options.pin else "others anywhere"
+    title = f"control loop at {1 / TICK_S:g} Hz, {options.seconds:g} s, core {busy} kept busy, {bound}"
+    return 0 if tell(NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,172 @@
+"""Inverse kinematics: random reachable poses of each arm, beside mink with daqp from the same seeds.
+
+Reachable is where the hand is at random joints within limits. Every solve starts from hanging arms. What counts as
+solved is looked up by forward kinematics: within 1 mm, half a degree, and the joints' limits.
+
+python -m bench.robots.kinematics
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+from matplotlib.axes import Axes
+
+from robocorba.errors.robots import Unreachable
+from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.model import specification
+from robocorba.kinematics.pose import HandPose
+from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, UPPER, Side
+from robocorba.spatial.grids import Floats
+from robocorba.testing.report import at_least, at_most, quantile, tell, timed_ms
+
+POSES, QUESTIONS = 1000, 10_000
+NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)
+#: The slow peer gets fewer poses, each with as many seeds and steps as it can use.
+FEW, PEER_STEPS = 200, 60
+HOME = np.zeros(len(JOINTS))
+
+Solve = Callable[[HandPose], Floats | None]
+
+
+def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats]:
+    """Random joints of an arm, the other one hanging; only such as run into nothing, if wanted."""
+    chance = np.random.default_rng(17)
+    found: list[Floats] = []
+    while len(found) < count:
+        joints = HOME.copy()
+        joints[ARM[side]] = chance.uniform(LOWER[ARM[side]], UPPER[ARM[side]])
+        if not are_clear or not body.collisions(joints):
+            found.append(joints)
+    return found
+
+
+def ours(inverse: InverseKinematics, side: Side, keeps_clear: bool) -> Solve:
+    def solve(target: HandPose) -> Floats | None:
+        try:
+            return inverse.solve(side, target, HOME, keeps_clear=keeps_clear)
+        except Unreachable:
+            return None
+
+    return solve
+
+
+def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
+    """The same by mink, on a model in which only this arm moves: whole steps until it is near or gets no nearer, then
+    the next seed."""
+    spec = specification()
+    names = JOINTS[ARM[side]]
+    for joint in spec.joints:
+        if joint.name not in names:
+            spec.delete(joint)
+    configuration = mink.Configuration(spec.compile())
+    task = mink.FrameTask(f"{side.value}_hand", "site", position_cost=1.0, orientation_cost=0.3, lm_damping=0.1)
+    limits = [mink.ConfigurationLimit(configuration.model)]
+    seeds = [HOME[ARM[side]], *inverse.restarts[:, ARM[side]]]
+
+    def solve(target: HandPose) -> Floats | None:
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, target.rotation.ravel())
+        task.set_target(mink.SE3(np.concatenate([turn, target.position])))
+        for seed in seeds:
+            configuration.update(seed.copy())
+            least, waited = math.inf, 0
+            for _ in range(PEER_STEPS):
+                error = task.compute_error(configuration)
+                way, turned = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
+                if way < NEAR_M / 2 and turned < NEAR_RAD / 2:
+                    return np.concatenate([HOME[: ARM[side].start], configuration.q, HOME[ARM[side].stop :]])
+                left = float(np.hypot(way, 0.3 * turned))
+                least, waited = (left, 0) if left < 0.9 * least else (least, waited + 1)
+                if waited > 8:
+                    break
+                try:
+                    configuration.integrate_inplace(
+                        mink.solve_ik(configuration, [task], 1.0, "daqp", 1e-6, limits=limits), 1.0
+                    )
+                except mink.NoSolutionFound:
+                    break
+        return None
+
+    return solve
+
+
+def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) -> tuple[dict[str, Any], list[float]]:
+    """A row, and the milliseconds of each solve."""
+    solved, times = 0, []
+    solve(body.hand(side, truth[0]))
+    for joints in truth:
+        target = body.hand(side, joints)
+        found, took = timed_ms(solve, target)
+        times.append(took)
+        if found is not None:
+            way, turn = body.hand(side, found).distance(target)
+            solved += way < NEAR_M and turn < NEAR_RAD and within_limits(found)
+    row = {
+        "arm": side.value,
+        "by": by,
+        "poses": len(truth),
+        "solved": solved / len(truth),
+        "median ms": statistics.median(times),
+        "p99 ms": quantile(times, 0.99),
+        "worst ms": max(times),
+    }
+    return row, times
+
+
+def main() -> int:
+    """Exit code: 0 if every mark was reached."""
+    body, inverse = Body(), InverseKinematics()
+    rows, times, marks = [], {}, []
+    for side in Side:
+        anywhere = postures(body, side, POSES, False)
+        for by, solve, truth in (
+            ("ours", ours(inverse, side, False), anywhere),
+            ("ours, clear of the body", ours(inverse, side, True), postures(body, side, POSES, True)),
+            ("mink + daqp", by_mink(inverse, side), anywhere[:FEW]),
+        ):
+            row, took = measure(body, side, by, solve, truth)
+            rows.append(row)
+            times[f"{side.value} arm, {by}"] = took
+            if by.startswith("ours"):
+                marks.append(at_least(f"{side.value} arm, {by}: share solved", row["solved"], 0.99))
+                marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
+    rows += forward(body)
+    title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
+    return 0 if tell("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
+
+
+def forward(body: Body) -> list[dict[str, Any]]:
+    """Rows of what forward questions take."""
+    chance = np.random.default_rng(18)
+    everywhere = list(chance.uniform(LOWER, UPPER, (QUESTIONS, len(JOINTS))))
+    rows = []
+    for what, ask in (
+        ("one hand, forward", lambda joints: body.hand(Side.LEFT, joints)),
+        ("all links, forward", body.links),
+        ("collisions", body.collisions),
+    ):
+        took = [timed_ms(ask, joints)[1] for joints in everywhere]
+        row = dict.fromkeys(("arm", "by", "poses", "solved"), None) | {"by": what, "poses": QUESTIONS}
+        figures = {"median ms": statistics.median(took), "p99 ms": quantile(took, 0.99), "worst ms": max(took)}
+        rows.append(row | figures)
+    return rows
+
+
+def _draw(axes: Axes, times: dict[str, list[float]]) -> None:
+    for label, took in times.items():
+        axes.plot(sorted(took), np.arange(len(took)) / len(took), label=label)
+    axes.set(xscale="log", xlabel="ms", ylabel="share of solves that took less")
+    axes.legend()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""A robot process with a recorder between its control agent and its adaptor, and a switch that lets the adaptor hang.
+
+    python -m bench.robots.recorded_robot FOLDER NAME [options of clients/robot]
+
+It is clients/robot otherwise. FOLDER/stops.jsonl has a line for each stop of the adaptor as it happens, at the end
+FOLDER/ticks.npy has all ticks. After SIGUSR1 the next write takes HANG_S. Times are those of time.monotonic, which all
+processes of a machine share."""
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import json
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from robocorba.clients import robot
+from robocorba.control import model_switcher
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.model_switcher import Surroundings
+from robocorba.motion.robot_state import ActorCommand, RobotState
+
+#: Ticks that are kept: an hour of them.
+MOST_TICKS = 180_000
+#: How long an adaptor hangs, s.
+HANG_S = 2.5
+
+
+class Recorder:
+    """Of one process."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._stops = (folder / "stops.jsonl").open("w", buffering=1)
+        self._ticks: deque[tuple[float, ...]] = deque(maxlen=MOST_TICKS)
+        self._hangs = 0
+        signal.signal(signal.SIGUSR1, lambda *_: self._let_hang())
+
+    def tick(
+        self, read: tuple[float, float], state: RobotState, write: tuple[float, float], told: ActorCommand
+    ) -> None:
+        """A read and the write after it, each from and to."""
+        joints = itertools.chain(told.joints.tolist(), told.joint_velocities.tolist())
+        self._ticks.append((*read, *write, state.time, state.heading, *told.velocity, *joints))
+
+    def stopped(self, began: float, event: str = "stop") -> None:
+        line = {"event": event, "at": began, "done": time.monotonic()}
+        self._stops.write(json.dumps(line) + "\n")
+
+    def may_hang(self) -> None:
+        """Before each write."""
+        if self._hangs:
+            self._hangs = 0
+            self.stopped(time.monotonic(), "hang")
+            time.sleep(HANG_S)
+
+    def close(self) -> None:
+        ticks = list(self._ticks)
+        np.save(self._folder / "ticks.npy", np.array([tick for tick in ticks if len(tick) == len(ticks[-1])]))
+
+    def _let_hang(self) -> None:
+        self._hangs = 1
+
+
+class RecordedAdaptor(RobotAdaptor):
+    """In front of another one."""
+
+    def __init__(self, adaptor: RobotAdaptor, recorder: Recorder) -> None:
+        self._adaptor, self._recorder = adaptor, recorder
+        self.is_in_building = adaptor.is_in_building
+        self._read = (0.0, 0.0)
+        self._state = RobotState()
+
+    def start(self, argv: Sequence[str]) -> bool:
+        return self._adaptor.start(argv)
+
+    def stop(self) -> bool:
+        began = time.monotonic()
+        try:
+            return self._adaptor.stop()
+        finally:
+            self._recorder.stopped(began)
+
+    def read(self, state: RobotState) -> bool:
+        began = time.monotonic()
+        answer = self._adaptor.read(state)
+        self._read, self._state = (began, time.monotonic()), state
+        return answer
+
+    def write(self, command: ActorCommand) -> bool:
+        self._recorder.may_hang()
+        began = time.monotonic()
+        answer = self._adaptor.write(command)
+        self._recorder.tick(self._read, self._state, (began, time.monotonic()), command)
+        return answer
+
+
+def main(folder: str, arguments: Sequence[str]) -> None:
+    recorder = Recorder(Path(folder))
+    atexit.register(recorder.close)
+    make = model_switcher.make
+
+    def recorded(name: str, surroundings: Surroundings) -> RobotAdaptor:
+        return RecordedAdaptor(make(name, surroundings), recorder)
+
+    model_switcher.make = recorded
+    robot.main(arguments)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2:])

@@ -1,0 +1,128 @@
+"""Rays a second on one core: floors of 300 and of 6,000 walls, beside pymunk's and shapely's own queries.
+
+python -m bench.simulation.rays
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pymunk
+import shapely
+from matplotlib.axes import Axes
+from shapely import LineString
+
+from robocorba.sensing.fan import Fan
+from robocorba.sensing.sight import Sight
+from robocorba.spatial.grids import Floats
+from robocorba.testing.report import at_least, at_most, tell
+
+FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)
+#: Walls, side of the floor in m, and rays a second that must be reached.
+FLOORS = ((300, 60.0, 8e6), (6000, 250.0, 6.6e6))
+SCANS, ROUNDS = 500, 7
+#: Slow peers get fewer scans.
+FEW = 10
+
+
+def floor(walls: int, side: float, seed: int = 1) -> list[shapely.Geometry]:
+    """Walls of 2 to 6 m along the axes, at random places, and a wall around them."""
+    chance = np.random.default_rng(seed)
+    found: list[shapely.Geometry] = [shapely.box(0, 0, side, side).exterior]
+    for x, y, length, turned in zip(
+        *chance.uniform(1, side - 7, (2, walls)), *chance.uniform(0, 1, (2, walls)), strict=True
+    ):
+        reach = 2 + 4 * length
+        found.append(LineString([(x, y), (x + reach, y) if turned < 0.5 else (x, y + reach)]))
+    return found
+
+
+def poses(count: int, side: float) -> Floats:
+    chance = np.random.default_rng(2)
+    return np.column_stack([chance.uniform(1, side - 1, (count, 2)), chance.uniform(-math.pi, math.pi, count)])
+
+
+def by_pymunk(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Floats]:
+    """The same scans by a query for each ray."""
+    space = pymunk.Space()
+    for wall in walls:
+        points = list(wall.coords)
+        space.add(*(pymunk.Segment(space.static_body, a, b, 0.0) for a, b in itertools.pairwise(points)))
+    everything = pymunk.ShapeFilter()
+
+    def scan() -> Floats:
+        found = np.full((len(places), FULL.count), FULL.range_m)
+        for row, (x, y, heading) in zip(found, places.tolist(), strict=True):
+            for k, angle in enumerate((FULL.angles + heading).tolist()):
+                end = (x + FULL.range_m * math.cos(angle), y + FULL.range_m * math.sin(angle))
+                met = space.segment_query_first((x, y), end, 0.0, everything)
+                if met:
+                    row[k] = met.alpha * FULL.range_m
+        return found
+
+    return scan
+
+
+def by_shapely(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Floats]:
+    """The same by an STRtree and intersections of all rays at once."""
+    tree = shapely.STRtree(walls)
+    lines = np.array(walls, object)
+
+    def scan() -> Floats:
+        found = np.full((len(places), FULL.count), FULL.range_m)
+        for row, (x, y, heading) in zip(found, places.tolist(), strict=True):
+            angles = FULL.angles + heading
+            ends = np.column_stack([x + FULL.range_m * np.cos(angles), y + FULL.range_m * np.sin(angles)])
+            starts = np.broadcast_to((x, y), ends.shape)
+            rays = shapely.linestrings(np.stack([starts, ends], axis=1))
+            which, wall = tree.query(rays, predicate="intersects")
+            met = shapely.intersection(rays[which], lines[wall])
+            np.minimum.at(row, which, shapely.distance(met, shapely.Point(x, y)))
+        return found
+
+    return scan
+
+
+def main() -> int:
+    """Exit code: 0 if every mark was reached."""
+    rows: list[dict[str, Any]] = []
+    marks = []
+    for walls, side, least in FLOORS:
+        stands, places = floor(walls, side), poses(SCANS, side)
+        sight, few = Sight(stands), places[:FEW]
+        ways: dict[str, tuple[Callable[[], Floats], int]] = {
+            "ours": (lambda sight=sight, places=places: sight.scan(places, FULL), SCANS),  # type: ignore[misc]
+            "pymunk": (by_pymunk(stands, few), FEW),
+            "shapely": (by_shapely(stands, few), FEW),
+        }
+        expected = sight.scan(few, FULL)
+        worst = max(float(np.abs(ways[peer][0]() - expected).max()) for peer in ("pymunk", "shapely"))
+        rates: dict[str, list[float]] = {peer: [] for peer in ways}
+        for _ in range(ROUNDS):
+            for peer, (scan, scans) in ways.items():
+                began = time.perf_counter()
+                scan()
+                rates[peer].append(scans * FULL.count / (time.perf_counter() - began))
+        for peer, found in rates.items():
+            median = statistics.median(found)
+            rows.append({"walls": walls, "by": peer, "M rays/s": median / 1e6, "worst round": min(found) / 1e6})
+        marks.append(at_least(f"{walls} walls, rays a second", statistics.median(rates["ours"]), least))
+        marks.append(at_most(f"{walls} walls, farthest from what the peers say, m", worst, 1e-6))
+    title = f"{FULL.count} rays of {FULL.range_m:g} m, one core"
+    return 0 if tell("rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
+
+
+def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    axes.barh([f"{row['by']}, {row['walls']} walls" for row in rows], [row["M rays/s"] for row in rows])
+    axes.set(xscale="log", xlabel="million rays a second")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

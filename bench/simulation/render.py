@@ -1,0 +1,138 @@
+"""A picture of a floor with 50 robots and 8 lasers: how long it takes, beside its encoding alone and matplotlib.
+
+python -m bench.simulation.render
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import statistics
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from PIL import Image
+
+from robocorba.maps.drawing import draw_floor
+from robocorba.maps.geometry import free_space
+from robocorba.maps.model import Building
+from robocorba.maps.movable import movables, outline, standing
+from robocorba.maps.samples import load_sample
+from robocorba.sensing.fan import LASER
+from robocorba.sensing.sight import Sight
+from robocorba.simulation.picture import FloorPainter, SightFan
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.testing.report import at_most, quantile, tell, timed_ms
+
+FLOOR, WIDTH_PX = "L1", 1200
+ROBOTS, LASERS, RADIUS_M = 50, 8, 0.4
+#: Different moments of the floor, and how often each is drawn.
+MOMENTS, ROUNDS = 30, 10
+#: matplotlib is slow: it gets fewer.
+FEW = 5
+MOST_MS = 30.0
+
+
+def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
+    """The floor at different times: robots at free places, objects near where the map has them, what lasers see."""
+    chance = np.random.default_rng(1)
+    space = free_space(building, FLOOR, RADIUS_M)
+    shapely.prepare(space)
+    things = [(name, thing) for name, (thing, floor) in movables(building).items() if floor == FLOOR]
+    bodies = [Body(i, BodyKind.ROBOT, f"robot-{i}", RADIUS_M, (), 100.0) for i in range(ROBOTS)]
+    for number, (name, thing) in enumerate(things, ROBOTS):
+        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(thing).exterior.coords), 20.0))
+    places = np.array([(*thing.at, thing.heading) for _, thing in things])
+    sight = Sight(standing(building, FLOOR))
+    found = []
+    for time in range(MOMENTS):
+        motions = np.zeros(len(bodies), MOTION)
+        motions["number"] = range(len(bodies))
+        poses = np.column_stack([_free(space, ROBOTS, chance), chance.uniform(-math.pi, math.pi, ROBOTS)])
+        poses = np.vstack([poses, places + chance.normal(0.0, 0.2, places.shape)])
+        motions["x"], motions["y"], motions["heading"] = poses.T
+        speed = chance.uniform(0.0, 1.0, ROBOTS)
+        motions["vx"][:ROBOTS] = speed * np.cos(poses[:ROBOTS, 2])
+        motions["vy"][:ROBOTS] = speed * np.sin(poses[:ROBOTS, 2])
+        cabins = {
+            name: Moment(0.0, FLOOR if time % 2 else "", Doors.OPENING, 0.5, (), ()) for name in building.elevators
+        }
+        view = FloorView(FLOOR)
+        view.apply(FloorUpdate(FLOOR, 0, 1, float(time), 1, bodies, [], motions, cabins))
+        seen = sight.scan(poses[:LASERS], LASER)
+        fans = [
+            SightFan(x, y, heading, LASER.first_rad, LASER.step_rad, distances)
+            for (x, y, heading), distances in zip(poses[:LASERS].tolist(), seen, strict=True)
+        ]
+        found.append((view, fans))
+    return found
+
+
+def _free(space: shapely.Geometry, count: int, chance: np.random.Generator) -> np.ndarray:
+    x0, y0, x1, y1 = space.bounds
+    points = chance.uniform((x0, y0), (x1, y1), (100 * count, 2))
+    return points[shapely.contains_xy(space, points)][:count]
+
+
+def encode(picture: Image.Image) -> int:
+    """As a painter does; how many bytes it is."""
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", compress_level=1)
+    return buffer.tell()
+
+
+def main() -> int:
+    """Exit code: 0 if the mark was reached."""
+    building = load_sample("five-floors")
+    painter, times = FloorPainter(building), moments(building)
+    png, first_ms = timed_ms(painter.png, *times[0], WIDTH_PX, "")
+    took: dict[str, list[float]] = {}
+
+    def note(what: str, call: Callable[..., Any], *arguments: object) -> Any:
+        answer, ms = timed_ms(call, *arguments)
+        took.setdefault(what, []).append(ms)
+        return answer
+
+    for round_ in range(ROUNDS):
+        for view, fans in times:
+            caption = f"five-floors · {FLOOR}   {round_ + view.time:.2f} s   {ROBOTS} robots   1234 events/s"
+            png = note("ours", painter.png, view, fans, WIDTH_PX, caption)
+            picture = Image.open(io.BytesIO(png))
+            picture.load()
+            note("encoding alone", encode, picture)
+            if view.time == 0:
+                note("encoding true colours", encode, picture.convert("RGB"))
+        if round_ < FEW:
+            note("matplotlib, without robots", lambda: encode(draw_floor(building, FLOOR, width_px=WIDTH_PX)))
+    rows = [
+        {
+            "by": what,
+            "pictures": len(ms),
+            "median ms": statistics.median(ms),
+            "p99 ms": quantile(ms, 0.99),
+            "worst ms": max(ms),
+        }
+        for what, ms in took.items()
+    ]
+    rows.append(
+        {"by": "ours, first of a floor", "pictures": 1, "median ms": first_ms, "p99 ms": None, "worst ms": None}
+    )
+    marks = [at_most("a picture, median ms", statistics.median(took["ours"]), MOST_MS)]
+    title = f"{ROBOTS} robots and {LASERS} lasers, {WIDTH_PX} pixels wide, {len(png) / 1000:.0f} kB"
+    return 0 if tell("render", title, rows, marks, lambda axes: _draw(axes, took)) else 1
+
+
+def _draw(axes: Axes, took: dict[str, list[float]]) -> None:
+    for what, ms in took.items():
+        axes.plot(sorted(ms), np.linspace(0, 1, len(ms)), label=what)
+    axes.set(xscale="log", xlabel="milliseconds", ylabel="share of pictures that took less")
+    axes.legend()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,335 @@
+"""A process of a bench with many robots, told what to do by lines of JSON on its stdin.
+
+python -m bench.simulation.robots_client HOST:PORT
+
+Its address is that of the naming service. It answers every line by one line on stdout, the first one when it has found
+the simulation server, and ends with its stdin. Times are of CLOCK_MONOTONIC, which processes of one machine share."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import random
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import psutil
+from omniORB import CORBA
+
+from bench.common.processes import Process
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import errors as idl_errors
+from robocorba.corba.conversion import scans, simulation
+from robocorba.corba.orb import Orb
+from robocorba.repeating import Repeating
+from robocorba.sensing.fan import Fan
+from robocorba.sensing.virtual_sensor import ScanSpec
+from robocorba.settings import Address
+from robocorba.simulation.registry import Description
+from robocorba.spatial.floor_state import Pose
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.folder import StateFolder
+from robocorba.testing.report import timed_ms
+
+T = TypeVar("T")
+START_LIMIT_S = 60.0
+#: A command holds for so long; robots that wait say so often that they are there, s.
+VALID_S, BEAT_S = 0.5, 0.8
+#: Ahead, m/s, and turn, rad/s, of a robot that drives on, and of one that turns away.
+ON, AWAY = (0.7, 0.0, 0.2), (0.0, 0.0, 1.2)
+#: Slower is stuck, m/s; but a robot that has just begun to drive is given so many commands.
+STUCK_M_S, PATIENCE = 0.1, 6
+FULL = ScanSpec(Fan(-math.pi, 2 * math.pi / 360, 360, 30.0))
+NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
+
+
+class Robot:
+    """A robot that is logged on, and wanders about."""
+
+    def __init__(self, session: Any, number: int) -> None:
+        self.session = session
+        self._chance = random.Random(number)
+        #: Commands for which it turns yet; below 0, for which it has driven on.
+        self._turning = 0
+
+    def next_command(self) -> tuple[float, float, float]:
+        """Ahead, left, m/s, and turn, rad/s."""
+        return AWAY if self._turning > 0 else ON
+
+    def look(self, speed: float) -> None:
+        """After a command: it moves so fast ahead, m/s."""
+        self._turning -= 1
+        if self._turning < -PATIENCE and speed < STUCK_M_S:
+            self._turning = self._chance.randint(5, 20)
+
+
+class Fleet:
+    """The robots of this process. All methods but `close` return what is answered, times in ms."""
+
+    def __init__(self, server: Any) -> None:
+        self._server = server
+        self._robots: list[Robot] = []
+        self._waiting: list[Robot] = []
+        self._beats = Repeating("beats", self._beat, BEAT_S).start()
+
+    def log_on(self, robots: list[list[Any]], count: int) -> dict[str, Any]:
+        """Log so many robots on, one after the other: rows of name, floor, x, y, heading, radius. What was pushed to
+        where a robot wants to stand makes it stay away, and the next one comes."""
+        took: list[float] = []
+        for name, *pose, radius in robots:
+            if len(took) == count:
+                break
+            about = simulation.description(Description(name, Pose(*pose), radius))
+            try:
+                session, ms = timed_ms(self._server.registerRobot, about)
+            except RoboCorba.PlaceTaken:
+                continue
+            took.append(ms)
+            self._robots.append(Robot(session, len(self._robots)))
+            self._waiting.append(self._robots[-1])
+        return {"log on": took}
+
+    def log_off(self) -> dict[str, Any]:
+        """All of them."""
+        took = []
+        with self._awake():
+            for robot in self._robots:
+                with contextlib.suppress(LoggedOff):
+                    took.append(timed_ms(told, robot.session.deregister)[1])
+            self._robots = []
+        return {"log off": took}
+
+    def drive(self, begin: float, seconds: float, rate: float, threads: int) -> dict[str, Any]:
+        """Command each robot and ask for its state `rate` times a second, spread evenly, from a time on.
+
+        late: how long after it was due a command began. lost: robots that were logged off, because they could not call
+        in time. cpu: share of a core that this process took."""
+        with self._awake(), self._counted() as answer:
+            parts = [self._robots[thread::threads] for thread in range(threads)]
+            found = in_threads(
+                lambda thread: drive(parts[thread], begin + thread / rate / len(self._robots), seconds, rate), threads
+            )
+            for what in ("command", "state", "late"):
+                answer[what] = [round(ms, 4) for one in found for ms in one[what]]
+            for what in ("due", "lost"):
+                answer[what] = sum(one[what] for one in found)
+        return answer
+
+    def scan(self, begin: float, seconds: float, threads: int) -> dict[str, Any]:
+        """Let robots turn where they stand and scan, in turn, as fast as it goes, from a time on."""
+        parts = [self._robots[thread::threads] for thread in range(threads)]
+        with self._counted() as answer:
+            found = in_threads(lambda thread: scan(parts[thread], begin, seconds), threads)
+            answer["scan"] = [round(ms, 4) for one in found for ms in one]
+        return answer
+
+    def close(self) -> None:
+        self._beats.close()
+
+    def _beat(self) -> None:
+        for robot in list(self._waiting):
+            if not self._waiting:
+                return
+            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # it has just logged off
+                robot.session.heartbeat()
+
+    @contextlib.contextmanager
+    def _awake(self) -> Iterator[None]:
+        """Robots call by themselves; nobody has to say that they are there."""
+        self._waiting = []
+        try:
+            yield
+        finally:
+            self._waiting = list(self._robots)
+
+    @contextlib.contextmanager
+    def _counted(self) -> Iterator[dict[str, Any]]:
+        answer: dict[str, Any] = {}
+        began, worked = time.monotonic(), time.process_time()
+        yield answer
+        answer["cpu"] = (time.process_time() - worked) / (time.monotonic() - began)
+
+
+def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) -> dict[str, Any]:
+    """One thread's robots; what is late is made up for, and what is not made by the end is missing."""
+    commands, states, lates = [], [], []
+    lost: set[Robot] = set()
+    due_in_all = round(seconds * rate * len(robots))
+    for number in range(due_in_all):
+        due = begin + number / rate / len(robots)
+        time.sleep(max(0.0, due - time.monotonic()))
+        began = time.monotonic()
+        if began > begin + seconds:
+            break
+        robot = robots[number % len(robots)]
+        if robot in lost:
+            continue
+        try:
+            _, ms = timed_ms(told, robot.session.command, RoboCorba.Velocity(*robot.next_command()), VALID_S)
+            state, ms_state = timed_ms(told, robot.session.state)
+        except LoggedOff:
+            lost.add(robot)
+            continue
+        robot.look(math.hypot(state.moving.ahead, state.moving.left))
+        commands.append(ms)
+        states.append(ms_state)
+        lates.append((began - due) * 1e3)
+    return {"command": commands, "state": states, "late": lates, "due": due_in_all, "lost": len(lost)}
+
+
+def scan(robots: Sequence[Robot], begin: float, seconds: float) -> list[float]:
+    """One thread's robots, in turn."""
+    spec, took = scans.spec(FULL), []
+    sensors = [(robot, robot.session._get_sensor(), told(robot.session.state).at) for robot in robots]
+    time.sleep(max(0.0, begin - time.monotonic()))
+    turned_at = 0.0
+    while (now := time.monotonic()) < begin + seconds:
+        if now - turned_at > 1.0:
+            turned_at = now
+            for robot, _, _ in sensors:
+                told(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
+        for _, sensor, at in sensors:
+            took.append(timed_ms(told, sensor.scan, at, NO_MOUNT, spec)[1])
+            if time.monotonic() > begin + seconds:
+                break
+    return took
+
+
+def in_threads(work: Callable[[int], T], threads: int) -> list[T]:
+    """What `work` returns for each of 0, 1, ..., all at the same time. Raises what any of them raised."""
+    found: dict[int, T] = {}
+    wrong: list[BaseException] = []
+
+    def one(number: int) -> None:
+        try:
+            found[number] = work(number)
+        except BaseException as error:
+            wrong.append(error)
+
+    started = [threading.Thread(target=one, args=(number,), daemon=True) for number in range(threads)]
+    for thread in started:
+        thread.start()
+    for thread in started:
+        thread.join()
+    for error in wrong:
+        raise error
+    return [found[number] for number in range(threads)]
+
+
+class LoggedOff(RuntimeError):
+    """The robot has no session any more."""
+
+
+def told(call: Callable[..., Any], *arguments: object) -> Any:
+    """The call, CORBA's exceptions as one that says what it is."""
+    try:
+        return call(*arguments)
+    except CORBA.UserException as wrong:
+        raise RuntimeError(idl_errors.error_of(wrong)) from None
+    except CORBA.OBJECT_NOT_EXIST as wrong:
+        raise LoggedOff(describe(wrong)) from None
+    except CORBA.SystemException as wrong:
+        raise RuntimeError(describe(wrong)) from None
+
+
+# ---- what the benches use ----
+
+
+class Clients:
+    """So many of these processes, as long as the `with` lasts. Raises ProcessFailed, like all it does."""
+
+    def __init__(self, naming: Address, processes: int, folder: Path) -> None:
+        self._command = (sys.executable, "-m", "bench.simulation.robots_client", str(naming))
+        self._count, self._folder = processes, folder
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Clients:
+        with contextlib.ExitStack() as stack:
+            self.processes = [
+                stack.enter_context(Process(self._command, self._folder / f"client-{number}.log"))
+                for number in range(self._count)
+            ]
+            for process in self.processes:
+                process.hear(START_LIMIT_S)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def log_on(self, robots: Sequence[Description], count: int, at_once: bool = True) -> dict[str, Any]:
+        """The first `count` of these that find their place free, each process its share; all processes at the same
+        time, or one after the other."""
+        rows = [[about.name, *about.pose, about.radius_m] for about in robots]
+        commands = []
+        for number in range(self._count):
+            share = len(range(number, count, self._count))
+            commands.append({"do": "log_on", "robots": rows[number :: self._count], "count": share})
+        return self._ask(commands, at_once)
+
+    def all(self, do: str, **arguments: Any) -> dict[str, Any]:
+        """The same in all processes, at the same time: what they answer, lists joined and numbers added."""
+        return self._ask([{"do": do, **arguments}] * self._count)
+
+    def _ask(self, commands: Sequence[dict[str, Any]], at_once: bool = True) -> dict[str, Any]:
+        limit_s = 60.0 + max(command.get("seconds", 0.0) for command in commands)
+        if at_once:
+            for process, command in zip(self.processes, commands, strict=True):
+                process.say(command)
+            answers = [process.hear(limit_s) for process in self.processes]
+        else:
+            answers = [process.ask(command, limit_s) for process, command in zip(self.processes, commands, strict=True)]
+        return {what: joined([answer[what] for answer in answers]) for what in answers[0]}
+
+
+def joined(values: Sequence[Any]) -> Any:
+    """Lists as one, numbers as their sum."""
+    if isinstance(values[0], list):
+        return [one for value in values for one in value]
+    return sum(values)
+
+
+def pids_of(state: Path, name: str) -> list[int]:
+    """Process ids of the servers in a state folder whose names begin like this."""
+    record = StateFolder(state).read_record()
+    return [process.pid for process in record.processes if process.name.startswith(name)] if record else []
+
+
+class Worked:
+    """CPU time of processes since it was made, s."""
+
+    def __init__(self, pids: Sequence[int]) -> None:
+        self._processes = [psutil.Process(pid) for pid in pids]
+        self._began = self._now()
+
+    def seconds(self) -> list[float]:
+        return [now - began for now, began in zip(self._now(), self._began, strict=True)]
+
+    def _now(self) -> list[float]:
+        times = [process.cpu_times() for process in self._processes]
+        return [time.user + time.system for time in times]
+
+
+def main(naming: str) -> None:
+    with Orb(Address.parse(naming)) as orb:
+        fleet = Fleet(orb.resolve("SimulationServer", RoboCorba.SimulationServer, START_LIMIT_S))
+        ways: dict[str, Callable[..., dict[str, Any]]] = {
+            "log_on": fleet.log_on,
+            "log_off": fleet.log_off,
+            "drive": fleet.drive,
+            "scan": fleet.scan,
+        }
+        with contextlib.closing(fleet):
+            print("{}", flush=True)
+            for line in sys.stdin:
+                command = json.loads(line)
+                print(json.dumps(ways[command.pop("do")](**command)), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

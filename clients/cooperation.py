@@ -1,0 +1,131 @@
+"""What a robot does with others, put together: it leads missions of its own, and takes part in those of others."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from robocorba.control.agent import ControlAgent
+from robocorba.control.runner import Heard
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.mission_world import RemoteWorld
+from robocorba.corba.remote.robot_channel import RobotChannel
+from robocorba.data_pool.plans import Plans
+from robocorba.data_pool.pool import DataPool
+from robocorba.errors.robots import MissionFailed, StalePlan
+from robocorba.errors.services import NotReachable
+from robocorba.missions import carry
+from robocorba.missions.execution import seen_from
+from robocorba.missions.hand_over import HandOver
+from robocorba.missions.leader import Expansion, Leader, MissionReport
+from robocorba.missions.mission_agent import MissionAgent
+from robocorba.missions.move_table import MoveTable
+from robocorba.missions.record import as_content, save
+from robocorba.missions.subplan import CooperativePlan
+from robocorba.missions.transport import Transport
+from robocorba.missions.world import World
+from robocorba.planning.request import Place
+from robocorba.programs import icons
+from robocorba.programs.icons import Icon, kind
+
+#: How long a program waits for the channel to take what it says, s.
+SAY_LIMIT_S = 5.0
+Expand = Callable[[Any, World, str, Place], Expansion]
+#: What each cooperative icon becomes, from the icon, the world, the leader's name and where it is.
+EXPANSIONS: dict[type[Icon], Expand] = {
+    icons.MoveTable: lambda icon, world, leader, here: MoveTable(world, icon.table, icon.to),
+    icons.HandOver: lambda icon, world, leader, here: HandOver(
+        world, icon.object, icon.giver or leader, icon.taker, leader, here
+    ),
+}
+
+
+class Cooperation:
+    """The other robots, as a program sees them, and the robot's own part in what they do.
+
+    reports: the folder where missions that it led leave what is known of them."""
+
+    def __init__(self, orb: Orb, channel: str, name: str, plans: Plans, reports: Path) -> None:
+        self._orb, self._channel_name, self._name = orb, channel, name
+        self._plans, self._reports = plans, reports
+        self._channel = RobotChannel(orb, channel, name)
+        self._agent: ControlAgent | None = None
+        self._missions: MissionAgent | None = None
+        self._closing = contextlib.ExitStack()
+        self._closing.callback(self._channel.close)
+        self._world = RemoteWorld(orb)
+
+    def start(self, agent: ControlAgent, pool: DataPool) -> None:
+        """Be there for missions; without a channel there are none."""
+        self._agent = agent
+        if not self._channel_name:
+            return
+        carry.warm_up()
+        channel = RobotChannel(self._orb, self._channel_name, self._name)
+        self._closing.callback(channel.close)
+
+        def where(thing: str) -> tuple[float, float, float] | None:
+            with contextlib.suppress(NotReachable):
+                seen = pool.snapshot()  # both at the same moment
+                found, own = seen.object(thing), seen.robot(self._name)
+                if found and own:
+                    return seen_from((found.x, found.y, found.heading), (own.x, own.y, own.heading))
+            return None
+
+        self._missions = MissionAgent(Transport(channel, self._name), agent, where).start()
+        self._closing.callback(self._missions.close)
+
+    def close(self) -> None:
+        self._closing.close()
+
+    # ---- what programs ask for ----
+
+    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
+        """Raises EventError, NotReachable."""
+        self._channel.listen(patterns, lambda type, source, payload, origin: hear(Heard(type, source, payload)))
+
+    def say(self, type: str, payload: Any) -> None:
+        """Raises EventError, NotReachable."""
+        self._channel.say(type, payload, SAY_LIMIT_S)
+
+    def cooperate(self, icon: Icon) -> None:
+        """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
+        agent = self._agent
+        if agent is None or self._missions is None:
+            raise MissionFailed("the robot was given no event channel, and can't talk to others")
+        if type(icon) not in EXPANSIONS:
+            raise MissionFailed(f"nobody knows how to do {kind(icon)} together")
+        here = Place(*agent.place[:3])
+        expansion = EXPANSIONS[type(icon)](icon, self._world, self._name, here)
+        mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
+        course = agent.robot.course
+        with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
+            leader = Leader(
+                mission,
+                Transport(channel, self._name),
+                lambda: Place(*agent.place[:3]),
+                self._keep,
+                lambda: str(course.interruption or ""),
+            )
+            report = leader.lead(kind(icon).replace("_", " "), expansion)
+        self._finish(report)
+        if report.result != "done":
+            raise MissionFailed(report.reason)
+
+    def _keep(self, plan: CooperativePlan, phase: str) -> None:
+        """In the data pool, for other robots and whoever wants to know."""
+        content = as_content(plan, phase)
+        for _ in range(2):
+            with contextlib.suppress(StalePlan):
+                known = {kept.name: kept.version for kept in self._plans.all()}
+                self._plans.put(plan.mission, content, known.get(plan.mission, 0))
+                return
+
+    def _finish(self, report: MissionReport) -> None:
+        save(report, self._reports)
+        for old in [kept.name for kept in self._plans.all()][:-20]:
+            self._plans.remove(old)

@@ -1,0 +1,42 @@
+"""The model switcher: which robot adaptors are installed, and how one is made by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple
+
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.session import BuildingSession
+from robocorba.errors.robots import UnknownAdaptor
+
+GROUP = "robocorba.adaptors"
+
+
+class Surroundings(NamedTuple):
+    """What an adaptor may need: the robot's name, its session in the building, and the process's ORB."""
+
+    name: str
+    session: BuildingSession
+    orb: Any
+
+
+def installed() -> list[str]:
+    """Names of the adaptors, sorted."""
+    return sorted(_found())
+
+
+def make(name: str, surroundings: Surroundings) -> RobotAdaptor:
+    """An adaptor by its name: what the entry point of the group `robocorba.adaptors` makes of the surroundings.
+
+    Raises UnknownAdaptor."""
+    found = _found()
+    if name not in found:
+        raise UnknownAdaptor(name, sorted(found))
+    factory: Callable[[Surroundings], RobotAdaptor] = found[name].load()
+    return factory(surroundings)
+
+
+def _found() -> dict[str, EntryPoint]:
+    found: Sequence[EntryPoint] = tuple(entry_points(group=GROUP))
+    return {entry.name: entry for entry in found}

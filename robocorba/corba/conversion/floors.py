@@ -1,0 +1,91 @@
+"""RoboCorba::FloorUpdate and what is in it, from and to the domain's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.stubs import RoboCorba
+
+_KINDS = {BodyKind.ROBOT: RoboCorba.ROBOT_BODY, BodyKind.OBJECT: RoboCorba.OBJECT_BODY}
+_DOORS = {
+    Doors.CLOSED: RoboCorba.CLOSED,
+    Doors.OPENING: RoboCorba.DOORS_OPENING,
+    Doors.OPEN: RoboCorba.OPEN,
+    Doors.CLOSING: RoboCorba.DOORS_CLOSING,
+}
+_KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
+_DOORS_OF = {struct: doors for doors, struct in _DOORS.items()}
+
+
+def update(found: FloorUpdate) -> Any:
+    return RoboCorba.FloorUpdate(
+        found.floor,
+        found.since,
+        found.version,
+        found.time,
+        found.map_version,
+        [
+            RoboCorba.Body(
+                body.number,
+                _KINDS[body.kind],
+                body.name,
+                body.radius_m,
+                [RoboCorba.XY(x, y) for x, y in body.outline],
+                body.mass_kg,
+            )
+            for body in found.came
+        ],
+        found.went,
+        found.motions.tobytes(),
+        elevators(found.elevators),
+    )
+
+
+def update_of(struct: Any) -> FloorUpdate:
+    return FloorUpdate(
+        struct.floorName,
+        struct.since,
+        struct.current,
+        struct.time,
+        struct.mapVersion,
+        [
+            Body(
+                body.number,
+                _KIND_OF[body.kind],
+                body.name,
+                body.radius,
+                tuple((point.x, point.y) for point in body.outline),
+                body.mass,
+            )
+            for body in struct.came
+        ],
+        struct.went,
+        np.frombuffer(struct.motions, MOTION),
+        elevators_of(struct.elevators),
+    )
+
+
+def elevators(moments: dict[str, Moment]) -> list[Any]:
+    return [
+        RoboCorba.ElevatorState(
+            name,
+            moment.floor,
+            moment.height,
+            _DOORS[moment.doors],
+            moment.opening,
+            list(moment.riders),
+            list(moment.queue),
+        )
+        for name, moment in moments.items()
+    ]
+
+
+def elevators_of(structs: list[Any]) -> dict[str, Moment]:
+    return {
+        one.name: Moment(one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue))
+        for one in structs
+    }

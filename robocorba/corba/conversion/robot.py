@@ -1,0 +1,129 @@
+"""Robots as the IDL has them: what adaptors read and write, the agent's state, and the program that it runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robocorba.control.agent import AgentState, Condition
+from robocorba.control.runner import Begun, Report, Result
+from robocorba.corba.conversion.errors import register, register_with
+from robocorba.corba.conversion.simulation import pose_of
+from robocorba.errors import robots as errors
+from robocorba.errors.robots import AdaptorFailed
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.stubs import RoboCorba
+
+_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in Condition}
+_CONDITION_OF = {struct: condition for condition, struct in _CONDITIONS.items()}
+_RESULTS = {result: getattr(RoboCorba, result.name) for result in Result}
+_RESULT_OF = {struct: result for result, struct in _RESULTS.items()}
+
+
+def actor_state(state: RobotState) -> Any:
+    return RoboCorba.ActorState(
+        state.time,
+        state.x,
+        state.y,
+        state.heading,
+        RoboCorba.Velocity(*state.velocity),
+        state.joints.tolist(),
+        state.joint_velocities.tolist(),
+    )
+
+
+def fill(state: RobotState, struct: Any) -> None:
+    """Let a state be that of an ActorState."""
+    state.time, state.x, state.y, state.heading = struct.time, struct.x, struct.y, struct.heading
+    state.velocity = struct.moving.ahead, struct.moving.left, struct.moving.turn
+    state.joints, state.joint_velocities = np.array(struct.joints), np.array(struct.jointVelocities)
+
+
+def actor_state_of(struct: Any) -> RobotState:
+    state = RobotState()
+    fill(state, struct)
+    return state
+
+
+def actor_command(command: ActorCommand) -> Any:
+    return RoboCorba.ActorCommand(
+        RoboCorba.Velocity(*command.velocity),
+        command.joints.tolist(),
+        command.joint_velocities.tolist(),
+        command.valid_s,
+    )
+
+
+def actor_command_of(struct: Any) -> ActorCommand:
+    """Raises AdaptorFailed for what no robot can do."""
+    wanted = struct.wanted
+    velocity = wanted.ahead, wanted.left, wanted.turn
+    joints, velocities = np.array(struct.joints, float), np.array(struct.jointVelocities, float)
+    if len(joints) != len(velocities):
+        raise AdaptorFailed(f"{len(joints)} joints and {len(velocities)} velocities of joints don't belong together")
+    if not np.isfinite([*velocity, struct.validFor, *joints, *velocities]).all():
+        raise AdaptorFailed("a command has a part that is no number")
+    return ActorCommand(velocity, joints, velocities, struct.validFor)
+
+
+def agent_state(state: AgentState) -> Any:
+    return RoboCorba.AgentState(
+        state.name,
+        state.adaptor,
+        _CONDITIONS[state.condition],
+        state.reason,
+        state.at,
+        actor_state(state.actor),
+        state.speed_cap,
+        state.jitter_s,
+        report(state.program),
+    )
+
+
+def agent_state_of(struct: Any) -> AgentState:
+    return AgentState(
+        struct.name,
+        struct.adaptor,
+        _CONDITION_OF[struct.condition],
+        struct.reason,
+        pose_of(struct.at),
+        actor_state_of(struct.actor),
+        struct.speedCap,
+        struct.tickJitter,
+        report_of(struct.program),
+    )
+
+
+def report(found: Report) -> Any:
+    return RoboCorba.ProgramReport(
+        found.name, _RESULTS[found.result], found.icon, found.kind, found.reason, found.icons_done, found.seconds
+    )
+
+
+def report_of(struct: Any) -> Report:
+    return Report(
+        struct.name,
+        _RESULT_OF[struct.result],
+        struct.icon,
+        struct.kind,
+        struct.reason,
+        struct.iconsDone,
+        struct.seconds,
+    )
+
+
+def begun(icon: Begun) -> Any:
+    return RoboCorba.IconBegun(*icon)
+
+
+def begun_of(struct: Any) -> Begun:
+    return Begun(struct.number, struct.icon, struct.kind, struct.seconds)
+
+
+register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")
+register(errors.IllegalOrder, RoboCorba.IllegalOrder, "order", "condition")
+register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
+register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")
+for _kind in (errors.UnitFailed, errors.RobotLost):
+    register_with(_kind, RoboCorba.AdaptorFailed, lambda e: RoboCorba.AdaptorFailed(e.cause))

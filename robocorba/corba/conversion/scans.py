@@ -1,0 +1,103 @@
+"""Scans, and what is asked of a virtual sensor, as the IDL has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from robocorba.corba.conversion.errors import register
+from robocorba.errors.sensing import InvalidScan, SensorBehind
+from robocorba.sensing.fan import Fan
+from robocorba.sensing.noise import Noise
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec, Sighting
+from robocorba.simulation.omni_database import LastScan
+from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.grids import Floats
+from robocorba.stubs import RoboCorba
+
+
+class _ScanData(NamedTuple):
+    time: float
+    firstAngle: float
+    step: float
+    distances: list[float]
+
+
+class _SensorData(NamedTuple):
+    robot: str
+    at: Pose
+    seen: _ScanData
+
+
+def spec_of(struct: Any) -> ScanSpec:
+    """Raises InvalidScan. Equal ones come again and again, and the rays of a fan are worth to be kept."""
+    noise = struct.noise
+    return _spec(
+        *(struct.firstAngle, struct.step, struct.rays, struct.range, struct.rim),
+        *(noise.sigma, noise.relative, noise.lost, noise.seed),
+    )
+
+
+@lru_cache(maxsize=256)
+def _fan(first: float, step: float, rays: int, range_m: float) -> Fan:
+    return Fan(first, step, rays, range_m)
+
+
+@lru_cache(maxsize=256)
+def _spec(
+    first: float,
+    step: float,
+    rays: int,
+    range_m: float,
+    rim_m: float,
+    sigma_m: float,
+    relative: float,
+    lost: float,
+    seed: int,
+) -> ScanSpec:
+    return ScanSpec(_fan(first, step, rays, range_m), rim_m, Noise(sigma_m, relative, lost), seed)
+
+
+def spec(found: ScanSpec) -> Any:
+    fan, noise = found.fan, found.noise
+    return RoboCorba.ScanSpec(
+        fan.first_rad,
+        fan.step_rad,
+        fan.count,
+        fan.range_m,
+        found.rim_m,
+        RoboCorba.ScanNoise(noise.sigma_m, noise.relative, noise.lost, found.seed),
+    )
+
+
+def mount_of(struct: Any) -> Mount:
+    return Mount(struct.ahead, struct.left, struct.heading)
+
+
+def places_of(structs: Sequence[Any]) -> Floats:
+    """Rows (m, 3) of x, y, heading."""
+    return np.array([(pose.x, pose.y, pose.heading) for pose in structs], float).reshape(-1, 3)
+
+
+def scan(seen: Sighting, found: ScanSpec) -> Any:
+    """Of a sighting of one sensor."""
+    return _ScanData(seen.time, found.fan.first_rad, found.fan.step_rad, seen.distances[0].tolist())
+
+
+def last_scan(found: LastScan) -> Any:
+    return _SensorData(
+        found.robot, found.at, _ScanData(found.time, found.first_rad, found.step_rad, found.distances.tolist())
+    )
+
+
+def last_scan_of(struct: Any) -> LastScan:
+    at, seen = struct.at, struct.seen
+    place = Pose(at.floor, at.x, at.y, at.heading)
+    return LastScan(struct.robot, seen.time, place, seen.firstAngle, seen.step, np.array(seen.distances, float))
+
+
+register(InvalidScan, RoboCorba.InvalidScan, "field", "reason")
+register(SensorBehind, RoboCorba.SensorBehind, "lag_s", "limit_s")

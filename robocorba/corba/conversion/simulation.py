@@ -1,0 +1,175 @@
+"""Robots that are logged on, and the state of the simulation server, as the IDL has them.
+
+Structs are named tuples with the members' names, which omniORBpy sends as well as the generated classes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from omniORB import CORBA
+
+from robocorba.control.session import SessionState
+from robocorba.corba.conversion.errors import register, register_system, register_with
+from robocorba.corba.conversion.maps import xy, xy_of
+from robocorba.errors import simulation as errors
+from robocorba.maps.polygons import FloorArea
+from robocorba.simulation.elevator import Phase, Ride
+from robocorba.simulation.load_balance import Load, Sensor
+from robocorba.simulation.management_agent import ServerState
+from robocorba.simulation.registry import Client, Description
+from robocorba.simulation.reservations import Reservation, check_sizes
+from robocorba.spatial.floor_state import Pose, State
+from robocorba.spatial.pose import Limits
+from robocorba.stubs import RoboCorba
+
+_PHASES = {
+    Phase.WAITING: RoboCorba.WAITING_FOR_CABIN,
+    Phase.BOARDING: RoboCorba.BOARDING,
+    Phase.RIDING: RoboCorba.RIDING,
+    Phase.ALIGHTING: RoboCorba.ALIGHTING,
+}
+_PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
+_NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
+
+_NO_RESERVATION = RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
+
+
+class _Velocity(NamedTuple):
+    ahead: float
+    left: float
+    turn: float
+
+
+class _RobotState(NamedTuple):
+    time: float
+    at: Pose
+    moving: _Velocity
+    holding: str
+    riding: Any
+    collisions: int
+    touched: str
+
+
+def description_of(struct: Any) -> Description:
+    """Raises InvalidDescription."""
+    limits = struct.limits
+    return Description(
+        struct.name,
+        pose_of(struct.start),
+        struct.radius,
+        struct.mass,
+        Limits(limits.speed, limits.turn, limits.acceleration, limits.turnAcceleration),
+    )
+
+
+def description(about: Description) -> Any:
+    return RoboCorba.RobotDescription(
+        about.name, about.pose, about.radius_m, about.mass_kg, RoboCorba.MotionLimits(*about.limits)
+    )
+
+
+def pose_of(struct: Any) -> Pose:
+    return Pose(struct.floor, struct.x, struct.y, struct.heading)
+
+
+def robot_state(state: State, holding: str, riding: Ride | None, collisions: int, touched: str) -> Any:
+    return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
+
+
+def session_state_of(struct: Any) -> SessionState:
+    moving = struct.moving
+    return SessionState(
+        struct.time,
+        pose_of(struct.at),
+        (moving.ahead, moving.left, moving.turn),
+        struct.holding,
+        ride_of(struct.riding),
+        struct.collisions,
+        struct.touched,
+    )
+
+
+def ride_of(struct: Any) -> Ride | None:
+    phase = _PHASE_OF.get(struct.phase)
+    return Ride(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
+
+
+def ride(found: Ride | None) -> Any:
+    if found is None:
+        return _NO_RIDE
+    return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
+
+
+def areas(found: Sequence[FloorArea]) -> list[Any]:
+    return [RoboCorba.FloorArea(floor, [xy(corner) for corner in polygon]) for floor, polygon in found]
+
+
+def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
+    """Raises InvalidReservation where there are too many, or too many corners: before each of them costs time."""
+    check_sizes([struct.polygon for struct in structs])
+    return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]
+
+
+def reservation(found: Reservation | None) -> Any:
+    if found is None:
+        return _NO_RESERVATION
+    phase = RoboCorba.AREAS_GRANTED if found.granted else RoboCorba.WAITING_FOR_AREAS
+    return RoboCorba.ReservationState(phase, found.ahead, found.longest_wait_s, found.left_s)
+
+
+def reservation_of(struct: Any) -> Reservation | None:
+    if struct.phase == RoboCorba.NO_RESERVATION:
+        return None
+    granted = struct.phase == RoboCorba.AREAS_GRANTED
+    return Reservation(granted, struct.ahead, struct.longestWait, struct.left)
+
+
+def server_state(state: ServerState) -> Any:
+    return RoboCorba.ServerState(*state)
+
+
+def client_state(client: Client, at: Pose, silent_s: float, sensor: str) -> Any:
+    return RoboCorba.ClientState(
+        client.name, at, client.since, max(0.0, silent_s), client.call_rate, client.latency_s, sensor
+    )
+
+
+def load(found: Load) -> Any:
+    return RoboCorba.SensorLoad(*found)
+
+
+def load_of(struct: Any) -> Load:
+    """Raises CORBA.BAD_PARAM for what no process can say of itself."""
+    if not all(0.0 <= value <= 1e9 for value in (struct.busy, struct.lag, struct.scanRate)):
+        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+    return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)
+
+
+def sensor_state(sensor: Sensor) -> Any:
+    return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
+
+
+register_with(
+    errors.PlaceTaken,
+    RoboCorba.PlaceTaken,
+    lambda e: RoboCorba.PlaceTaken(RoboCorba.Point(e.floor, e.x, e.y), e.blocker),
+    lambda e: errors.PlaceTaken(e.place.floor, e.place.x, e.place.y, e.by),
+)
+register(errors.InvalidDescription, RoboCorba.InvalidDescription, "field", "reason")
+register(errors.NameTaken, RoboCorba.NameTaken, "name")
+register(errors.ServerFull, RoboCorba.ServerFull, "limit", "now", "retry_s")
+register(errors.InvalidCommand, RoboCorba.InvalidCommand, "field", "reason")
+register(errors.CannotGrip, RoboCorba.CannotGrip, "what", "reason")
+register(errors.InvalidRide, RoboCorba.InvalidRide, "field", "reason")
+register(errors.ElevatorFull, RoboCorba.ElevatorFull, "elevator", "limit")
+register(errors.InvalidReservation, RoboCorba.InvalidReservation, "field", "reason")
+register(errors.ReservationsFull, RoboCorba.ReservationsFull, "limit")
+register(errors.InvalidPicture, RoboCorba.InvalidPicture, "field", "reason")
+register(errors.UnknownRobot, RoboCorba.UnknownRobot, "name")
+register(errors.InvalidChoice, RoboCorba.InvalidSetting, "field", "reason")
+register(errors.InvalidMission, RoboCorba.InvalidMission, "field", "reason")
+register(errors.StaleMission, RoboCorba.StaleMission, "name", "expected", "current")
+register(errors.UnknownMission, RoboCorba.UnknownMission, "name")
+register_system(errors.SessionExpired, CORBA.OBJECT_NOT_EXIST)
+register_system(errors.SimulationBusy, CORBA.TRANSIENT)

@@ -1,0 +1,1 @@
+"""Clients of objects in other processes, as domain code calls them."""

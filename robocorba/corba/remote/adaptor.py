@@ -1,0 +1,80 @@
+"""A robot adaptor that lives in another process, perhaps in another language."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from omniORB import CORBA
+
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.model_switcher import Surroundings
+from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.conversion import robot
+from robocorba.corba.conversion.errors import domain_error
+from robocorba.corba.orb import Orb
+from robocorba.errors.robots import AdaptorFailed, RobotLost
+from robocorba.errors.services import NotReachable
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.names import ADAPTORS
+from robocorba.stubs import RoboCorba
+
+FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3
+Answer = TypeVar("Answer")
+
+
+def adaptor(surroundings: Surroundings) -> RobotAdaptor:
+    """The entry point `corba`."""
+    return RemoteAdaptor(surroundings.orb, surroundings.name)
+
+
+class RemoteAdaptor(RobotAdaptor):
+    """A RoboCorba::RobotAdaptor. Of argv it takes `--uri URI`, by default that bound as RoboCorba/Adaptors/NAME; the
+    rest goes to the other process."""
+
+    def __init__(self, orb: Orb, robot_name: str) -> None:
+        self._orb, self._name = orb, robot_name
+        self._starter: Any = None
+        self._adaptor: Any = None
+
+    def start(self, argv: Sequence[str]) -> bool:
+        parser = argparse.ArgumentParser(exit_on_error=False, add_help=False)
+        parser.add_argument("--uri", default="")
+        given, rest = parser.parse_known_args(list(argv))
+        try:
+            found = (
+                self._orb.reference(given.uri, RoboCorba.RobotAdaptor)
+                if given.uri
+                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, FIND_LIMIT_S)
+            )
+        except NotReachable as wrong:
+            raise RobotLost(str(wrong)) from None
+        uri = self._orb.uri(found)
+        self._starter, self._adaptor = (self._orb.reference(uri, RoboCorba.RobotAdaptor) for _ in range(2))
+        limit_calls(self._starter, START_LIMIT_S)
+        limit_calls(self._adaptor, CALL_LIMIT_S)
+        return bool(self._call(lambda: self._starter.start(rest)))
+
+    def stop(self) -> bool:
+        return self._adaptor is not None and self._call(lambda: bool(self._adaptor.stop()))
+
+    def read(self, state: RobotState) -> bool:
+        if self._adaptor is None:
+            return False
+        done, struct = self._call(lambda: self._adaptor.read())
+        if done:
+            robot.fill(state, struct)
+        return bool(done)
+
+    def write(self, command: ActorCommand) -> bool:
+        return self._adaptor is not None and self._call(lambda: bool(self._adaptor.write(robot.actor_command(command))))
+
+    @staticmethod
+    def _call(call: Callable[[], Answer]) -> Answer:
+        try:
+            return call()
+        except CORBA.UserException as wrong:
+            raise (domain_error(wrong) or AdaptorFailed(str(wrong))) from None
+        except CORBA.SystemException as wrong:
+            raise RobotLost(f"the robot's adaptor does not answer ({describe(wrong)})") from None

@@ -1,0 +1,129 @@
+"""The peers of a channel, called by their references."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from omniORB import CORBA
+
+from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.conversion import events
+from robocorba.corba.orb import Orb
+from robocorba.errors.events import InvalidPeer, NotDelivered, SessionOver
+from robocorba.errors.services import NotReachable
+from robocorba.events.event import Run
+from robocorba.events.federation import Notice
+from robocorba.events.store import PeerRecord
+from robocorba.names import CHANNELS
+from robocorba.settings import Address, InvalidSetting
+from robocorba.stubs import RoboCorba
+
+#: Longest answer of a peer.
+CALL_LIMIT_S = 2.0
+ACKNOWLEDGE_LIMIT_S = 0.2
+FIND_LIMIT_S = 1.0
+
+#: What is wrong with the events themselves.
+_WHATEVER_IS_TRIED = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
+
+_log = logging.getLogger(__name__)
+
+
+class RemoteGateway:
+    """The gateway of a peer, toward which a feed sends."""
+
+    def __init__(self, orb: Orb, reference: Any) -> None:
+        self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
+
+    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+        limit_calls(self._remote, limit_s)
+        structs, unsendable = events.event_runs(runs)
+        try:
+            try:
+                self._remote.forward(session, position, structs)
+            except _WHATEVER_IS_TRIED as wrong:
+                _log.warning("a batch can't be sent (%s)", describe(wrong))
+                self._remote.forward(session, position, [])
+                return runs
+        except CORBA.SystemException as wrong:
+            raise NotDelivered(describe(wrong)) from None
+        return unsendable
+
+
+class RemoteFeed:
+    """A session with the feed of a peer."""
+
+    def __init__(self, orb: Orb, terms: Any) -> None:
+        self.session, self.position = terms.session, terms.position
+        uri = orb.uri(terms.feed)
+        # Two references, since each has a limit of its own: both are called at the same time.
+        self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
+        self._quick = orb.reference(uri, RoboCorba.GatewayFeed)
+        limit_calls(self._remote, CALL_LIMIT_S)
+        limit_calls(self._quick, ACKNOWLEDGE_LIMIT_S)
+
+    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
+        try:
+            return events.notices_of(self._remote.renew(self.session, position, events.notices(news)))
+        except RoboCorba.SessionOver:
+            raise SessionOver("the peer has ended the session") from None
+        except CORBA.SystemException as wrong:
+            raise NotReachable(describe(wrong)) from None
+
+    def acknowledge(self, position: int) -> None:
+        try:
+            self._quick.acknowledge(self.session, position)
+        except CORBA.SystemException as wrong:  # the next renewal says it again
+            _log.debug("acknowledgement lost (%s)", describe(wrong))
+
+    def leave(self) -> None:
+        try:
+            self._remote.leave(self.session)
+        except CORBA.Exception as wrong:
+            _log.info("the peer was not told that it was removed (%s)", describe(wrong))
+
+
+class Joining:
+    """Finds peers, and joins their feeds on behalf of channel `name`."""
+
+    def __init__(self, orb: Orb, name: str, channel: Any, gateway: Any) -> None:
+        self._orb, self._name, self._channel, self._gateway = orb, name, channel, gateway
+
+    def __call__(self, record: PeerRecord) -> tuple[RemoteFeed, str]:
+        """Begin a session: where the peer was last, else where its record or the naming service says.
+
+        Raises NotReachable, InvalidPeer."""
+        if record.reference:
+            try:
+                return self._join(record, self._orb.reference(record.reference, RoboCorba.EventChannel))
+            except (NotReachable, InvalidPeer):
+                pass  # it may have moved, and another may be there
+        return self._join(record, self._find(record))
+
+    def _find(self, record: PeerRecord) -> Any:
+        name = f"{CHANNELS}/{record.name}"
+        if not record.address:
+            return self._orb.resolve(name, RoboCorba.EventChannel, timeout_s=FIND_LIMIT_S, call_timeout_s=CALL_LIMIT_S)
+        try:
+            uri = f"corbaloc:iiop:1.2@{Address.parse(record.address)}/{name}"
+        except InvalidSetting:
+            uri = record.address
+        return self._orb.reference(uri, RoboCorba.EventChannel)
+
+    def _join(self, record: PeerRecord, channel: Any) -> tuple[RemoteFeed, str]:
+        limit_calls(channel, CALL_LIMIT_S)
+        try:
+            found = channel._get_name()
+            if found != record.name:
+                raise InvalidPeer("address", f"the channel there is {found!r}, not {record.name!r}")
+            terms = channel.joinGateway(self._name, self._channel, self._gateway)
+        except RoboCorba.InvalidPeer as wrong:
+            raise InvalidPeer(wrong.field, wrong.reason) from None
+        except CORBA.OBJECT_NOT_EXIST:
+            raise InvalidPeer("address", f"there is no channel {record.name!r} at this address") from None
+        except CORBA.BAD_OPERATION:
+            raise InvalidPeer("address", "what is at this address is no event channel") from None
+        except CORBA.SystemException as wrong:
+            raise NotReachable(f"{record.name} does not answer ({describe(wrong)})") from None
+        return RemoteFeed(self._orb, terms), self._orb.uri(channel)

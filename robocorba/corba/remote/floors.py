@@ -1,0 +1,96 @@
+"""Floors of the Omni database, followed from another process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from omniORB import CORBA
+
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.simulation import changes
+from robocorba.errors.services import NotReachable
+from robocorba.spatial.floor_update import FloorUpdate, FloorView
+from robocorba.stubs import RoboCorba
+
+#: Longest answer of the database.
+CALL_LIMIT_S = 2.0
+
+
+class RemoteFloor:
+    """A copy of `floor` as a `database` (a RoboCorba::OmniDatabase) has it. One thread at a time may use it."""
+
+    def __init__(self, database: Any, floor: str) -> None:
+        self._database = database
+        self.view = FloorView(floor)
+
+    def follow(self) -> FloorUpdate:
+        """Bring `view` up to date: by what changed, the first time by the whole floor.
+
+        Raises UnknownFloor, NotReachable."""
+        update = changes(self._database, self.view.floor, self.view.version)
+        self.view.apply(update)
+        return update
+
+
+class RemoteDatabase:
+    """The Omni database of a running system: found by the first call, and again where it was away. Any thread may call.
+
+    find_s: how long a call may take to find it."""
+
+    def __init__(self, orb: Orb, find_s: float) -> None:
+        self._orb, self.find_s = orb, find_s
+        self._found: Any = None
+
+    def floors(self) -> list[str]:
+        """Names of all floors. Raises NotReachable."""
+        try:
+            return list(self._find().floors())
+        except CORBA.SystemException as wrong:
+            self._found = None
+            raise NotReachable(f"the Omni database does not answer ({describe(wrong)})") from None
+
+    def changes(self, floor: str, since: int) -> FloorUpdate:
+        """What changed on a floor since a version. Raises UnknownFloor, NotReachable."""
+        try:
+            return changes(self._find(), floor, since)
+        except NotReachable:
+            self._found = None
+            raise
+
+    def _find(self) -> Any:
+        found = self._found
+        if found is None:
+            found = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, self.find_s, CALL_LIMIT_S)
+            self._found = found
+        return found
+
+
+class RemoteFloors:
+    """Some floors of a running system, by default all that there are. Where the database was away, it is found again.
+
+    One thread at a time may use it."""
+
+    def __init__(self, orb: Orb, chosen: Sequence[str] = ()) -> None:
+        self._database, self._chosen = RemoteDatabase(orb, 0.0), chosen
+        #: The copies, by name.
+        self.views: dict[str, FloorView] = {}
+
+    def follow(self, find_s: float) -> list[FloorUpdate]:
+        """Bring all views up to date. Raises UnknownFloor, and NotReachable where it is not found within `find_s`.
+
+        After a loss they begin anew, by the whole floors."""
+        self._database.find_s = find_s
+        try:
+            names = self._chosen or self._database.floors()
+            self.views = {name: self.views.get(name) or FloorView(name) for name in names}
+            return [self._catch_up(view) for view in self.views.values()]
+        except NotReachable:
+            self.views = {}
+            raise
+
+    def _catch_up(self, view: FloorView) -> FloorUpdate:
+        update = self._database.changes(view.floor, view.version)
+        view.apply(update)
+        return update

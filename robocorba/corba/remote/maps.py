@@ -1,0 +1,81 @@
+"""The map editor's building as another process knows it: loaded once, and then followed by its changes."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+from omniORB import CORBA
+
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import maps
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
+from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap, GeometricalMap
+from robocorba.stubs import RoboCorba
+
+#: The topological map is the path planning agent's.
+LEFT_OUT = (ElementKind.NODE, ElementKind.EDGE)
+#: A map editor that compiles for the first time takes a while; who starts us waits no longer than that.
+LOAD_LIMIT_S = 300.0
+
+
+class RemoteMap:
+    """The geometrical maps and elevators of a building. Raises NotReachable after `timeout_s`."""
+
+    def __init__(self, orb: Orb, timeout_s: float = LOAD_LIMIT_S) -> None:
+        self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
+        self._load()
+
+    def follow(self) -> bool:
+        """Catch up with the editor; whether anything has changed. Raises NotReachable."""
+        before = self.version
+        try:
+            if self._editor._get_currentVersion() != before:
+                self._catch_up()
+        except RoboCorba.VersionUnavailable:
+            self._load()
+        except CORBA.SystemException as wrong:
+            raise NotReachable(f"the map editor does not answer ({describe(wrong)})") from None
+        return self.version != before
+
+    def _load(self) -> None:
+        try:
+            self.version: int = self._editor._get_currentVersion()
+            building = Building(self._editor._get_buildingName())
+            for kind in (ElementKind.FLOOR, ElementKind.ELEVATOR):
+                for element in self._elements(kind, "").values():
+                    building = building.with_element("", element)
+            floors = {}
+            for name, entry in building.floors.items():
+                plan = {
+                    collection: self._elements(kind, name)
+                    for kind, (layer, collection) in PLACE.items()
+                    if layer == "geometrical"
+                }
+                floors[name] = FloorMap(entry.floor, GeometricalMap(**plan))
+            building = Building(building.name, floors, building.elevators)
+        except CORBA.Exception as wrong:
+            raise NotReachable(f"the map editor does not hand out its map ({describe(wrong)})") from None
+        self.building = building
+        with contextlib.suppress(RoboCorba.VersionUnavailable):
+            self._catch_up()  # with edits that came while it was loaded
+
+    def _elements(self, kind: ElementKind, floor: str) -> dict[str, Any]:
+        records = self._editor.elements(getattr(RoboCorba, f"{kind.name}_ELEMENT"), floor)
+        return {element.name: element for element in (maps.element_of(record.value) for record in records)}
+
+    def _catch_up(self) -> None:
+        building, version = self.building, self.version
+        for change in self._editor.changesSince(version):
+            version, element = change.changedTo, maps.element_of(change.value)
+            kind = KIND_OF[type(element)]
+            if kind in LEFT_OUT:
+                continue
+            if change.kind == RoboCorba.REMOVED:
+                with contextlib.suppress(KeyError):
+                    building = building.without(kind, change.onFloor, element.name)
+            else:
+                with contextlib.suppress(KeyError):  # on a floor that is gone by now
+                    building = building.with_element(change.onFloor, element)
+        self.building, self.version = building, version

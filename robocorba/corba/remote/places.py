@@ -1,0 +1,35 @@
+"""Places on the map where a robot may stand at first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from omniORB import CORBA
+
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import maps
+from robocorba.corba.orb import Orb
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.maps.model import PathNode
+from robocorba.stubs import RoboCorba
+
+FIND_LIMIT_S = 5.0
+
+
+def free_places(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
+    """Floor, x and y (m) of the nodes of the topological map on a floor, of the first one where `floor` is empty.
+
+    Raises UnknownFloor, NotReachable."""
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_LIMIT_S)
+    try:
+        floors = [maps.element_of(record.value).name for record in editor.elements(RoboCorba.FLOOR_ELEMENT, "")]
+        if floor and floor not in floors:
+            raise UnknownFloor("floor", floor, floors)
+        chosen = floor or floors[0]
+        for record in editor.elements(RoboCorba.NODE_ELEMENT, chosen):
+            node = maps.element_of(record.value)
+            assert isinstance(node, PathNode)
+            yield chosen, *node.at
+    except CORBA.SystemException as wrong:
+        raise NotReachable(f"the map editor does not answer ({describe(wrong)})") from None

@@ -1,0 +1,171 @@
+"""A robot's session at the simulation server, called from the robot's own process."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+from omniORB import CORBA
+
+from robocorba.control.session import SessionState
+from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.conversion import scans, simulation
+from robocorba.corba.conversion.errors import domain_error
+from robocorba.corba.orb import Orb
+from robocorba.errors.robots import RobotLost
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import PlaceTaken
+from robocorba.maps.polygons import FloorArea
+from robocorba.motion.robot_state import Velocity
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.reservations import Reservation
+from robocorba.spatial.grids import Floats
+from robocorba.stubs import RoboCorba
+
+#: Of what is called with every tick, and of what the server keeps on disk before it answers, s. A robot stands long
+#: before a call of a tick is given up: its last command has ended.
+CALL_LIMIT_S, CHANGE_LIMIT_S = 1.0, 3.0
+FIND_LIMIT_S = 5.0
+#: A robot that was lost is put so far from where it was where it does not fit there any more, m.
+ASIDE_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
+Answer = TypeVar("Answer")
+
+
+class RemoteSession:
+    """A BuildingSession of the robot that `about` describes; `log_on` comes first."""
+
+    def __init__(self, orb: Orb, about: Description) -> None:
+        self._orb, self.about = orb, about
+        self._lock = threading.Lock()
+        self._session: Any = None
+        self._slow: Any = None
+        self._sensor: Any = None
+        self._latest: SessionState | None = None
+
+    @property
+    def latest(self) -> SessionState:
+        if self._latest is None:
+            raise RobotLost(f"{self.about.name} is not logged on")
+        return self._latest
+
+    def log_on(self, at: Pose | None = None) -> None:
+        """Raises RobotLost, SimulationError, UnknownFloor."""
+        with self._lock:
+            if self._session is not None and self._is_known():
+                return
+            if at is None and self._latest:
+                self._register_near(self._latest.at)
+            else:
+                self._register(replace(self.about, pose=at or self.about.pose))
+
+    def log_off(self) -> None:
+        with self._lock, contextlib.suppress(RobotLost, CORBA.Exception):
+            if self._session is not None:
+                self._slow.deregister()
+        self._session = None
+
+    def state(self) -> SessionState:
+        self._latest = found = simulation.session_state_of(self._call(lambda: self._session.state()))
+        return found
+
+    def heartbeat(self) -> None:
+        self._call(lambda: self._slow.heartbeat())
+
+    def command(self, velocity: Velocity, valid_s: float) -> None:
+        self._call(lambda: self._session.command(RoboCorba.Velocity(*velocity), valid_s))
+
+    def brake(self) -> None:
+        self._call(lambda: self._session.brake())
+
+    def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
+        seen = self._call(lambda: self._sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)))
+        return np.array(seen.distances)
+
+    def grip(self, what: str, x: float, y: float) -> None:
+        self._call(lambda: self._slow.grip(what, RoboCorba.XY(x, y)))
+
+    def release(self) -> None:
+        self._call(lambda: self._slow.release())
+
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        if party:
+            self._call(lambda: self._slow.callElevatorTogether(elevator, destination, party, size))
+        else:
+            self._call(lambda: self._slow.callElevator(elevator, destination))
+
+    def give_up_elevator(self) -> None:
+        self._call(lambda: self._slow.giveUpElevator())
+
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
+        self._call(lambda: self._slow.reserveAreas(simulation.areas(areas), limit_s))
+
+    def reservation(self) -> Reservation | None:
+        return simulation.reservation_of(self._call(lambda: self._session.reservation()))
+
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
+        self._call(lambda: self._slow.keepAreas(simulation.areas(areas)))
+
+    def release_areas(self) -> None:
+        self._call(lambda: self._slow.releaseAreas())
+
+    # ---- inside ----
+
+    def _is_known(self) -> bool:
+        """Whether the server knows the session still; a server that was started again does, within the lease."""
+        try:
+            self._session.heartbeat()
+        except CORBA.OBJECT_NOT_EXIST:
+            return False
+        except CORBA.SystemException as wrong:
+            raise self._lost(wrong) from None
+        return True
+
+    def _register_near(self, place: Pose) -> None:
+        """Where it was before it was lost; just beside it where somebody else has come so near meanwhile."""
+        for aside_m in ASIDE_M:
+            for turn in range(DIRECTIONS if aside_m else 1):
+                x = place.x + aside_m * math.cos(math.tau * turn / DIRECTIONS)
+                y = place.y + aside_m * math.sin(math.tau * turn / DIRECTIONS)
+                with contextlib.suppress(PlaceTaken):
+                    self._register(replace(self.about, pose=place._replace(x=x, y=y)))
+                    return
+        self._register(replace(self.about, pose=place))
+
+    def _register(self, about: Description) -> None:
+        try:
+            server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, FIND_LIMIT_S, CHANGE_LIMIT_S)
+            found = server.registerRobot(simulation.description(about))
+            uri = self._orb.uri(found)
+            self._session, self._slow = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
+            limit_calls(self._session, CALL_LIMIT_S)
+            limit_calls(self._slow, CHANGE_LIMIT_S)
+            self._sensor = self._slow._get_sensor()
+            limit_calls(self._sensor, CHANGE_LIMIT_S)  # the first call may have to wait for a sensor process
+        except NotReachable as wrong:
+            raise RobotLost(str(wrong)) from None
+        except CORBA.UserException as wrong:
+            raise (domain_error(wrong) or wrong) from None
+        except CORBA.SystemException as wrong:
+            raise self._lost(wrong) from None
+
+    def _call(self, call: Callable[[], Answer]) -> Answer:
+        if self._session is None:
+            raise RobotLost(f"{self.about.name} is not logged on")
+        try:
+            return call()
+        except CORBA.UserException as wrong:
+            raise (domain_error(wrong) or wrong) from None
+        except CORBA.SystemException as wrong:
+            raise self._lost(wrong) from None
+
+    @staticmethod
+    def _lost(wrong: CORBA.SystemException) -> RobotLost:
+        if isinstance(wrong, CORBA.OBJECT_NOT_EXIST):
+            return RobotLost("the simulation server has logged the robot off")
+        return RobotLost(f"the simulation server does not answer ({describe(wrong)})")

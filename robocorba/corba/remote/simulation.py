@@ -1,0 +1,49 @@
+"""The simulation server and its Omni database, called from another process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from omniORB import CORBA
+
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import floors, scans, simulation
+from robocorba.corba.conversion.errors import domain_error
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
+from robocorba.simulation.load_balance import Load
+from robocorba.simulation.omni_database import LastScan
+from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.stubs import RoboCorba
+
+START_LIMIT_S, CALL_LIMIT_S = 300.0, 1.0
+
+
+class RemoteSimulation:
+    """Raises NotReachable where it is not there within `timeout_s`; later in calls, until it is back."""
+
+    def __init__(self, orb: Orb, timeout_s: float = START_LIMIT_S) -> None:
+        self._server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, timeout_s, CALL_LIMIT_S)
+        self._database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, timeout_s, CALL_LIMIT_S)
+
+    def changes(self, floor: str, since: int) -> FloorUpdate:
+        """What changed on a floor since a version. Raises UnknownFloor, NotReachable."""
+        return changes(self._database, floor, since)
+
+    def sensor_is(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
+        """A virtual sensor process is here. Raises NotReachable."""
+        try:
+            self._server.sensorIs(name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest])
+        except CORBA.SystemException as wrong:
+            raise NotReachable(f"the simulation server does not answer ({describe(wrong)})") from None
+
+
+def changes(database: Any, floor: str, since: int) -> FloorUpdate:
+    """What changed since a version in a RoboCorba::OmniDatabase. Raises UnknownFloor, NotReachable."""
+    try:
+        return floors.update_of(database.floorChanges(floor, since))
+    except CORBA.UserException as wrong:
+        raise (domain_error(wrong) or wrong) from None
+    except CORBA.SystemException as wrong:
+        raise NotReachable(f"the Omni database does not answer ({describe(wrong)})") from None

@@ -1,0 +1,250 @@
+"""The units of a SmartPal, as the hardware adaptor calls them: metres and radians here, millimetres and degrees there.
+
+Nowhere else are units converted on the client's side."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+from omniORB import CORBA
+
+from robocorba.control.model_switcher import Surroundings
+from robocorba.control.smartpal_adaptor import Place, SmartPalAdaptor
+from robocorba.corba.calls import describe
+from robocorba.corba.orb import Orb
+from robocorba.errors.robots import AdaptorFailed, UnitFailed
+from robocorba.errors.services import NotReachable
+from robocorba.kinematics.smartpal import Side
+from robocorba.settings import Address
+from robocorba.spatial.grids import Floats
+from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
+
+#: How long a call takes at most, s.
+CALL_LIMIT_S = 0.3
+#: A call that ends later than its limit by this much, s, was late because this process stood still, not the unit.
+_PAUSED_S = 0.05
+#: Alarms that are asked for.
+_MOST_ALARMS = 4
+_MM = 1000.0
+
+#: Where a unit is bound in the root of the robot's naming service, by the name that we call it.
+_BOUND = {
+    "Mobility": ("Mobility.Unit", YeRTUnitMobility.mobility),
+    "MnpR": ("MnpR", _GlobalIDL.ArmUnit),
+    "MnpL": ("MnpL", _GlobalIDL.ArmUnit),
+    "GripperR": ("GripperR", _GlobalIDL.GripperUnit),
+    "GripperL": ("GripperL", _GlobalIDL.GripperUnit),
+    "Lumbar": ("Lumbar", _GlobalIDL.LumbarUnit),
+}
+_ARMS = {Side.LEFT: "MnpL", Side.RIGHT: "MnpR"}
+_GRIPPERS = {Side.LEFT: "GripperL", Side.RIGHT: "GripperR"}
+
+#: States in which a unit does what it is told.
+_MOBILITY_WORKS = {0x10: "Ready", 0x11: "Busy", 0x1A: "Caution"}
+_AXES_WORK = {0x12: "Ready", 0x13: "Busy", 0x16: "Jog busy", 0x17: "Direct busy", 0x1A: "Caution"}
+_MOBILITY_STANDS, _AXES_STAND = (0x10, 0x1A), (0x12, 0x1A)
+_MOBILITY_LOCKED = 0x17
+_WARNINGS = (-100, -101)
+#: What an arm's return code says.
+_REASONS = {
+    -1: "it failed",
+    -2: "not in this state",
+    -3: "a value is out of range",
+    -4: "its servo is off",
+    -5: "its motion queue is full",
+    -6: "over its greatest velocity",
+    -7: "over its greatest acceleration",
+    -8: "its load estimate",
+    -9: "its command queue is full",
+}
+_REFUSED = -1
+
+
+class RemoteSmartPalUnits:
+    """The SmartPalUnits of the robot whose naming service listens at `naming`. Raises AdaptorFailed where a unit is not
+    to be found.
+
+    Of every method: UnitFailed where a unit refuses, with its return or state code; AdaptorFailed where nobody answers
+    within CALL_LIMIT_S. Any thread may call."""
+
+    def __init__(self, orb: Orb, naming: Address) -> None:
+        self._units: dict[str, Any] = {}
+        for unit, (name, interface) in _BOUND.items():
+            try:
+                self._units[unit] = orb.resolve_elsewhere(naming, name, interface, CALL_LIMIT_S)
+            except NotReachable as wrong:
+                raise AdaptorFailed(str(wrong)) from None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._units)
+
+    # ---- all units ----
+
+    def is_ready(self, unit: str) -> bool:
+        """Whether it stands and waits for orders."""
+        if unit == "Mobility":
+            return self._state(unit)[0] in _MOBILITY_STANDS
+        if unit in _GRIPPERS.values():
+            return bool(self._call(unit, "isServoOn")) and not self._alarms(unit)
+        return self._state(unit)[0] in _AXES_STAND
+
+    def make_ready(self, unit: str) -> None:
+        """Clear its alarms, switch power and servo on. To refuse is no error yet: what it depends on may follow."""
+        if unit == "Mobility":
+            if self._state(unit)[0] == _MOBILITY_LOCKED:
+                self._call(unit, "unlock")
+            steps: Sequence[tuple[Any, ...]] = (("clearAlarm",), ("setPower", True), ("setServo", True))
+        elif unit in _GRIPPERS.values():
+            steps = (("clearAlarms",), ("servoOn",))
+        else:
+            steps = (("clearAlarms",), ("powerOn",), ("servoOn",))
+        for step in steps:
+            self._call(unit, *step)
+
+    def check(self, unit: str) -> None:
+        """Raise UnitFailed unless it does what it is told."""
+        if unit in _GRIPPERS.values():
+            if not self._call(unit, "isServoOn"):
+                self._refuse(unit, _REFUSED, "its servo is off")
+            return
+        state, words = self._state(unit)
+        if state not in (_MOBILITY_WORKS if unit == "Mobility" else _AXES_WORK):
+            self._refuse(unit, state, words)
+
+    def stop(self, unit: str) -> None:
+        self._order(unit, "stop")
+
+    # ---- the base ----
+
+    def place(self) -> tuple[float, float, float]:
+        """x, y in m, heading in rad."""
+        done, x, y, theta = self._call("Mobility", "getPosition")
+        if not done:
+            self._refuse("Mobility", _REFUSED, "it does not say where it is")
+        return x / _MM, y / _MM, math.radians(theta)
+
+    def set_place(self, x: float, y: float, heading: float) -> None:
+        """What it calls the place where it stands from now on."""
+        self._order("Mobility", "setPosition", x * _MM, y * _MM, math.degrees(heading))
+
+    def set_base_limits(self, speed: float, turn: float, acceleration: float, turn_acceleration: float) -> None:
+        """m/s, rad/s, m/s^2, rad/s^2."""
+        self._order("Mobility", "setVelocity", speed * _MM, math.degrees(turn))
+        self._order("Mobility", "setAcceleration", acceleration * _MM, math.degrees(turn_acceleration))
+
+    def jog_base(self, ahead: float, left: float, turn: float) -> None:
+        """m/s, rad/s in its own frame."""
+        self._order("Mobility", "moveJog", ahead * _MM, left * _MM, math.degrees(turn))
+
+    # ---- the arms ----
+
+    def set_jog_timeout(self, timeout_s: float) -> None:
+        """How long a jog of base or arms holds."""
+        for unit in ("Mobility", *_ARMS.values()):
+            self._order(unit, "setJogTimeout", round(timeout_s * 1000))
+
+    def set_arm_acceleration(self, time_s: float) -> None:
+        """From standstill to the fastest."""
+        for unit in _ARMS.values():
+            self._order(unit, "setJointAcceleration", round(time_s * 1000))
+
+    def arm(self, side: Side) -> Floats:
+        """(7,), rad."""
+        code, joints = self._call(_ARMS[side], "getFeedbackPos", _GlobalIDL.JOINT)
+        if code != 0:
+            self._refuse(_ARMS[side], code, _REASONS.get(code, ""))
+        return np.radians(joints)
+
+    def jog_arm(self, side: Side, velocities: Floats) -> None:
+        """(7,), rad/s."""
+        self._order(_ARMS[side], "moveJogJoint", np.degrees(velocities).tolist())
+
+    # ---- lumbar and grippers ----
+
+    def lumbar(self) -> Floats:
+        """(2,), rad."""
+        done, lower, upper = self._call("Lumbar", "getFeedback")
+        if not done:
+            self._refuse("Lumbar", _REFUSED, "it does not say where it is")
+        return np.radians([lower, upper])
+
+    def move_lumbar(self, lower: float, upper: float, speed: float, acceleration: float) -> None:
+        """rad, rad/s, rad/s^2."""
+        self._order("Lumbar", "move", *map(math.degrees, (lower, upper, speed, acceleration)))
+
+    def grip(self, side: Side) -> float:
+        """rad; minus is open."""
+        done, position = self._call(_GRIPPERS[side], "getFeedback")
+        if not done:
+            self._refuse(_GRIPPERS[side], _REFUSED, "it does not say where it is")
+        return math.radians(position)
+
+    def move_grip(self, side: Side, position: float, speed: float, acceleration: float) -> None:
+        """rad, rad/s, rad/s^2."""
+        self._order(_GRIPPERS[side], "move", *map(math.degrees, (position, speed, acceleration)))
+
+    # ---- calls ----
+
+    def _call(self, unit: str, operation: str, *arguments: Any) -> Any:
+        """Called a second time where this process was paused during the first call: its time ran out then although
+        the unit may well have answered. Every operation sets or reads values, so a repeated call changes nothing."""
+        begun = time.monotonic()
+        try:
+            return self._call_once(unit, operation, *arguments)
+        except AdaptorFailed:
+            if time.monotonic() - begun < CALL_LIMIT_S + _PAUSED_S:
+                raise
+            return self._call_once(unit, operation, *arguments)
+
+    def _call_once(self, unit: str, operation: str, *arguments: Any) -> Any:
+        try:
+            return getattr(self._units[unit], operation)(*arguments)
+        except CORBA.SystemException as wrong:
+            raise AdaptorFailed(f"{unit} does not answer ({describe(wrong)})") from None
+
+    def _order(self, unit: str, operation: str, *arguments: Any) -> None:
+        answer = self._call(unit, operation, *arguments)
+        if isinstance(answer, bool):
+            if not answer:
+                self._refuse(unit, _REFUSED, f"it refuses {operation}")
+        elif answer != 0 and answer not in _WARNINGS:
+            self._refuse(unit, answer, f"it refuses {operation}: {_REASONS.get(answer, 'for no reason that we know')}")
+
+    def _state(self, unit: str) -> tuple[int, str]:
+        _, state, words = self._call(unit, "getState")
+        return state, words
+
+    def _alarms(self, unit: str) -> list[Any]:
+        return [
+            alarm for alarm in self._call(unit, "getActiveAlarm", _MOST_ALARMS)[2] if alarm.type != _GlobalIDL.WARNING
+        ]
+
+    def _refuse(self, unit: str, code: int, reason: str) -> NoReturn:
+        """Why a unit refuses: what its alarms say, else what its state says."""
+        alarms = self._alarms(unit)
+        if alarms:
+            said = ", ".join(f"alarm {alarm.code:#x} {alarm.description}" for alarm in alarms)
+            raise UnitFailed(unit, code, f"{reason}; {said}")
+        if unit not in _GRIPPERS.values():
+            reason = f"{reason}; it is {self._state(unit)[1]}"
+        raise UnitFailed(unit, code, reason)
+
+
+def adaptor(surroundings: Surroundings) -> SmartPalAdaptor:
+    """The entry point `smartpal` of the adaptors."""
+
+    def where() -> Place:
+        at = surroundings.session.latest.at
+        return at.x, at.y, at.heading
+
+    return SmartPalAdaptor(units_at(surroundings.orb), where)
+
+
+def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:
+    """What finds the units of the robot whose naming service listens at HOST:PORT. Raises InvalidSetting."""
+    return lambda naming: RemoteSmartPalUnits(orb, Address.parse(naming, "--naming"))

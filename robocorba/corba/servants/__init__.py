@@ -1,0 +1,1 @@
+"""Servants: arguments converted, the domain called, its answer converted."""

@@ -1,0 +1,35 @@
+"""Servant of a robot's data pool."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robocorba.corba.conversion import floors
+from robocorba.corba.conversion import plans as conversion
+from robocorba.corba.conversion.errors import translating
+from robocorba.data_pool.plans import Plans
+from robocorba.data_pool.pool import DataPool
+from robocorba.stubs import RoboCorba__POA
+
+
+class DataPoolServant(RoboCorba__POA.DataPool):
+    """RoboCorba::DataPool; others read, and change nothing."""
+
+    def __init__(self, pool: DataPool, plans: Plans) -> None:
+        self._pool, self._plans = pool, plans
+
+    def _get_floorName(self) -> str:
+        return self._pool.floor
+
+    def _get_lag(self) -> float:
+        return self._pool.lag_s
+
+    def content(self) -> Any:
+        return floors.update(self._pool.snapshot().as_update())
+
+    @translating
+    def plan(self, name: str) -> Any:
+        return conversion.record(self._plans.get(name))
+
+    def plans(self) -> list[Any]:
+        return [conversion.record(plan) for plan in self._plans.all()]

@@ -1,0 +1,144 @@
+"""Servants of a channel and its two admins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import CosEventChannelAdmin__POA
+from omniORB import CORBA
+
+from robocorba.corba.conversion import events
+from robocorba.corba.conversion.errors import translating
+from robocorba.errors.events import TooManyProxies
+from robocorba.events.channel import Channel
+from robocorba.events.links import Links
+from robocorba.events.proxies import Kind, Proxies, Proxy
+from robocorba.stubs import RoboCorba__POA
+
+
+class Objects(Protocol):
+    """The CORBA objects of a channel."""
+
+    #: The admins, the feed that gateways join, and the gateway that feeds supply.
+    consumer_admin: Any
+    supplier_admin: Any
+    feed: Any
+
+    def of(self, proxy: Proxy) -> Any:
+        """The reference of a proxy, which is activated where it is not."""
+
+    def event_consumer(self, reference: Any) -> Any:
+        """The client at a consumer's reference."""
+
+    def gateway(self, reference: Any) -> Any:
+        """The port to a peer's gateway."""
+
+    def uri(self, reference: Any) -> str:
+        """The stringified reference."""
+
+
+class EventChannelServant(RoboCorba__POA.EventChannel):
+    """RoboCorba::EventChannel. on_destroyed is called once everybody is disconnected."""
+
+    def __init__(
+        self, channel: Channel, proxies: Proxies, links: Links, objects: Objects, on_destroyed: Callable[[], None]
+    ) -> None:
+        self._channel, self._proxies, self._links, self._objects = channel, proxies, links, objects
+        self._on_destroyed = on_destroyed
+
+    # ---- CosEventChannelAdmin::EventChannel ----
+
+    @translating
+    def for_consumers(self) -> Any:
+        self._proxies.check()
+        return self._objects.consumer_admin
+
+    @translating
+    def for_suppliers(self) -> Any:
+        self._proxies.check()
+        return self._objects.supplier_admin
+
+    @translating
+    def destroy(self) -> None:
+        self._proxies.destroy()
+        self._on_destroyed()
+
+    # ---- events with a header ----
+
+    def _get_name(self) -> str:
+        return self._channel.name
+
+    @translating
+    def supply(self, supplierName: str) -> Any:
+        return self._objects.of(self._proxies.supply(supplierName))
+
+    @translating
+    def subscribe(self, subscriptionName: str, consumer: Any, wanted: Any, queue: Any) -> Any:
+        if consumer is None:
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+        subscription, policy = events.subscription_of(wanted), events.policy_of(queue)
+        client = self._objects.event_consumer(consumer)
+        return self._objects.of(self._proxies.subscribe(subscriptionName, client, subscription, policy))
+
+    @translating
+    def unsubscribe(self, subscriptionName: str) -> None:
+        self._proxies.unsubscribe(subscriptionName)
+
+    @translating
+    def state(self) -> Any:
+        return events.channel_state(self._channel, self._proxies, self._links)
+
+    # ---- peers ----
+
+    @translating
+    def addPeer(self, peer: Any) -> None:
+        self._links.add(events.peer_of(peer))
+
+    @translating
+    def removePeer(self, peer: str) -> None:
+        self._links.remove(peer)
+
+    def peers(self) -> list[Any]:
+        return [events.peer(record) for record in self._links.peers]
+
+    @translating
+    def joinGateway(self, consuming: str, itself: Any, gateway: Any) -> Any:
+        if itself is None or gateway is None:
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+        session, position = self._links.join(consuming, self._objects.uri(itself), self._objects.gateway(gateway))
+        return events.feed_terms(self._objects.feed, session, position)
+
+
+class _Admin:
+    """Base of both admins."""
+
+    def __init__(self, proxies: Proxies, objects: Objects) -> None:
+        self._proxies, self._objects = proxies, objects
+
+    @translating
+    def _obtain(self, kind: Kind) -> Any:
+        try:
+            return self._objects.of(self._proxies.obtain(kind))
+        except TooManyProxies:  # the standard has no exception for it
+            raise CORBA.IMP_LIMIT(0, CORBA.COMPLETED_NO) from None
+
+
+class SupplierAdminServant(_Admin, CosEventChannelAdmin__POA.SupplierAdmin):
+    """Hands out proxies to suppliers."""
+
+    def obtain_push_consumer(self) -> Any:
+        return self._obtain(Kind.PUSH_CONSUMER)
+
+    def obtain_pull_consumer(self) -> Any:
+        return self._obtain(Kind.PULL_CONSUMER)
+
+
+class ConsumerAdminServant(_Admin, CosEventChannelAdmin__POA.ConsumerAdmin):
+    """Hands out proxies to consumers."""
+
+    def obtain_push_supplier(self) -> Any:
+        return self._obtain(Kind.PUSH_SUPPLIER)
+
+    def obtain_pull_supplier(self) -> Any:
+        return self._obtain(Kind.PULL_SUPPLIER)

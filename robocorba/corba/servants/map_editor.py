@@ -1,0 +1,149 @@
+"""Servants of the map building agent: the editor, and a transaction of it."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, Protocol
+
+from robocorba.corba.conversion import maps
+from robocorba.corba.conversion.errors import translating
+from robocorba.errors.maps import InvalidElement, MapFileError
+from robocorba.maps import native
+from robocorba.maps.editing import BuildingEditor, Transaction
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+
+#: So many transactions that have ended still say TransactionClosed; older ones don't exist any more.
+ENDED_KEPT = 100
+#: Findings in one answer: each takes some 500 bytes, an answer has at most 64 MiB.
+MOST_FINDINGS = 10_000
+
+
+class Activator(Protocol):
+    """What gives a servant a reference for as long as it is needed: robocorba.corba.orb.Orb, for one."""
+
+    def activate(self, servant: Any) -> Any:
+        """A reference to the servant."""
+
+    def deactivate(self, servant: Any) -> None:
+        """The servant is not needed any more."""
+
+
+class TransactionServant(RoboCorba__POA.Transaction):
+    """RoboCorba::Transaction."""
+
+    def __init__(self, transaction: Transaction) -> None:
+        self._transaction = transaction
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it has not ended."""
+        return self._transaction.is_open
+
+    @translating
+    def create(self, onFloor: str, value: Any) -> None:
+        self._transaction.create(onFloor, maps.element_of(value))
+
+    @translating
+    def change(self, onFloor: str, value: Any, expected: int) -> None:
+        self._transaction.change(onFloor, maps.element_of(value), expected)
+
+    @translating
+    def remove(self, id: Any, expected: int) -> None:
+        self._transaction.remove(*maps.key_of(id), expected)
+
+    @translating
+    def commit(self) -> int:
+        return self._transaction.commit()
+
+    @translating
+    def rollBack(self) -> None:
+        self._transaction.roll_back()
+
+
+class MapEditorServant(RoboCorba__POA.MapEditor):
+    """RoboCorba::MapEditor on a building's editor."""
+
+    def __init__(self, editor: BuildingEditor, activator: Activator) -> None:
+        self._editor, self._activator = editor, activator
+        self._transactions: list[TransactionServant] = []
+        self._beginning = threading.Lock()
+
+    def _get_buildingName(self) -> str:
+        return self._editor.building.name
+
+    def _get_currentVersion(self) -> int:
+        return self._editor.version
+
+    def floors(self) -> list[str]:
+        return list(self._editor.building.floors)
+
+    @translating
+    def elements(self, kind: Any, onFloor: str) -> list[Any]:
+        found = self._editor.elements(maps.kind_of(kind), onFloor)
+        return [maps.record(onFloor, value, changed_at) for value, changed_at in found]
+
+    @translating
+    def read(self, id: Any) -> Any:
+        key = maps.key_of(id)
+        return maps.record(key.floor, *self._editor.read(*key))
+
+    @translating
+    def create(self, onFloor: str, value: Any) -> int:
+        return self._editor.create(onFloor, maps.element_of(value))
+
+    @translating
+    def change(self, onFloor: str, value: Any, expected: int) -> int:
+        return self._editor.change(onFloor, maps.element_of(value), expected)
+
+    @translating
+    def remove(self, id: Any, expected: int) -> int:
+        return self._editor.remove(*maps.key_of(id), expected)
+
+    @translating
+    def begin(self) -> Any:
+        with self._beginning:
+            servant = TransactionServant(self._editor.begin())
+            ended = [each for each in self._transactions if not each.is_open]
+            for oldest in ended[:-ENDED_KEPT]:
+                self._transactions.remove(oldest)
+                self._activator.deactivate(oldest)
+            self._transactions.append(servant)
+            return self._activator.activate(servant)
+
+    @translating
+    def undo(self, expected: int) -> int:
+        return self._editor.undo(expected)
+
+    @translating
+    def redo(self, expected: int) -> int:
+        return self._editor.redo(expected)
+
+    @translating
+    def changesSince(self, since: int) -> list[Any]:
+        return maps.changes(self._editor.changes_since(since))
+
+    @translating
+    def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:
+        # Here, because what it needs takes half a second to load, and a server must be back at once.
+        from robocorba.maps.topology import topological_map
+
+        return self._editor.replace_topology(onFloor, topological_map(self._editor.building, onFloor, robotRadius))
+
+    def check(self) -> list[Any]:
+        from robocorba.maps.checking import findings  # here, for the same reason
+
+        return maps.findings(findings(self._editor.building)[:MOST_FINDINGS])
+
+    def exportMap(self) -> str:
+        return native.dumps(self._editor.building)
+
+    @translating
+    def importMap(self, document: str, expected: int) -> int:
+        try:
+            building = native.loads(document, "document")
+        except MapFileError as wrong:
+            raise RoboCorba.InvalidMap(wrong.line, wrong.key, wrong.reason) from wrong
+        try:
+            return self._editor.replace(building, expected)
+        except InvalidElement as wrong:  # sound by itself, but too large to be held
+            raise RoboCorba.InvalidMap(0, "", str(wrong)) from wrong

@@ -1,0 +1,48 @@
+"""Servant of the Omni database."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robocorba.corba.conversion import floors, scans
+from robocorba.corba.conversion.errors import translating
+from robocorba.simulation.omni_database import OmniDatabase
+from robocorba.simulation.store import Mission, SimulationStore
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+
+
+class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
+    """RoboCorba::OmniDatabase; missions are kept in `store`."""
+
+    def __init__(self, database: OmniDatabase, store: SimulationStore) -> None:
+        self._database, self._store = database, store
+
+    def floors(self) -> list[str]:
+        return self._database.floors
+
+    @translating
+    def getFloor(self, name: str) -> Any:
+        return floors.update(self._database.floor(name))
+
+    @translating
+    def floorChanges(self, name: str, since: int) -> Any:
+        return floors.update(self._database.changes(name, since))
+
+    @translating
+    def lastScans(self, name: str) -> list[Any]:
+        return [scans.last_scan(scan) for scan in self._database.last_scans(name)]
+
+    def elevators(self) -> list[Any]:
+        return floors.elevators(self._database.elevators())
+
+    @translating
+    def putMission(self, mission: Any) -> int:
+        return self._store.put_mission(Mission(mission.name, mission.current, mission.document))
+
+    @translating
+    def missions(self) -> list[Any]:
+        return [RoboCorba.MissionRecord(*(kept.name, kept.version, kept.document)) for kept in self._store.missions()]
+
+    @translating
+    def removeMission(self, name: str) -> None:
+        self._store.remove_mission(name)

@@ -1,0 +1,105 @@
+"""Servants of a robot process: its agent, and a Python adaptor that another process uses."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from robocorba.control import model_switcher
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.agent import ControlAgent
+from robocorba.corba.conversion import robot
+from robocorba.corba.conversion.errors import translating
+from robocorba.motion.robot_state import RobotState
+from robocorba.programs import program
+from robocorba.stubs import RoboCorba__POA
+
+
+class RobotAgentServant(RoboCorba__POA.RobotAgent):
+    """RoboCorba::RobotAgent. pool: the reference of its data pool."""
+
+    def __init__(self, agent: ControlAgent, pool: Any) -> None:
+        self._agent, self._pool = agent, pool
+
+    def _get_name(self) -> str:
+        return self._agent.name
+
+    @translating
+    def _get_state(self) -> Any:
+        return robot.agent_state(self._agent.state)
+
+    def _get_pool(self) -> Any:
+        return self._pool
+
+    @translating
+    def loadProgram(self, json: str) -> None:
+        self._agent.load(program.loads(json))
+
+    @translating
+    def run(self, stepping: bool) -> None:
+        self._agent.run(stepping)
+
+    def iconsFrom(self, number: int) -> list[Any]:
+        return [robot.begun(icon) for icon in self._agent.begun(number)]
+
+    @translating
+    def pause(self) -> None:
+        self._agent.pause()
+
+    @translating
+    def resume(self) -> None:
+        self._agent.resume()
+
+    @translating
+    def step(self) -> None:
+        self._agent.step()
+
+    def abort(self) -> None:
+        self._agent.abort()
+
+    def stop(self) -> None:
+        self._agent.stop()
+
+    @translating
+    def resetStop(self) -> None:
+        self._agent.reset_stop()
+
+    @translating
+    def switchAdaptor(self, adaptor: str, arguments: list[str]) -> None:
+        self._agent.switch(adaptor, arguments)
+
+    def adaptors(self) -> list[str]:
+        return model_switcher.installed()
+
+    @translating
+    def setSpeedCap(self, speed: float) -> None:
+        self._agent.cap_speed(speed)
+
+
+class RobotAdaptorServant(RoboCorba__POA.RobotAdaptor):
+    """RoboCorba::RobotAdaptor in front of one that is written in Python."""
+
+    def __init__(self, adaptor: RobotAdaptor) -> None:
+        self._adaptor = adaptor
+        self._lock = threading.Lock()
+
+    @translating
+    def start(self, arguments: list[str]) -> bool:
+        with self._lock:
+            return self._adaptor.start(arguments)
+
+    @translating
+    def stop(self) -> bool:
+        return self._adaptor.stop()
+
+    @translating
+    def read(self) -> tuple[bool, Any]:
+        state = RobotState()
+        with self._lock:
+            return self._adaptor.read(state), robot.actor_state(state)
+
+    @translating
+    def write(self, wanted: Any) -> bool:
+        command = robot.actor_command_of(wanted)
+        with self._lock:
+            return self._adaptor.write(command)

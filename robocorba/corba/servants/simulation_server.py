@@ -1,0 +1,185 @@
+"""Servants of the communication management agent: the server, the session of a robot, and what administrators use."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable
+from typing import Any
+
+from robocorba.corba.conversion import scans, simulation
+from robocorba.corba.conversion.errors import translating
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.session import Session
+from robocorba.stubs import RoboCorba__POA
+
+
+class SimulationServerServant(RoboCorba__POA.SimulationServer):
+    """RoboCorba::SimulationServer.
+
+    reference_of: of a session's servant. render: a floor as PNG. let_go: tells a sensor process, by its reference, that
+    a robot moves to another one; must not wait."""
+
+    def __init__(
+        self,
+        agent: ManagementAgent,
+        reference_of: Callable[[Session], Any],
+        render: Callable[[str, int], bytes],
+        let_go: Callable[[Any, str], None],
+    ) -> None:
+        self._agent, self._reference_of, self._render, self._let_go = agent, reference_of, render, let_go
+
+    @translating
+    def registerRobot(self, about: Any) -> Any:
+        return self._reference_of(self._agent.register(simulation.description_of(about)))
+
+    def _get_state(self) -> Any:
+        return simulation.server_state(self._agent.state)
+
+    def clients(self) -> list[Any]:
+        now, name_for = time.monotonic(), self._agent.sensors.name_for
+        return [
+            simulation.client_state(
+                session.client, session.robot.state().pose, now - session.client.heard_at, name_for(session.name)
+            )
+            for session in list(self._agent.sessions.values())
+        ]
+
+    def sensors(self) -> list[Any]:
+        return [simulation.sensor_state(sensor) for sensor in self._agent.sensors.sensors]
+
+    @translating
+    def renderFloor(self, floor: str, width: int) -> bytes:
+        return self._render(floor, width)
+
+    def sensorIs(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
+        load = simulation.load_of(load)
+        self._agent.sensed(scans.last_scan_of(struct) for struct in latest)
+        for robot, process in self._agent.sensors.heard(name, reference, load):
+            self._let_go(process, robot)
+
+
+def _answering(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a session: translating, and how long it took is told to the session's client."""
+    translated = translating(method)
+
+    @functools.wraps(method)
+    def call(self: RobotSessionServant, *arguments: Any) -> Any:
+        began = time.perf_counter()
+        try:
+            return translated(self, *arguments)
+        finally:
+            self.session.client.took(time.perf_counter() - began)
+
+    return call
+
+
+class RobotSessionServant(RoboCorba__POA.RobotSession):
+    """RoboCorba::RobotSession. sensor: the reference of what senses for the robot."""
+
+    def __init__(self, session: Session, lease_s: float, sensor: Any) -> None:
+        self.session, self._lease_s, self._sensor = session, lease_s, sensor
+
+    @_answering
+    def _get_name(self) -> str:
+        self.session.heartbeat()
+        return self.session.name
+
+    @_answering
+    def _get_lease(self) -> float:
+        self.session.heartbeat()
+        return self._lease_s
+
+    @_answering
+    def command(self, wanted: Any, valid_for: float) -> None:
+        self.session.command(wanted.ahead, wanted.left, wanted.turn, valid_for)
+
+    @_answering
+    def brake(self) -> None:
+        self.session.brake()
+
+    @_answering
+    def state(self) -> Any:
+        session = self.session
+        robot = session.robot
+        return simulation.robot_state(session.state(), robot.holding, session.ride, robot.collisions, robot.touched)
+
+    @_answering
+    def heartbeat(self) -> None:
+        self.session.heartbeat()
+
+    @_answering
+    def _get_sensor(self) -> Any:
+        self.session.heartbeat()
+        return self._sensor
+
+    @_answering
+    def grip(self, what: str, place: Any) -> None:
+        self.session.grip(what, (place.x, place.y))
+
+    @_answering
+    def release(self) -> None:
+        self.session.release()
+
+    @_answering
+    def callElevator(self, elevator: str, destination: str) -> None:
+        self.session.call_elevator(elevator, destination)
+
+    @_answering
+    def callElevatorTogether(self, elevator: str, destination: str, party: str, size: int) -> None:
+        self.session.call_elevator_together(elevator, destination, party, size)
+
+    @_answering
+    def giveUpElevator(self) -> None:
+        self.session.give_up_elevator()
+
+    @_answering
+    def reserveAreas(self, areas: list[Any], limit: float) -> None:
+        self.session.reserve(simulation.areas_of(areas), limit)
+
+    @_answering
+    def reservation(self) -> Any:
+        return simulation.reservation(self.session.reservation())
+
+    @_answering
+    def keepAreas(self, areas: list[Any]) -> None:
+        self.session.keep_areas(simulation.areas_of(areas))
+
+    @_answering
+    def releaseAreas(self) -> None:
+        self.session.release_areas()
+
+    @_answering
+    def deregister(self) -> None:
+        self.session.deregister()
+
+
+class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
+    """RoboCorba::SimulationAdministrator."""
+
+    def __init__(self, agent: ManagementAgent) -> None:
+        self._agent = agent
+
+    @translating
+    def setLimit(self, robots: int) -> None:
+        self._agent.choose(limit=robots)
+
+    @translating
+    def evict(self, robot: str) -> None:
+        self._agent.evict(robot)
+
+    @translating
+    def setPace(self, pace: float) -> None:
+        self._agent.choose(pace=pace)
+
+    @translating
+    def pause(self) -> None:
+        self._agent.choose(is_paused=True)
+
+    @translating
+    def resume(self) -> None:
+        self._agent.choose(is_paused=False)
+
+    @translating
+    def step(self, steps: int) -> None:
+        self._agent.pace.step(steps)

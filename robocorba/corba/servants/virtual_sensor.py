@@ -1,0 +1,81 @@
+"""Servants of virtual sensors: those of a sensor process, and what a robot's session hands out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn, Protocol
+
+import omniORB
+from omniORB import CORBA
+
+from robocorba.corba.conversion import scans, simulation
+from robocorba.corba.conversion.errors import translating
+from robocorba.sensing.fan import LASER, PROXIMITY
+from robocorba.sensing.reports import Reports
+from robocorba.sensing.virtual_sensor import ScanSpec, VirtualSensor
+from robocorba.stubs import RoboCorba__POA
+
+
+class Activator(Protocol):
+    """What gives an object a reference for as long as it is needed."""
+
+    def for_robot(self, name: str) -> Any:
+        """The reference of a robot's sensor."""
+
+    def dismiss(self, name: str) -> None:
+        """It is not needed any more."""
+
+
+class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
+    """RoboCorba::VirtualSensor of a process; of one robot, where `robot` names it."""
+
+    def __init__(self, sensor: VirtualSensor, reports: Reports, activator: Activator, robot: str | None = None) -> None:
+        self._sensor, self._reports, self._activator, self._robot = sensor, reports, activator, robot
+
+    @translating
+    def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
+        spec = scans.spec_of(wanted)
+        place, mount = scans.places_of([robot]), scans.mount_of(where)
+        seen = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
+        self._reports.saw(self._robot, robot.floor, spec, seen)
+        return scans.scan(seen, spec)
+
+    @translating
+    def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
+        spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
+        found = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
+        for floor, seen in zip(floors, found, strict=True):
+            self._reports.saw(self._robot, floor, spec, seen)
+        return [scans.scan(seen, spec) for seen in found]
+
+    def laser(self) -> Any:
+        return scans.spec(ScanSpec(LASER))
+
+    @translating
+    def proximity(self, radius: float) -> Any:
+        return scans.spec(ScanSpec(PROXIMITY, radius))
+
+    def _get_load(self) -> Any:
+        return simulation.load(self._reports.load)
+
+    def forRobot(self, name: str) -> Any:
+        if not 0 < len(name) <= 60:
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+        return self._activator.for_robot(name)
+
+    def dismiss(self, name: str) -> None:
+        self._activator.dismiss(name)
+
+
+class RobotSensorServant(RoboCorba__POA.VirtualSensor):
+    """RoboCorba::VirtualSensor that sends its callers on to the process that senses for a robot now.
+
+    find: the reference there; waits while there is none."""
+
+    def __init__(self, find: Callable[[], Any]) -> None:
+        self._find = find
+
+    def _send_on(self, *arguments: Any) -> NoReturn:
+        raise omniORB.LOCATION_FORWARD(self._find())
+
+    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _send_on

@@ -1,0 +1,99 @@
+"""Errors of the map editor and of map files."""
+
+from __future__ import annotations
+
+from robocorba.errors.base import RoboCorbaError
+
+
+class MapError(RoboCorbaError):
+    """The map building agent refuses something."""
+
+
+class InvalidElement(MapError):
+    """An element breaks a rule: `kind`, `floor` and `name` say which, `reason` says why."""
+
+    def __init__(self, kind: str, floor: str, name: str, reason: str) -> None:
+        self.kind, self.floor, self.name, self.reason = kind, floor, name, reason
+        super().__init__(f"{describe(kind, floor, name)}: {reason}")
+
+
+class UnknownElement(MapError):
+    """Nothing has this kind, floor and name."""
+
+    def __init__(self, kind: str, floor: str, name: str) -> None:
+        self.kind, self.floor, self.name = kind, floor, name
+        super().__init__(f"there is no {describe(kind, floor, name)}")
+
+
+class DuplicateElement(MapError):
+    """Something has this kind, floor and name already."""
+
+    def __init__(self, kind: str, floor: str, name: str) -> None:
+        self.kind, self.floor, self.name = kind, floor, name
+        super().__init__(f"there is a {describe(kind, floor, name)} already")
+
+
+class StaleEdit(MapError):
+    """The element is at version `current`, the edit was made for version `expected`."""
+
+    def __init__(self, kind: str, floor: str, name: str, expected: int, current: int) -> None:
+        self.kind, self.floor, self.name = kind, floor, name
+        self.expected, self.current = expected, current
+        super().__init__(
+            f"{describe(kind, floor, name)} is at version {current}, the edit was made for version {expected}"
+        )
+
+
+class StaleVersion(MapError):
+    """The building is at version `current`, the caller saw version `expected`."""
+
+    def __init__(self, expected: int, current: int) -> None:
+        self.expected, self.current = expected, current
+        super().__init__(f"the building is at version {current}, the request was made for version {expected}")
+
+
+class NothingToUndo(MapError):
+    """No edit is left to take back."""
+
+
+class NothingToRedo(MapError):
+    """No edit that was taken back is left to repeat."""
+
+
+class VersionUnavailable(MapError):
+    """The kept history covers `oldest` to `current`; `version` lies outside."""
+
+    def __init__(self, version: int, oldest: int, current: int) -> None:
+        self.version, self.oldest, self.current = version, oldest, current
+        super().__init__(f"version {version} is outside the kept history {oldest} to {current}")
+
+
+class TransactionClosed(MapError):
+    """The transaction was committed, rolled back or has timed out."""
+
+
+class TooManyTransactions(MapError):
+    """`limit` transactions are open already."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        super().__init__(f"{limit} transactions are open already; commit or roll back one")
+
+
+class MapFileError(MapError):
+    """A map file is wrong. `line` is 1-based, 0 where no line can be named; `key` is a path such as floors[0].name."""
+
+    def __init__(self, file: str, line: int, key: str, reason: str) -> None:
+        self.file, self.line, self.key, self.reason = file, line, key, reason
+        where = f"{file}:{line}" if line else file
+        super().__init__(f"{where}: {key}: {reason}" if key else f"{where}: {reason}")
+
+
+def describe(kind: str, floor: str, name: str) -> str:
+    """'wall w1 on L2', 'elevator E1': how messages name an element."""
+    subject = f"{kind} {_short(name)!r}" if name else kind
+    return f"{subject} on {_short(floor)}" if floor else subject
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:60]}… ({len(text)} characters)"

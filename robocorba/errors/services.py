@@ -1,0 +1,33 @@
+"""Errors of processes and of the naming service."""
+
+from __future__ import annotations
+
+from robocorba.errors.base import RoboCorbaError
+
+
+class ServiceError(RoboCorbaError):
+    """A process or its surroundings are not as they must be."""
+
+
+class AlreadyRunning(ServiceError):
+    """Another process uses this state folder."""
+
+
+class PortInUse(ServiceError):
+    """Somebody else listens on `host`:`port`."""
+
+    def __init__(self, host: str, port: int, purpose: str) -> None:
+        self.host, self.port, self.purpose = host, port, purpose
+        super().__init__(f"port {port} on {host}, wanted for {purpose}, is in use; choose another one")
+
+
+class StateMismatch(ServiceError):
+    """The state folder holds another building than the one asked for."""
+
+
+class StartFailed(ServiceError):
+    """A process did not come up in time."""
+
+
+class NotReachable(ServiceError):
+    """A name could not be resolved, or its object did not answer, in time."""

@@ -1,0 +1,76 @@
+"""Which building a map editor server begins with: the stored one, a file's, or the sample."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from pathlib import Path
+
+import msgspec
+
+from robocorba.errors.maps import MapFileError
+from robocorba.errors.services import StateMismatch
+from robocorba.maps.samples import sample_path
+from robocorba.maps.storage import FIRST_VERSION, MapStore
+
+#: Served where nothing else is asked for and nothing is stored.
+DEFAULT_SAMPLE = "five-floors"
+_log = logging.getLogger(__name__)
+
+
+class Origin(msgspec.Struct):
+    """The file that a store was made from, kept beside it, and the SHA-256 of its content."""
+
+    file: str
+    sha256: str
+
+
+def open_store(path: Path, building: Path | None) -> MapStore:
+    """Open the store at `path`, making it from the file `building` (any format that can be read) where there is none.
+
+    A stored map wins over the same file; a store that nobody has edited is made anew
+    from another file. Raises StateMismatch where edits would be lost, MapFileError
+    where a file is wrong, AlreadyRunning where another process has the store open."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    note = path.with_suffix(".origin.json")
+    if MapStore.exists(path):
+        if building is None:
+            return MapStore(path)
+        origin = _origin(building)
+        if _noted(note) == origin:
+            return MapStore(path)
+        with MapStore(path) as store:
+            stored = store.load()
+            if stored.version != FIRST_VERSION:
+                raise StateMismatch(
+                    f"{path.parent} holds edits of the map {stored.building.name!r}, which was not made from "
+                    f"{building} as it is now; give another --state, or no --building to go on with those edits"
+                )
+    # Here, because it takes a third of a second to load, and a server that died must be back at once.
+    from robocorba.maps.checking import blocked, summaries
+    from robocorba.maps.formats import read_map
+
+    file = building or sample_path(DEFAULT_SAMPLE)
+    imported = read_map(file)
+    for loss in imported.losses:
+        _log.warning("%s: %s", file, loss)
+    for summary in summaries(blocked(imported.building)):
+        _log.warning("%s: %s", file, summary)
+    path.unlink(missing_ok=True)  # only now that there is something to put in its place
+    store = MapStore.create(path, imported.building)
+    note.write_bytes(msgspec.json.encode(_origin(file)))
+    return store
+
+
+def _origin(file: Path) -> Origin:
+    try:
+        return Origin(str(file.absolute()), hashlib.sha256(file.read_bytes()).hexdigest())
+    except OSError as wrong:
+        raise MapFileError(str(file), 0, "", wrong.strerror or str(wrong)) from None
+
+
+def _noted(note: Path) -> Origin | None:
+    try:
+        return msgspec.json.decode(note.read_bytes(), type=Origin)
+    except (OSError, msgspec.DecodeError):
+        return None

@@ -1,1 +1,0 @@
-"""What domain code calls, as CORBA objects: its ports, made of references."""

@@ -1,0 +1,93 @@
+"""Writes what the simulation server must know again, in a thread of its own: time does not wait for a disk."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+from robocorba.errors.services import ServiceError
+from robocorba.simulation.store import SimulationStore
+from robocorba.simulation.world_record import WorldRecord
+
+#: How long a call waits until what it did can't be lost any more, s.
+WRITE_LIMIT_S = 5.0
+_log = logging.getLogger(__name__)
+
+
+class Keeper:
+    """`keep` and `forget` are called by the simulation's thread, and never wait."""
+
+    def __init__(self, store: SimulationStore) -> None:
+        self._store = store
+        self._changed = threading.Condition()
+        self._world: WorldRecord | None = None
+        self._forgotten: list[str] = []
+        self._number = self._written = 0
+        self._problem: ServiceError | None = None
+        self._is_closing = False
+        self._thread = threading.Thread(target=self._run, name="keeper", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write what is left."""
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join()
+        else:
+            self._write()
+
+    def keep(self, world: WorldRecord) -> int:
+        """Write it, unless a newer one comes first; a number to wait for."""
+        with self._changed:
+            self._world = world
+            self._number += 1
+            self._changed.notify_all()
+            return self._number
+
+    def forget(self, key: str) -> None:
+        """Forget a client."""
+        with self._changed:
+            self._forgotten.append(key)
+            self._changed.notify_all()
+
+    def wait(self, number: int) -> None:
+        """Until what had this number, or a newer one, is written. Raises ServiceError where it can't be."""
+        if not self._thread.is_alive():
+            self._write()
+        with self._changed:
+            self._changed.wait_for(lambda: self._written >= number or self._problem, WRITE_LIMIT_S)
+            if self._written < number:
+                raise self._problem or ServiceError(f"the disk took longer than {WRITE_LIMIT_S:g} s")
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._world or self._forgotten or self._is_closing)
+                if self._is_closing and not self._world and not self._forgotten:
+                    return
+            self._write()
+
+    def _write(self) -> None:
+        with self._changed:
+            world, self._world = self._world, None
+            forgotten, self._forgotten = self._forgotten, []
+            number = self._number
+        problem = None
+        try:
+            for key in forgotten:
+                self._store.forget_client(key)
+            if world:
+                self._store.save_world(world)
+        except ServiceError as wrong:
+            problem = wrong
+            if self._problem is None:
+                _log.error("what is simulated is not kept: %s", wrong)
+        with self._changed:
+            self._problem = problem
+            if problem is None:
+                self._written = number
+            self._changed.notify_all()

@@ -1,0 +1,98 @@
+"""A floor's update in msgpack, for events and recordings: RoboCorba::FloorUpdate of omni_database.idl, with structs as
+maps from the names of their members and enumerators as numbers, counted from 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+
+
+class _XY(msgspec.Struct):
+    x: float
+    y: float
+
+
+class _Body(msgspec.Struct):
+    number: int
+    kind: BodyKind
+    name: str
+    radius: float
+    outline: list[_XY]
+    mass: float
+
+
+class _Elevator(msgspec.Struct):
+    name: str
+    cabin: str
+    height: float
+    doors: Doors
+    opening: float
+    riders: tuple[str, ...]
+    queue: tuple[str, ...]
+
+
+class _Update(msgspec.Struct, rename="camel"):
+    floor_name: str
+    since: int
+    current: int
+    time: float
+    map_version: int
+    came: list[_Body]
+    went: list[int]
+    motions: bytes
+    elevators: list[_Elevator]
+
+
+_decoder = msgspec.msgpack.Decoder(_Update)
+
+
+def dumps(update: FloorUpdate) -> bytes:
+    """An update as msgpack."""
+    return msgspec.msgpack.encode(_wire(update))
+
+
+def as_map(update: FloorUpdate) -> dict[str, Any]:
+    """The same, for whoever packs it as a part of something else."""
+    found: dict[str, Any] = msgspec.to_builtins(_wire(update), builtin_types=(bytes,))
+    return found
+
+
+def loads(data: bytes) -> FloorUpdate:
+    """What `dumps` wrote. Raises ValueError."""
+    found = _decoder.decode(data)
+    return FloorUpdate(
+        found.floor_name,
+        found.since,
+        found.current,
+        found.time,
+        found.map_version,
+        [
+            Body(body.number, body.kind, body.name, body.radius, tuple((p.x, p.y) for p in body.outline), body.mass)
+            for body in found.came
+        ],
+        found.went,
+        np.frombuffer(found.motions, MOTION),
+        {
+            one.name: Moment(one.height, one.cabin, one.doors, one.opening, one.riders, one.queue)
+            for one in found.elevators
+        },
+    )
+
+
+def _wire(update: FloorUpdate) -> _Update:
+    came = [
+        _Body(body.number, body.kind, body.name, body.radius_m, [_XY(x, y) for x, y in body.outline], body.mass_kg)
+        for body in update.came
+    ]
+    elevators = [
+        _Elevator(name, one.floor, one.height, one.doors, one.opening, one.riders, one.queue)
+        for name, one in update.elevators.items()
+    ]
+    floor, since, version, time, map_version = update[:5]
+    motions = update.motions.tobytes()
+    return _Update(floor, since, version, time, map_version, came, update.went, motions, elevators)

@@ -1,0 +1,1 @@
+"""Running systems for tests and benches: processes that end with their caller, and the scenes that both use."""

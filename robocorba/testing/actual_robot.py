@@ -1,0 +1,64 @@
+"""A real naming service of a robot's own, and a real servers/smartpal process bound in it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from subprocess import Popen
+from typing import Any, NamedTuple
+
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.launch import module_command
+from robocorba.supervision.system import find_omninames
+from robocorba.testing.processes import Launcher, claimed_ports, eventually
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class RobotPlace(NamedTuple):
+    """naming: the robot's own. process: its stand-in's. orb: of this process, which has another naming service."""
+
+    naming: Address
+    process: Popen[str]
+    orb: Orb
+
+    @property
+    def faults(self) -> Any:
+        """The switches of the stand-in's faults."""
+        return self.orb.resolve_elsewhere(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
+
+    def unit(self, name: str, interface: Any) -> Any:
+        return self.orb.resolve_elsewhere(self.naming, name, interface, 2.0)
+
+
+@contextlib.contextmanager
+def robot_place(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[RobotPlace]:
+    """Both processes, ready; ended with the `with`. orb: of this process, where it has one already."""
+    with claimed_ports() as port, Launcher(folder) as launch:
+        naming = Address("127.0.0.1", port)
+        names = folder / "names"
+        names.mkdir(exist_ok=True)
+        own = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
+        launch(find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
+        process = launch(
+            *(*module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
+            *("--endpoint", f"127.0.0.1:{port + 1}", "--naming", str(naming), *arguments),
+            PYTHONPATH=str(ROOT),
+        )
+        with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
+            place = RobotPlace(naming, process, ours)
+            eventually(lambda: _is_there(place), 60.0, "the stand-in")
+            yield place
+
+
+def _is_there(place: RobotPlace) -> bool:
+    assert place.process.poll() is None, place.process.communicate()[1]
+    try:
+        place.faults.none()
+    except NotReachable:
+        return False
+    return True

@@ -1,0 +1,209 @@
+"""Event channels as real processes, linked in any shape, with consumers in the test's own process."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from omniORB import CORBA
+
+from robocorba.corba.event_client import Event, EventClient, EventSubscription
+from robocorba.corba.orb import Orb
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.launch import module_command
+from robocorba.supervision.system import find_omninames
+from robocorba.testing.processes import Launcher, claimed_ports, eventually, hang
+
+#: Of waits for what normally takes a second or two, on a busy machine.
+LIMIT_S = 30.0
+
+
+class Counts(NamedTuple):
+    """An Account's numbers, to be compared and added."""
+
+    received: int
+    delivered: int
+    unconfirmed: int
+    discarded: int
+    expired: int
+    queued: int
+
+    @classmethod
+    def of(cls, account: Any) -> Counts:
+        return cls(*(getattr(account, field) for field in cls._fields))
+
+    @property
+    def is_exact(self) -> bool:
+        return self.received == self.delivered + self.discarded + self.expired + self.queued
+
+
+class Consumer:
+    """Keeps what it got at one channel, of any type unless some are named."""
+
+    def __init__(self, client: EventClient, types: Sequence[str], name: str = "") -> None:
+        self.events: list[Event] = []
+        self.subscription: EventSubscription = client.subscribe(self.events.append, *types, name=name)
+
+    def payloads(self, origin: str, type: str = "t") -> list[Any]:
+        return [event.payload for event in list(self.events) if (event.origin, event.type) == (origin, type)]
+
+
+class Channels:
+    """Channel processes by name, one naming service, and one client of each channel for the test."""
+
+    def __init__(self, launch: Launcher, folder: Path, port: int, orb: Orb) -> None:
+        self.orb, self.port, self.folder = orb, port, folder
+        self.naming: subprocess.Popen[str] | None = None
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+        self.clients: dict[str, EventClient] = {}
+        self._launch = launch
+        self._ports = itertools.count(port + 1)
+        self._port_of: dict[str, int] = {}
+        self._probes = itertools.count()
+
+    # ---- processes ----
+
+    def start_naming(self) -> None:
+        where = ("-start", str(self.port), "-always", "-nohostname", "-datadir", str(self.folder))
+        self.naming = self._launch(find_omninames(), *where, "-ORBendPoint", f"giop:tcp:127.0.0.1:{self.port}")
+
+    def address(self, name: str) -> str:
+        if name not in self._port_of:
+            self._port_of[name] = next(self._ports)
+        return f"127.0.0.1:{self._port_of[name]}"
+
+    def spawn(self, name: str, *more: str) -> None:
+        """Start a channel, or start it again; not waited for."""
+        where = ("--state", str(self.folder / name), "--endpoint", self.address(name))
+        naming = ("--naming", f"127.0.0.1:{self.port}", "--name", name)
+        self.processes[name] = self._launch(*module_command("robocorba.servers.event_channel"), *where, *naming, *more)
+
+    def start(self, *names: str) -> None:
+        for name in names:
+            self.spawn(name)
+        for name in names:
+            self.wait_ready(name)
+            self.clients[name] = EventClient(self.orb, name, name, timeout_s=LIMIT_S)
+
+    def wait_ready(self, name: str) -> None:
+        eventually(lambda: self.answers(name), LIMIT_S, f"channel {name}")
+
+    def answers(self, name: str) -> bool:
+        try:
+            return bool(self.channel(name)._get_name() == name)
+        except CORBA.SystemException:
+            return False
+
+    def kill(self, name: str) -> None:
+        self.processes[name].send_signal(signal.SIGKILL)
+        self.processes[name].wait(10)
+
+    def kill_naming(self) -> None:
+        assert self.naming
+        self.naming.send_signal(signal.SIGKILL)
+        self.naming.wait(10)
+
+    def forget(self, name: str) -> None:
+        """Delete what a channel that is not running kept on disk."""
+        shutil.rmtree(self.folder / name)
+
+    @contextlib.contextmanager
+    def stopped(self, name: str) -> Iterator[None]:
+        """A channel that is there, and does nothing."""
+        hang(self.processes[name].pid)
+        try:
+            yield
+        finally:
+            self.processes[name].send_signal(signal.SIGCONT)
+
+    # ---- what channels say ----
+
+    def channel(self, name: str) -> Any:
+        return self.orb.reference(
+            f"corbaloc:iiop:1.2@{self.address(name)}/EventChannels/{name}", RoboCorba.EventChannel
+        )
+
+    def links(self, name: str) -> dict[tuple[str, Any], Any]:
+        """LinkStates by peer and direction."""
+        return {(link.peer, link.direction): link for link in self.channel(name).state().links}
+
+    def outgoing(self, name: str, peer: str) -> Any:
+        return self.links(name)[peer, RoboCorba.OUTGOING]
+
+    def incoming(self, name: str, peer: str) -> Any:
+        return self.links(name)[peer, RoboCorba.INCOMING]
+
+    def is_up(self, *pairs: str) -> bool:
+        """Whether links are up in both directions and at both ends: "AB" and so on."""
+        try:
+            states = {name: self.links(name) for name in {end for pair in pairs for end in (pair[0], pair[1])}}
+        except CORBA.SystemException:
+            return False
+        ends = [(a, b) for pair in pairs for a, b in ((pair[0], pair[1]), (pair[1], pair[0]))]
+        return all(
+            (b, direction) in states[a] and states[a][b, direction].condition == RoboCorba.UP
+            for a, b in ends
+            for direction in (RoboCorba.INCOMING, RoboCorba.OUTGOING)
+        )
+
+    # ---- the federation ----
+
+    def shape(self, *pairs: str) -> None:
+        """End all links, and make these, each told to one end only; until all is known everywhere."""
+        for name in self.clients:
+            for peer in self.channel(name).peers():
+                with contextlib.suppress(RoboCorba.UnknownPeer):
+                    self.channel(name).removePeer(peer.name)
+        for a, b in map(tuple, pairs):
+            self.channel(a).addPeer(RoboCorba.PeerAddress(b, "", False))
+        eventually(lambda: self.is_up(*pairs), LIMIT_S, f"links {' '.join(pairs)}")
+
+    def wait_reaches(self, consumers: Mapping[str, Consumer], origins: str) -> None:
+        """Until what is said at any of these channels reaches the consumers at all others; they take probes as well."""
+        ways = [(origin, there) for there in consumers for origin in origins if origin != there]
+        deadline = time.monotonic() + LIMIT_S
+        while ways:
+            assert time.monotonic() < deadline, f"nothing comes these ways: {ways}"
+            probe = next(self._probes)
+            for origin in {origin for origin, _ in ways}:
+                self.clients[origin].push("probe", probe)
+            time.sleep(0.1)
+            ways = [
+                (origin, there) for origin, there in ways if probe not in consumers[there].payloads(origin, "probe")
+            ]
+
+    def check_links(self, *pairs: str) -> None:
+        """Every link's account is exact, and what one end delivered the other has received."""
+        for a, b in [(pair[at], pair[1 - at]) for pair in pairs for at in (0, 1)]:
+
+            def agree(a: str = a, b: str = b) -> bool:
+                out, came = self.outgoing(a, b), self.incoming(b, a)
+                assert Counts.of(out.events).is_exact and Counts.of(came.events).is_exact
+                is_all = out.events.delivered == came.events.received + came.repeated
+                # A batch whose answer came too late was said twice, and is counted twice where it came.
+                same = came.repeated > 0 or (out.batches, out.bytes) == (came.batches, came.bytes)
+                return not out.events.queued and is_all and same
+
+            eventually(agree, LIMIT_S, f"the same counts at both ends of {a}{b}")
+
+
+@contextlib.contextmanager
+def channels(folder: Path, *names: str) -> Iterator[Channels]:
+    """A naming service and these channels, without links."""
+    with (
+        claimed_ports() as port,
+        Launcher(folder) as launch,
+        Orb(Address("127.0.0.1", port), call_timeout_s=5.0) as orb,
+    ):
+        result = Channels(launch, folder, port, orb)
+        result.start_naming()
+        result.start(*names)
+        yield result

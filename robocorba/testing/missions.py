@@ -1,0 +1,324 @@
+"""Robots of real processes in a running system that do missions, and what the simulation server knows of it all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+from omniORB import CORBA
+
+from robocorba.control.agent import Condition
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.data_pool import RemotePool
+from robocorba.corba.remote.floors import RemoteDatabase
+from robocorba.errors.services import NotReachable
+from robocorba.maps import native
+from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.maps.topology import topological_map
+from robocorba.missions.record import KeptPlan, plan_of
+from robocorba.names import MISSIONS
+from robocorba.simulation.store import SimulationStore
+from robocorba.spatial.floor_update import WHOLE
+from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system
+
+FLOOR = "L1"
+#: A robot is ready within; a mission here has ended within, s.
+START_LIMIT_S, MISSION_LIMIT_S = 120.0, 120.0
+
+
+def three_rooms() -> Building:
+    """In the west a room of 6 x 5 m with a table for three, in the east one of 4 x 5 m with a door to it, in the north
+    one of 6 x 5 m for itself with a desk for two."""
+    outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (6.0, 5.0), (6.0, 10.0), (0.0, 10.0))
+    walls = [
+        Wall(f"wall-{number}", a, b)
+        for number, (a, b) in enumerate(zip(outline, (*outline[1:], outline[0]), strict=True))
+    ]
+    walls.append(Wall("wall-between", (6.0, 0.0), (6.0, 5.0)))
+    walls.append(Wall("wall-north", (0.0, 5.0), (6.0, 5.0)))
+    things = [
+        MapObject("table", BoxShape((1.2, 0.8)), (2.2, 2.6), height=0.7, movable=True),
+        MapObject("desk", BoxShape((1.0, 0.8)), (2.2, 7.6), height=0.7, movable=True),
+    ]
+    plan = GeometricalMap(
+        {wall.name: wall for wall in walls},
+        {thing.name: thing for thing in things},
+        {"door": Door("door", (6.0, 1.9), (6.0, 3.3))},
+    )
+    building = Building("three rooms", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
+    floor = building.floors[FLOOR]
+    building.floors[FLOOR] = msgspec.structs.replace(floor, topological=topological_map(building, FLOOR))
+    return building
+
+
+class Start(NamedTuple):
+    """Where a robot begins, on the only floor, its sub-network, and its adaptor with its arguments, empty for a virtual
+    robot. within: what a command line begins with that runs it on another computer."""
+
+    x: float
+    y: float
+    heading: float
+    channel: str
+    adaptor: tuple[str, ...] = ()
+    within: tuple[str, ...] = ()
+
+
+class Body(NamedTuple):
+    """Of the simulation, at one moment, m and rad."""
+
+    x: float
+    y: float
+    heading: float
+
+
+@contextlib.contextmanager
+def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionPlace]:
+    """`robocorba up` on a building, and whatever robots are started there; one at a time in a process."""
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, "--building", str(building), "--subnets", subnets)
+        running.wait_ready()
+        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
+        with Orb(running.naming, call_timeout_s=5.0) as orb:
+            place = MissionPlace(folder, running, orb, launch)
+            try:
+                yield place
+            finally:
+                place.end()
+
+
+class MissionPlace:
+    """`robots`: the processes, by name."""
+
+    def __init__(self, folder: Path, running: Running, orb: Orb, launch: Launcher) -> None:
+        self.folder, self.running, self.orb, self._launch = folder, running, orb, launch
+        self.robots: dict[str, subprocess.Popen[str]] = {}
+        self._database = RemoteDatabase(orb, 5.0)
+        self.server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+
+    # ---- robots ----
+
+    def start(self, starts: Mapping[str, Start]) -> None:
+        """All at once, until each is ready."""
+        for name, at in starts.items():
+            where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
+            adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
+            self.robots[name] = self._robocorba(name, "robot", name, *where, *adaptor, within=at.within)
+        for name in starts:
+            process = self.robots[name]
+            assert process.stdout is not None and process.stderr is not None
+            if process.stdout.readline() != "ready\n":
+                raise AssertionError(f"{name} did not start: {process.stderr.read()}")
+            threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
+
+    def kill(self, name: str) -> None:
+        """kill -9, and wait until its name and its place are free."""
+        process = self.robots.pop(name)
+        process.kill()
+        process.communicate()
+        eventually(lambda: name not in self.names(), 15.0, f"{name} is logged off")
+
+    def end(self) -> None:
+        """SIGTERM to all robots; fails where one does not end."""
+        for process in self.robots.values():
+            process.send_signal(signal.SIGCONT)
+            process.send_signal(signal.SIGTERM)
+        for name, process in self.robots.items():
+            try:
+                process.wait(20.0)
+            except subprocess.TimeoutExpired:
+                raise AssertionError(f"{name} hangs") from None
+        self.robots.clear()
+
+    def names(self) -> set[str]:
+        """Of the robots that are logged on."""
+        return {client.name for client in self.server.clients()}
+
+    def agent(self, name: str) -> RemoteAgent:
+        return RemoteAgent(self.orb, name)
+
+    def is_free(self, name: str) -> bool:
+        """Whether it could begin something, and stands."""
+        try:
+            state = self.agent(name).state()
+        except NotReachable:
+            return False
+        return state.condition is Condition.IDLE and math.hypot(*state.actor.velocity[:2]) < 0.01
+
+    # ---- missions ----
+
+    def mission(self, leader: str, table: str, to: str) -> subprocess.Popen[str]:
+        """`robocorba mission start move-table`."""
+        arguments = ("--table", table, "--to", to, "--leader", leader)
+        return self._robocorba("user", "mission", "start", "move-table", *arguments)
+
+    def outcome(self, user: subprocess.Popen[str]) -> tuple[int, str, str]:
+        """Its exit code and all that it printed, when it has ended."""
+        out, err = user.communicate(timeout=MISSION_LIMIT_S)
+        return user.returncode, out, err
+
+    def command(self, leader: str, *arguments: str) -> str:
+        """`robocorba mission ...`, which must succeed; what it prints."""
+        process = self._robocorba(leader, "mission", *arguments)
+        out, err = process.communicate(timeout=60.0)
+        assert process.returncode == 0, err
+        return out
+
+    def kept(self, leader: str) -> KeptPlan | None:
+        """Of the mission that it leads, or led last."""
+        plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
+        return plan_of(plans[-1].content) if plans else None
+
+    def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
+        """Wait for it; fails where the mission ends before."""
+
+        def is_there() -> bool:
+            assert user.poll() is None, f"it ended before {phase}: {user.communicate()}"
+            kept = self.kept(leader)
+            return kept is not None and kept.phase == phase
+
+        eventually(is_there, MISSION_LIMIT_S, phase)
+
+    def carrying(self, leader: str, table: str, user: subprocess.Popen[str], moved_m: float = 0.1) -> None:
+        """Until the table is on its way."""
+        self.at_phase(leader, "carrying", user)
+        before = self.body(table)
+        eventually(lambda: math.dist(before[:2], self.body(table)[:2]) > moved_m, 30.0, "the table moves")
+
+    def report(self, leader: str) -> dict[str, Any]:
+        """Of the mission that it led last."""
+        files = sorted((self.folder / leader / MISSIONS).glob("*/report.json"), key=lambda file: file.stat().st_mtime)
+        found: dict[str, Any] = json.loads(files[-1].read_text())
+        return found
+
+    # ---- the simulation ----
+
+    def bodies(self) -> tuple[float, dict[str, Body]]:
+        """All of the floor after the same step, and its time, s."""
+        update = self._database.changes(FLOOR, WHOLE)
+        names = {body.number: body.name for body in update.came}
+        return update.time, {
+            names[int(row["number"])]: Body(float(row["x"]), float(row["y"]), float(row["heading"]))
+            for row in update.motions
+            if int(row["number"]) in names
+        }
+
+    def body(self, name: str) -> Body:
+        return self.bodies()[1][name]
+
+    def holding(self) -> dict[str, str]:
+        """What each robot holds that holds something, by what the server has on disk: it keeps grips before it answers
+        a call."""
+        with tempfile.TemporaryDirectory() as copy:
+            for file in self.running.state.glob("simulation.sqlite*"):
+                with contextlib.suppress(FileNotFoundError):
+                    shutil.copy(file, copy)
+            with SimulationStore(Path(copy) / "simulation.sqlite") as store:
+                world = store.world()
+        return {name: robot.grip[0] for name, robot in world.robots.items() if robot.grip} if world else {}
+
+    @property
+    def collisions(self) -> int:
+        """That have begun since the server was started."""
+        return int(self.server._get_state().collisions)
+
+    def kill_server(self, name: str) -> int:
+        """kill -9 of a process of `robocorba up`; the process id that it had."""
+        pid = eventually(lambda: self.running.pid(name), what=f"the process {name}")
+        os.kill(pid, signal.SIGKILL)
+        return int(pid)
+
+    def is_back(self, name: str, before: int) -> bool:
+        return self.running.pid(name) not in (0, before)
+
+    def stands_still(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
+        """Whether nothing of it moves within some time."""
+        _, before = self.bodies()
+        time.sleep(seconds)
+        _, after = self.bodies()
+        return all(name in after and math.dist(before[name][:2], after[name][:2]) < 0.005 for name in names)
+
+    # ---- inside ----
+
+    def _robocorba(self, who: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / who)}
+        return self._launch(*within, ROBOCORBA, *arguments, **environment)
+
+
+class Watch:
+    """Follows the floor while it lasts, as `MissionPlace.bodies` has it: how far carriers' grips were from their hands.
+
+    Where a hand was on the table when the table began to move is where it must stay."""
+
+    def __init__(self, place: MissionPlace, table: str, every_s: float = 0.04) -> None:
+        self._place, self._table, self._every_s = place, table, every_s
+        self.seen: list[tuple[float, dict[str, Body]]] = []
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Watch:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ending.set()
+        self._thread.join()
+
+    def farthest_m(self, carriers: tuple[str, ...]) -> float:
+        """While the table moved: of a carrier's hands from where they held it, m."""
+        moves = [self._speed(before, now) > 0.01 for before, now in zip(self.seen, self.seen[1:], strict=False)]
+        if not any(moves):
+            return math.nan
+        first, last = moves.index(True), len(moves) - moves[::-1].index(True)
+        carried = [bodies for _, bodies in self.seen[first : last + 1] if all(name in bodies for name in carriers)]
+        worst = 0.0
+        for name in carriers:
+            hands = [_hand_on(bodies[self._table], bodies[name]) for bodies in carried]
+            worst = max(worst, max(math.dist(hand, hands[0]) for hand in hands))
+        return worst
+
+    def nearest_m(self, radius_m: float) -> float:
+        """That two robots of a radius came to each other, from rim to rim; NaN where nothing was seen."""
+        near = (
+            math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m
+            for _, bodies in self.seen
+            for one, other in combinations(bodies.keys() & self._place.robots.keys(), 2)
+        )
+        return min(near, default=math.nan)
+
+    def _speed(self, before: tuple[float, dict[str, Body]], now: tuple[float, dict[str, Body]]) -> float:
+        there, here = before[1][self._table], now[1][self._table]
+        return math.dist(there[:2], here[:2]) / max(now[0] - before[0], 0.02)
+
+    def _run(self) -> None:
+        while not self._ending.wait(self._every_s):
+            with contextlib.suppress(NotReachable, CORBA.Exception):
+                self.seen.append(self._place.bodies())
+
+
+def _hand_on(table: Body, robot: Body, ahead_m: float = 0.62) -> tuple[float, float]:
+    """Where a robot's hands are in the table's frame."""
+    x, y = robot.x + ahead_m * math.cos(robot.heading), robot.y + ahead_m * math.sin(robot.heading)
+    c, s, dx, dy = math.cos(table.heading), math.sin(table.heading), x - table.x, y - table.y
+    return c * dx + s * dy, c * dy - s * dx
+
+
+def save_three_rooms(folder: Path) -> Path:
+    file = folder / "three-rooms.yaml"
+    native.save(three_rooms(), file)
+    return file

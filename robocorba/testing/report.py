@@ -1,0 +1,152 @@
+"""How a bench tells what it found: a table, a JSON file and a picture, side by side in bench/results."""
+
+from __future__ import annotations
+
+import csv
+import json
+import operator
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+RESULTS = Path(__file__).resolve().parents[2] / "bench" / "results"
+#: Where a bench shows what it is waiting for.
+PROGRESS = Console(stderr=True)
+#: Processes that wanted a core in the minute before the bench: figures of a busy machine are worth little.
+LOAD_BEFORE = os.getloadavg()[0]
+T = TypeVar("T")
+Rows = Sequence[Mapping[str, Any]]
+
+
+class Mark(NamedTuple):
+    """Something that has to be reached: `value` is to be at most or at least `limit`."""
+
+    what: str
+    value: float
+    relation: str
+    limit: float
+
+    @property
+    def is_reached(self) -> bool:
+        return bool((operator.le if self.relation == "at most" else operator.ge)(self.value, self.limit))
+
+    @property
+    def sentence(self) -> str:
+        """For the terminal."""
+        verdict = "[green]reached[/green]" if self.is_reached else "[red]missed[/red]"
+        return f"{self.what}: {cell(self.value)}, must be {self.relation} {cell(self.limit)}: {verdict}"
+
+    def as_json(self) -> dict[str, Any]:
+        return {**self._asdict(), "reached": self.is_reached}
+
+
+def at_most(what: str, value: float, limit: float) -> Mark:
+    return Mark(what, value, "at most", limit)
+
+
+def at_least(what: str, value: float, limit: float) -> Mark:
+    return Mark(what, value, "at least", limit)
+
+
+def write(
+    name: str, title: str, rows: Sequence[Mapping[str, Any]], samples: Mapping[str, Sequence[float]], unit: str
+) -> None:
+    """Print `rows` as a table, write them to NAME.json, and the distribution of each of `samples` to NAME.png.
+
+    The rows have the same columns; None where a row has nothing to say."""
+    table = Table(title=title)
+    for column in rows[0]:
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*map(cell, row.values()))
+    Console(width=140).print(table)
+    write_json(name, title, {"rows": rows})
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for label, values in samples.items():
+        ordered = sorted(values)
+        axes.plot(ordered, [i / len(ordered) for i in range(len(ordered))], label=label)
+    axes.set(xscale="log", xlabel=unit, ylabel="share of calls that took less", title=title)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(RESULTS / f"{name}.png", dpi=120)
+    Console().print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json and .png\n", soft_wrap=True)
+
+
+def cell(value: Any) -> str:
+    """A value in a table."""
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def tell(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
+    """Print the rows and the marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
+
+    The rows have the same columns; None where a row has nothing to say."""
+    console = Console(width=160)
+    table = Table(title=title)
+    for column in rows[0]:
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*map(cell, row.values()))
+    console.print(table)
+    for mark in marks:
+        console.print(mark.sentence)
+    write_json(name, title, {"rows": list(rows), "marks": [mark.as_json() for mark in marks]})
+    write_csv(name, rows)
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    draw(axes)
+    axes.set(title=title)
+    axes.grid(alpha=0.3)
+    figure.savefig(RESULTS / f"{name}.png", dpi=120)
+    console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json, .csv and .png\n", soft_wrap=True)
+    return all(mark.is_reached for mark in marks)
+
+
+def write_json(name: str, title: str, found: Mapping[str, Any]) -> None:
+    """NAME.json: on which machine it was measured, and what was found."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    machine = {
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "load before": LOAD_BEFORE,
+    }
+    (RESULTS / f"{name}.json").write_text(json.dumps({"title": title, **machine, **found}, indent=2) + "\n")
+
+
+def write_csv(name: str, rows: Rows) -> None:
+    """NAME.csv."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    with (RESULTS / f"{name}.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """The value below which that share of the values lies."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
+def timed_ms(call: Callable[..., T], *arguments: object) -> tuple[T, float]:
+    """What a call returns, and the milliseconds it took."""
+    began = time.perf_counter()
+    answer = call(*arguments)
+    return answer, (time.perf_counter() - began) * 1e3

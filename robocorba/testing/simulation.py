@@ -1,0 +1,459 @@
+"""A running simulation as robots, administrators and tests use it, and kills of what takes part in it."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import random
+import re
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from subprocess import Popen
+from typing import Any, NamedTuple
+
+import msgspec
+from omniORB import CORBA
+
+from robocorba.corba.conversion import maps
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.maps.geometry import landing_line
+from robocorba.maps.model import Elevator
+from robocorba.repeating import Repeating
+from robocorba.spatial.pose import XY
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.launch import module_command
+from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
+
+#: A dead robot's name, place and slot are free again within, s.
+FREE_S = 3.0
+#: Poses of so many seconds may be lost by a kill.
+LOST_S = 0.2
+#: Robots of tests say so often that they are there, s.
+BEAT_S = 0.4
+#: What a call says whose server died, or is not back yet.
+GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
+STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
+NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
+NO_NOISE = RoboCorba.ScanNoise(0.0, 0.0, 0.0, 0)
+#: Of a robot's base: m/s, rad/s, m/s^2, rad/s^2.
+LIMITS = (1.0, 2.0, 2.0, 4.0)
+RADIUS_M = 0.3
+#: One ray straight ahead, and one to each side and to the back.
+CROSS = RoboCorba.ScanSpec(0.0, math.pi / 2, 4, 30.0, 0.0, NO_NOISE)
+
+
+def about(
+    name: str,
+    x: float,
+    y: float,
+    heading: float = 0.0,
+    floor: str = "L1",
+    radius: float = RADIUS_M,
+    mass: float = 50.0,
+    limits: tuple[float, float, float, float] = LIMITS,
+) -> Any:
+    """A RobotDescription."""
+    start = RoboCorba.Pose(floor, x, y, heading)
+    return RoboCorba.RobotDescription(name, start, radius, mass, RoboCorba.MotionLimits(*limits))
+
+
+@contextlib.contextmanager
+def simulation(folder: Path, sensors: int = 2, call_limit_s: float = 10.0) -> Iterator[Place]:
+    """`robocorba up` with the sample building and so many virtual sensor processes; one at a time in a process."""
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, "--sensors", str(sensors)).wait_ready()
+        # What it warns of is in its log; nobody reads its stderr, and a full pipe would stop it.
+        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
+        with (
+            Orb(running.naming, call_timeout_s=call_limit_s) as orb,
+            contextlib.closing(Place(running, orb, launch)) as place,
+        ):
+            yield place
+
+
+class Place:
+    """The simulation of a running system, and the robots of this process, which say that they are there until they are
+    let go."""
+
+    def __init__(self, running: Running, orb: Orb, launch: Launcher) -> None:
+        self.running, self.orb, self.launch = running, orb, launch
+        self.server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        self.database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
+        self.editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+        self.administrator = orb.reference(
+            (running.state / "administrator.ior").read_text(), RoboCorba.SimulationAdministrator
+        )
+        self._sessions: list[Any] = []
+        self._beats = Repeating("beats", self._beat, BEAT_S).start()
+
+    def close(self) -> None:
+        self._beats.close()
+
+    # ---- robots ----
+
+    def log_on(self, name: str, x: float, y: float, *more: Any, **others: Any) -> Any:
+        """The session of a robot that stays until `let_go`; arguments as those of `about`."""
+        session = self.server.registerRobot(about(name, x, y, *more, **others))
+        self._sessions.append(session)
+        return session
+
+    def let_go(self) -> None:
+        """Log all of this process off."""
+        while self._sessions:
+            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):
+                self._sessions.pop().deregister()
+
+    def _beat(self) -> None:
+        for session in self._sessions[:]:
+            with contextlib.suppress(CORBA.SystemException):  # whether that was right is the tests' business
+                session.heartbeat()
+
+    @property
+    def names(self) -> set[str]:
+        """Of all robots that are logged on."""
+        return {client.name for client in self.server.clients()}
+
+    # ---- floors ----
+
+    def elevator(self, floors: int = 2) -> Elevator:
+        """The fastest that serves so many floors at least."""
+        found = [maps.element_of(one.value) for one in self.editor.elements(RoboCorba.ELEVATOR_ELEMENT, "")]
+        fit = [one for one in found if isinstance(one, Elevator) and len(one.floors()) >= floors]
+        return max(fit, key=lambda one: one.speed)
+
+    def body(self, floor: str, name: str) -> Any:
+        """The row of MOTION of a body on a floor; None where there is none."""
+        copy = RemoteFloor(self.database, floor)
+        copy.follow()
+        number = next((number for number, body in copy.view.bodies.items() if body.name == name), None)
+        return None if number is None else copy.view.motion(number)
+
+    # ---- processes ----
+
+    def pid(self, name: str) -> int:
+        return self.running.pid(name)
+
+    def kill(self, name: str) -> int:
+        """kill -9 of a server by its name; the process id that it had."""
+        pid = eventually(lambda: self.pid(name), what=f"the process {name}")
+        os.kill(pid, signal.SIGKILL)
+        return int(pid)
+
+    def is_again(self, name: str, before: int) -> bool:
+        """Whether it runs, as another process than before."""
+        return self.pid(name) not in (0, before)
+
+    def endpoint(self, name: str) -> str:
+        return next(process.endpoint for process in self.running.record().processes if process.name == name)
+
+
+def landing(elevator: Elevator, floor: str, away_m: float) -> XY:
+    """A place in front of an elevator's doors on a floor, or within, where `away_m` is negative."""
+    door = next(door for door in elevator.doors if door.floor == floor)
+    (ax, ay), (bx, by) = landing_line(elevator, door).coords
+    x, y = (ax + bx) / 2, (ay + by) / 2
+    along = (by - ay, ax - bx)
+    is_outward = (x - elevator.at[0]) * along[0] + (y - elevator.at[1]) * along[1] > 0
+    share = (1 if is_outward else -1) * away_m / math.hypot(*along)
+    return x + share * along[0], y + share * along[1]
+
+
+def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, limit_s: float = 10.0) -> Any:
+    """Drive a robot straight there, and stop; its state."""
+
+    def has_come() -> Any:
+        state = session.state()
+        dx, dy = to[0] - state.at.x, to[1] - state.at.y
+        away, c, s = math.hypot(dx, dy), math.cos(state.at.heading), math.sin(state.at.heading)
+        if away <= near_m:
+            session.command(STAND, 0.0)
+            return state
+        share = min(speed, 2.0 * away) / away
+        session.command(RoboCorba.Velocity((c * dx + s * dy) * share, (c * dy - s * dx) * share, 0.0), 0.5)
+        return None
+
+    return eventually(has_come, limit_s, f"{session._get_name()} at {to}")
+
+
+def speed_of(state: Any) -> float:
+    """Of a RobotState, m/s."""
+    return math.hypot(state.moving.ahead, state.moving.left)
+
+
+def away(state: Any, place: Any) -> float:
+    """From where a RobotState says to a Pose, m; infinitely far on another floor."""
+    return math.dist((state.at.x, state.at.y), (place.x, place.y)) if state.at.floor == place.floor else math.inf
+
+
+def is_gone(session: Any) -> bool:
+    """Whether its robot is logged off."""
+    try:
+        session.heartbeat()
+    except CORBA.OBJECT_NOT_EXIST:
+        return True
+    return False
+
+
+def complaints(state: Path) -> list[str]:
+    """Lines of the servers' logs that tell of a fault."""
+    lines = [line for log in sorted((state / "logs").glob("*.log")) for line in log.read_text().splitlines()]
+    return [line[:600] for line in lines if re.search(r"\b(ERROR|CRITICAL)\b|Traceback", line)]
+
+
+# ---- kills ----
+
+CLIENT = module_command("robocorba.testing.simulation_client")
+CLIENTS, ROBOTS_EACH = 3, 4
+#: The speed of the clients' robots, m/s; with commands that hold for 0.5 s they stand after, s.
+CLIENT_SPEED, STOP_S = 0.5, 1.5
+#: Clients look at their robots so often at least, s; what is lost is more where the kill came later than the last look.
+BACK_LIMIT_S = 20.0
+SLACK_M = 0.03
+CHAIR = "room-101-chair-1"
+MISSION = "fetch"
+PASSAGE = [RoboCorba.FloorArea("L1", [RoboCorba.XY(0.0, 0.0), RoboCorba.XY(9.0, 0.0), RoboCorba.XY(9.0, 9.0)])]
+
+
+class Client:
+    """A process with robots, which it logs on when it is started; rows of name, floor, x, y."""
+
+    def __init__(self, place: Place, number: int) -> None:
+        self.number = number
+        self.rows = [
+            (f"r{number}-{each}", f"L{each % 3 + 1}", 60.0 + 2.0 * number, 2.0 * each) for each in range(ROBOTS_EACH)
+        ]
+        self.names = {name for name, *_ in self.rows}
+        self.is_whole = True
+        self.process: Popen[str] = place.launch(*CLIENT, str(place.running.naming))
+        self._say(msgspec.json.encode(self.rows).decode())
+
+    def wait_ready(self) -> Client:
+        assert self.process.stdout is not None and self.process.stderr is not None
+        assert self.process.stdout.readline() == "ready\n", self.process.stderr.read()
+        return self
+
+    def drive(self) -> None:
+        self._say("drive")
+
+    def report(self) -> dict[str, Any]:
+        assert self.process.stdout is not None
+        self._say("report")
+        found: dict[str, Any] = msgspec.json.decode(self.process.stdout.readline())
+        return found
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def _say(self, line: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{line}\n")
+        self.process.stdin.flush()
+
+
+class Outcome(NamedTuple):
+    """Of one round: kill -9 of a client and of a sensor process, and then of the simulation server. Times in s.
+
+    stop_s: until the dead client's robots stood. free_s: until others could take their names, places and slots.
+    sensor_s: until the sensor process served again. scan_s: the longest scan of a live client meanwhile.
+    back_s: from the kill of the server to its first answer. lost_m: how far from where it was seen last a robot stood
+    after that. faults: what was not as it must be."""
+
+    stop_s: float
+    free_s: float
+    sensor_s: float
+    scan_s: float
+    back_s: float
+    lost_m: float
+    faults: tuple[str, ...]
+
+    @property
+    def is_right(self) -> bool:
+        """Whether everything became as it must be; how fast that has to be is for the bench to say."""
+        return not self.faults
+
+
+class Chaos:
+    """Three processes with robots that drive, a robot that holds a chair or none, one that wants to ride or not."""
+
+    def __init__(self, place: Place, seed: int, lost_s: float = LOST_S) -> None:
+        """`lost_s`: how much of their way robots may lose by a kill; more on a machine that is busy with other work."""
+        self.place, self._random, self._lost_s = place, random.Random(seed), lost_s
+        self._rounds = 0
+        chair, self._elevator = place.body("L1", CHAIR), place.elevator()
+        self._grasp = RoboCorba.XY(chair["x"], chair["y"] + 0.25)
+        self._holder_at = chair["x"], chair["y"] + 0.7
+        self._rider_at = landing(self._elevator, self._elevator.floors()[0], 0.8)
+        self._mission = 0
+        self._clients = [Client(place, number) for number in range(CLIENTS)]
+        for client in self._clients:
+            client.wait_ready()
+
+    def close(self) -> None:
+        """Kill the clients."""
+        for client in self._clients:
+            client.kill()
+
+    def round(self) -> Outcome:
+        """Kill them, and wait until all is as before."""
+        self._faults: list[str] = []
+        self._drive()
+        stop_s, free_s, sensor_s, scan_s = self._kill_client_and_sensor()
+        self._drive()
+        back_s, lost_m = self._kill_server()
+        self._clients = [client if client.is_whole else self._replaced(client) for client in self._clients]
+        self._rounds += 1
+        return Outcome(stop_s, free_s, sensor_s, scan_s, back_s, lost_m, tuple(self._faults))
+
+    def _replaced(self, client: Client) -> Client:
+        """Another process instead of one that has lost robots."""
+        client.kill()
+        eventually(lambda: not client.names & self.place.names)
+        return Client(self.place, client.number).wait_ready()
+
+    def _check(self, is_right: object, fault: str) -> None:
+        if not is_right:
+            self._faults.append(fault)
+
+    def _drive(self) -> None:
+        """Until all robots of all clients drive."""
+        for client in self._clients:
+            client.drive()
+        names = set().union(*(client.names for client in self._clients))
+        eventually(lambda: names <= {name for name, speed in self._speeds().items() if speed > 0.3}, what="all drive")
+        for client in self._clients:
+            client.report()
+        time.sleep(self._random.uniform(0.1, 0.4))
+
+    def _speeds(self) -> dict[str, float]:
+        """Of all robots that are on a floor."""
+        found = {}
+        for floor in ("L1", "L2", "L3"):
+            copy = RemoteFloor(self.place.database, floor)
+            copy.follow()
+            for number, body in copy.view.bodies.items():
+                motion = copy.view.motion(number)
+                found[body.name] = math.hypot(motion["vx"], motion["vy"])
+        return found
+
+    # ---- a client and a sensor process ----
+
+    def _kill_client_and_sensor(self) -> tuple[float, float, float, float]:
+        number, sensor = self._rounds % CLIENTS, f"sensor_s{self._rounds % 2 + 1}"
+        dead = self._clients.pop(number)
+        dead.kill()
+        pid = self.place.kill(sensor)
+        killed = time.monotonic()
+        speeds = self._speeds
+        eventually(lambda: not any(speeds().get(name, 0.0) for name in dead.names), what="dead robots stand")
+        stop_s = time.monotonic() - killed
+        eventually(lambda: not dead.names & self.place.names, what="dead robots are logged off")
+        self._check(not dead.names & self._speeds().keys(), "a dead robot's body is there")
+        for name, floor, x, y in dead.rows:
+            self.place.server.registerRobot(about(name, x, y, floor=floor)).deregister()
+        free_s = time.monotonic() - killed
+
+        def is_back() -> bool:
+            return self.place.is_again(sensor, pid) and len(self.place.server.sensors()) == 2
+
+        eventually(is_back, BACK_LIMIT_S, "the sensor process is back")
+        sensor_s = time.monotonic() - killed
+        self._clients.insert(number, Client(self.place, dead.number).wait_ready())
+        live = [client.report() for client in self._clients if client.process is not self._clients[number].process]
+        for report in live:
+            self._check(not report["lost"], f"sessions lost by the kill of others: {report['lost']}")
+            self._check(not report["wrong"], f"{report['wrong'][:3]}")
+            self._check(report["scans"], "no scans")
+        return stop_s, free_s, sensor_s, max(took for report in live for took in report["scans"])
+
+    # ---- the server ----
+
+    def _kill_server(self) -> tuple[float, float]:
+        place, wants = self.place, self._rounds % 2 == 0
+        holder = place.log_on("holder", *self._holder_at)
+        rider = place.log_on("rider", *self._rider_at)
+        before = place.log_on("newcomer", 80.0, 2.0, floor="L2")
+        self._mission = place.database.putMission(RoboCorba.MissionRecord(MISSION, self._mission, b"document"))
+        holder.grip(CHAIR, self._grasp)
+        rider.callElevatorTogether(self._elevator.name, self._elevator.floors()[1], "party", 1)
+        holder.reserveAreas(PASSAGE, 300.0)
+        rider.reserveAreas(PASSAGE, 300.0)
+        if not wants:
+            holder.releaseAreas()
+            holder.release()
+            rider.giveUpElevator()
+        before.deregister()
+        newcomer = place.log_on("newcomer", 82.0, 2.0, floor="L1")
+        pid = place.kill("simulation")
+        killed = time.monotonic()
+        eventually(self._answers, BACK_LIMIT_S, "the server is back")
+        back_s = time.monotonic() - killed
+
+        with self._expecting("the robot that holds"):
+            self._check(holder.state().holding == (CHAIR if wants else ""), f"the grip is not as it was ({wants})")
+        with self._expecting("the robot that rides"):
+            is_riding = rider.state().riding.phase != RoboCorba.NO_RIDE
+            self._check(is_riding == wants, f"the ride is not as it was ({wants})")
+            is_granted = rider.reservation().phase == RoboCorba.AREAS_GRANTED
+            self._check(is_granted != wants, f"what was reserved is not as it was ({wants})")
+        with self._expecting("the robot that had just logged on"):
+            at = newcomer.state().at
+            self._check((at.floor, at.x, at.y) == ("L1", 82.0, 2.0), f"who had just logged on is at {at}")
+        kept = [(mission.name, mission.current) for mission in place.database.missions()]
+        self._check(kept == [(MISSION, self._mission)], f"missions are {kept}")
+        lost_m = max(self._standing(client, killed) for client in self._clients)
+        eventually(lambda: place.is_again("simulation", pid), BACK_LIMIT_S, "it is recorded")
+        place.let_go()
+        return back_s, lost_m
+
+    @contextlib.contextmanager
+    def _expecting(self, who: str) -> Iterator[None]:
+        try:
+            yield
+        except CORBA.OBJECT_NOT_EXIST:
+            self._faults.append(f"the session is lost of {who}")
+
+    def _answers(self) -> bool:
+        try:
+            return bool(self.place.server._get_state().limit)
+        except GONE:
+            return False
+
+    def _standing(self, client: Client, killed: float) -> float:
+        """Whether its robots are there with the same sessions, stand until they are commanded, and are where they were
+        some moments before the kill; the farthest way from there, m."""
+        reports: list[dict[str, Any]] = []
+
+        def has_seen_all() -> bool:
+            reports.append(client.report())
+            robots = reports[-1]["robots"]
+            return bool(reports[-1]["lost"]) or all(
+                len(robot["resting"]) == 2 and robot["resting"][1][0] > robot["resting"][0][0] + 0.3
+                for robot in robots.values()
+            )
+
+        eventually(has_seen_all, BACK_LIMIT_S, "the clients' robots are seen again")
+        last = reports[-1]
+        self._check(not last["lost"], f"sessions lost by the kill of the server: {last['lost']}")
+        if last["lost"]:
+            client.is_whole = False
+            return 0.0
+        wrong = [one for report in reports for one in report["wrong"]]
+        self._check(not wrong, f"{wrong[:3]}")
+        lost_m = 0.0
+        for name in client.names:
+            (seen_at, *seen, _, _), (first, after) = last["robots"][name]["driving"][0], last["robots"][name]["resting"]
+            self._check(first[3] == after[3] == 0.0, f"{name} drives on, {first[3]:g} m/s")
+            self._check(first[1:3] == after[1:3], f"{name} was moved")
+            lost_m = max(lost_m, math.dist(seen, first[1:3]))
+            may_m = CLIENT_SPEED * (self._lost_s + max(0.0, killed - seen_at)) + SLACK_M
+            self._check(
+                math.dist(seen, first[1:3]) <= may_m, f"{name} was set back by {math.dist(seen, first[1:3]):g} m"
+            )
+        return lost_m

@@ -1,0 +1,71 @@
+"""The same program on a virtual robot and on an actual one, and how far apart both end."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from robocorba.control.agent import AgentState
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.kinematics.body import Body
+from robocorba.kinematics.smartpal import Side
+from robocorba.testing.processes import ROBOCORBA, Launcher
+
+#: How far apart both may end.
+BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
+RUN_LIMIT_S, END_LIMIT_S = 180.0, 20.0
+
+
+class Apart(NamedTuple):
+    """base_m, turned_rad: between two bases. hands_m: between the same hands, each in the frame of its robot."""
+
+    base_m: float
+    turned_rad: float
+    hands_m: dict[Side, float]
+
+
+def apart(one: AgentState, other: AgentState, body: Body) -> Apart:
+    """How far apart two robots stand."""
+    a, b = one.actor, other.actor
+    hands = {side: math.dist(body.hand(side, a.joints).position, body.hand(side, b.joints).position) for side in Side}
+    turned = abs(math.remainder(a.heading - b.heading, math.tau))
+    return Apart(math.dist((a.x, a.y), (b.x, b.y)), turned, hands)
+
+
+class RobotProcess(NamedTuple):
+    """Its folder, its agent, and what runs another command of `robocorba` there and answers what that printed."""
+
+    folder: Path
+    agent: RemoteAgent
+    robocorba: Callable[..., str]
+
+
+@contextlib.contextmanager
+def robot_process(folder: Path, orb: Orb, name: str, *arguments: str) -> Iterator[RobotProcess]:
+    """`robocorba robot NAME ...`, ready; ended with the `with`."""
+    settings = {"ROBOCORBA_NAMING": str(orb.naming), "ROBOCORBA_STATE": str(folder / "state")}
+    with Launcher(folder) as launch:
+        process = launch(ROBOCORBA, "robot", name, *arguments, **settings)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        if process.stdout.readline() != "ready\n":
+            raise AssertionError(process.stderr.read())
+        # Nobody reads its stderr any more; a full pipe would stop it.
+        threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
+
+        def robocorba(*command: str) -> str:
+            other = launch(ROBOCORBA, *command, **settings)
+            out, err = other.communicate(timeout=RUN_LIMIT_S)
+            assert other.returncode == 0, out + err
+            return out
+
+        yield RobotProcess(folder, RemoteAgent(orb, name), robocorba)
+        process.send_signal(signal.SIGTERM)
+        process.wait(END_LIMIT_S)

@@ -1,0 +1,197 @@
+"""Robots that drive in one simulated building, whose time passes as fast as this machine can."""
+
+from __future__ import annotations
+
+import functools
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from robocorba.collision_avoidance.neighbours import PoolNearby
+from robocorba.control.high_controller import HighController
+from robocorba.control.robot import Robot
+from robocorba.control.sensors import Sensors
+from robocorba.control.session import SessionState
+from robocorba.control.simulated_adaptor import SimulatedAdaptor
+from robocorba.errors.base import RoboCorbaError
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.maps.model import Building
+from robocorba.maps.polygons import FloorArea
+from robocorba.maps.topology import topological_map
+from robocorba.motion.robot_state import Velocity
+from robocorba.planning.planner import PathPlanner
+from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
+from tests.data_pool.places import Place
+
+FLOOR = "L1"
+#: Data pools follow each so many steps.
+FOLLOW_STEPS = 3
+_KINEMATICS = InverseKinematics()
+
+
+class Crowd:
+    """Robots by name, from where they stand. `nearest_m`: that two rims ever were; `touched`: who has collided."""
+
+    def __init__(self, building: Building, starts: Mapping[str, tuple[float, float, float]]) -> None:
+        for name, floor in building.floors.items():
+            building.floors[name] = msgspec.structs.replace(floor, topological=topological_map(building, name))
+        _warm_up()
+        self._place = Place(building)
+        self.world, planner = self._place.world, PathPlanner(building)
+        self.robots: dict[str, Robot] = {}
+        self._controllers: list[Stepped] = []
+        for name, (x, y, heading) in starts.items():
+            self.world.add(Description(name, Pose(FLOOR, x, y, heading)))
+        self._pools = {name: self._place.pool(FLOOR, name) for name in starts}
+        for name, pool in self._pools.items():
+            session = InStep(self.world, name)
+            session.state()
+            controller = Stepped(SimulatedAdaptor(session), BASE, LOWER, UPPER, SPEED)
+            controller.start(())
+            sensors = Sensors(session, lambda controller=controller: controller.state, RADIUS_M)
+            self._controllers.append(controller)
+            nearby = PoolNearby(pool, name)
+            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby)
+        self.touched: list[tuple[str, ...]] = []
+        self.nearest_m = math.inf
+        for _ in range(FOLLOW_STEPS):
+            self._step()
+
+    @property
+    def time(self) -> float:
+        return self.world.time
+
+    def at(self, name: str) -> tuple[float, float, float]:
+        return self.world.pose(name)[1:]
+
+    def carried(self, thing: str, to: tuple[float, float]) -> None:
+        """Somebody has carried a thing somewhere else."""
+        before, floor = self.world.objects[thing]
+        self.world._remove_object(thing)
+        self.world._add_object(thing, msgspec.structs.replace(before, at=to), floor)
+        for _ in range(FOLLOW_STEPS):
+            self._step()
+
+    def run(self, limit_s: float, **parts: Callable[[Robot], None]) -> dict[str, str]:
+        """Until everybody has done its part; why not, by name. Fails after `limit_s` of simulated time."""
+        wrong: dict[str, str] = {}
+
+        def do(name: str, part: Callable[[Robot], None]) -> None:
+            try:
+                part(self.robots[name])
+            except RoboCorbaError as error:
+                wrong[name] = str(error)
+
+        threads = {name: threading.Thread(target=do, args=each, daemon=True) for name, each in _named(parts).items()}
+        for thread in threads.values():
+            thread.start()
+        deadline = self.time + limit_s
+        while any(thread.is_alive() for thread in threads.values()):
+            if self.time > deadline:
+                raise AssertionError(f"not done within {limit_s} s: {[n for n, t in threads.items() if t.is_alive()]}")
+            self._step()
+            if any(t.is_alive() and not self.robots[n].controller.is_moving for n, t in threads.items()):  # type: ignore[attr-defined]
+                time.sleep(0.004)  # somebody plans or waits
+        return wrong
+
+    def _step(self) -> None:
+        happened = self.world.step()
+        self.touched += [each.who for each in happened if each.kind == "collision"]
+        places = [self.world.pose(name) for name in self.robots]
+        for i, one in enumerate(places):
+            for other in places[:i]:
+                self.nearest_m = min(self.nearest_m, math.dist(one[1:3], other[1:3]) - 2 * RADIUS_M)
+        self._place.clock.now += STEP_S
+        for number, pool in enumerate(self._pools.values()):
+            if (round(self.time / STEP_S) + number) % FOLLOW_STEPS == 0:
+                pool.follow()
+        for controller in self._controllers:
+            controller.tick()
+
+
+@functools.cache
+def _warm_up() -> None:
+    """Nobody waits for compiled code while time passes."""
+    PathPlanner(Building("")).warm_up()
+
+
+def _named(parts: Mapping[str, Callable[[Robot], None]]) -> dict[str, tuple[str, Callable[[Robot], None]]]:
+    return {name: (name, part) for name, part in parts.items()}
+
+
+class Stepped(HighController):
+    """Its ticks come when the crowd says so."""
+
+    def start(self, argv: Sequence[str]) -> None:
+        self._begin()
+
+    def tick(self) -> None:
+        self._tick()
+
+    @property
+    def is_moving(self) -> bool:
+        return self._motion is not None
+
+
+class InStep:
+    """A BuildingSession of a robot in a building that somebody steps."""
+
+    def __init__(self, world: Any, name: str) -> None:
+        self._world, self._robot = world, world.robots[name]
+        self.latest: SessionState
+
+    def log_on(self, at: Pose | None = None) -> None:
+        pass
+
+    def log_off(self) -> None:
+        pass
+
+    def heartbeat(self) -> None:
+        pass
+
+    def state(self) -> SessionState:
+        found, robot = self._robot.state(), self._robot
+        self.latest = SessionState(
+            found.time, found.pose, found.velocity, robot.holding, None, robot.collisions, robot.touched
+        )
+        return self.latest
+
+    def command(self, velocity: Velocity, valid_s: float) -> None:
+        self._robot.command(*velocity, valid_s)
+
+    def brake(self) -> None:
+        self._robot.brake()
+
+    def scan(self, *_: Any) -> Any:
+        raise NotImplementedError
+
+    def grip(self, what: str, x: float, y: float) -> None:
+        self._world.grip(self._robot.name, what, (x, y))
+
+    def release(self) -> None:
+        self._world.release(self._robot.name)
+
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        raise NotImplementedError
+
+    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
+        self._world.reserve(self._robot.name, wanted_of(areas, limit_s, self._world.floors))
+
+    def reservation(self) -> Reservation | None:
+        return self._world.reservations.find(self._robot.name, self._world.time)
+
+    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
+        self._world.reservations.keep(self._robot.name, kept_of(areas))
+
+    def release_areas(self) -> None:
+        self._world.reservations.release(self._robot.name)
+
+    def give_up_elevator(self) -> None:
+        pass

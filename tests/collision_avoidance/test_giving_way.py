@@ -1,0 +1,285 @@
+"""Robots that drive don't touch each other: two by the rules alone, and more of them in the simulated building."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+from functools import partial
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as some
+
+from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, hard_share, lets_pass
+from robocorba.collision_avoidance.neighbours import Other
+from robocorba.collision_avoidance.temporary_obstacles import Standing
+from robocorba.control import execution_control
+from robocorba.control.robot import Robot
+from robocorba.errors.robots import MotionFailed
+from robocorba.errors.services import NotReachable
+from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.maps.samples import load_sample
+from robocorba.motion.driving import Drive
+from robocorba.motion.robot_state import RobotState
+from robocorba.spatial.frames import turned
+from robocorba.spatial.pose import XY
+from tests.collision_avoidance.crowd import FLOOR, Crowd
+
+TICK_S, KNOWN_LATE_TICKS = 0.02, 3
+
+
+class Base:
+    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is all that stands."""
+
+    def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
+        self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
+        self.seen: list[Other] = []
+        self.neighbours: list[Base] = []
+        self.look()
+
+    def look(self) -> None:
+        state = self.state
+        vx, vy = turned(*state.velocity[:2], state.heading)
+        self.seen.append(Other(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
+
+    def others(self, x: float, y: float) -> list[Other]:
+        """As they were some ticks ago, taken on to now."""
+        found = [base.seen[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
+        late_s = KNOWN_LATE_TICKS * TICK_S
+        return [one._replace(x=one.x + one.vx * late_s, y=one.y + one.vy * late_s) for one in found]
+
+    def room_m(self, x: float, y: float) -> float:
+        return self.wall_y - y
+
+    def objects(self, held: str, kept: Sequence[XY]) -> Standing:
+        return Standing()
+
+    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
+        return Standing()
+
+    def go(self, velocity: tuple[float, float, float]) -> None:
+        state = self.state
+        vx, vy = turned(*state.velocity[:2], state.heading)
+        wx, wy = turned(*velocity[:2], state.heading)
+        share = min(1.0, BASE.acceleration * TICK_S / max(math.hypot(wx - vx, wy - vy), 1e-12))
+        vx, vy = vx + share * (wx - vx), vy + share * (wy - vy)
+        heading = state.heading + velocity[2] * TICK_S
+        moving = *turned(vx, vy, -heading), velocity[2]
+        self.state = RobotState(state.time + TICK_S, state.x + vx * TICK_S, state.y + vy * TICK_S, heading, moving)
+
+
+def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> tuple[float, list[str]]:
+    """Until all are there or have given up: the nearest that two rims ever were, m, and how each of them ended."""
+    ends = [""] * len(bases)
+    nearest_m = math.inf
+    for base in bases:
+        base.neighbours = [other for other in bases if other is not base]
+    while not all(ends) and bases[0].state.time < limit_s:
+        for number, (base, motion) in enumerate(zip(bases, motions, strict=True)):
+            velocity = (0.0, 0.0, 0.0)
+            if not ends[number]:
+                try:
+                    wish = motion.wish(base.state, base.state.time)
+                    velocity = wish.velocity if wish else velocity
+                    ends[number] = "" if wish else "there"
+                except MotionFailed as failed:
+                    ends[number] = str(failed)
+            base.go(velocity)
+        for base in bases:
+            base.look()
+        for i, one in enumerate(bases):
+            for other in bases[:i]:
+                apart_m = math.dist((one.state.x, one.state.y), (other.state.x, other.state.y))
+                nearest_m = min(nearest_m, apart_m - 2 * RADIUS_M)
+    return nearest_m, ends
+
+
+PLACES = some.tuples(some.floats(-4.0, 4.0), some.floats(-4.0, 4.0))
+SPEEDS = some.floats(0.1, 1.0)
+
+
+@settings(deadline=None, max_examples=60)
+@given(some.lists(some.tuples(PLACES, PLACES, SPEEDS), min_size=2, max_size=4))
+@example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 1.0)])
+@example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((0.0, -4.0), (0.0, 4.0), 1.0)])
+@example([((0.0, 0.0), (4.0, 0.0), 1.0), ((0.0, 1.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 0.5)])
+def test_nobody_touches_anybody(ways: list[tuple[tuple[float, float], tuple[float, float], float]]) -> None:
+    starts = [start for start, _, _ in ways]
+    assume(all(math.dist(a, b) > 2 * RADIUS_M + MARGIN_M for i, a in enumerate(starts) for b in starts[:i]))
+    bases = [Base(f"r{number}", *start) for number, start in enumerate(starts)]
+    motions = [
+        GiveWay(Drive([goal], None, speed, BASE), base, goal)
+        for base, (_, goal, speed) in zip(bases, ways, strict=True)
+    ]
+    nearest_m, ends = drive(bases, motions, 240.0)  # at 0.1 m/s 11 m take a while
+    assert nearest_m > 0.0
+    assert all(ends), ends
+
+
+def test_of_two_whose_ways_cross_the_first_does_not_even_slow_down() -> None:
+    bases = [Base("a", -3.0, 0.0), Base("b", 0.0, -3.0)]
+    goals = [(3.0, 0.0), (0.0, 3.0)]
+    motions = [GiveWay(Drive([goal], None, 0.4, BASE), base, goal) for base, goal in zip(bases, goals, strict=True)]
+    nearest_m, ends = drive(bases, motions)
+    assert ends == ["there", "there"]
+    assert nearest_m > MARGIN_M
+    speeds = [[math.hypot(one.vx, one.vy) for one in base.seen if abs(one.x) < 2 and abs(one.y) < 2] for base in bases]
+    assert min(speeds[0]) > 0.39
+    assert min(speeds[1]) < 0.2
+
+
+def test_head_on_both_stand_and_say_who_is_in_the_way() -> None:
+    bases = [Base("a", -2.0, 0.0), Base("b", 2.0, 0.0)]
+    goals = [(2.0, 0.0), (-2.0, 0.0)]
+    motions = [GiveWay(Drive([goal], None, 0.4, BASE), base, goal) for base, goal in zip(bases, goals, strict=True)]
+    nearest_m, ends = drive(bases, motions)
+    assert NEAR_MARGIN_M - 0.005 < nearest_m < MARGIN_M + 0.02
+    assert ends[0].endswith("b is in the way")
+    assert ends[1].endswith("a is in the way")
+
+
+def test_places_side_by_side_can_be_reached() -> None:
+    bases = [Base("a", 0.0, 0.0), Base("b", 3.0, 0.5)]
+    goal = 0.82, 0.0
+    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE), bases[1], goal)
+    nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE), bases[0]), motion])
+    assert ends == ["there", "there"]
+    assert nearest_m >= NEAR_MARGIN_M
+
+
+def test_a_robot_goes_as_far_as_a_wall_lets_it() -> None:
+    base = Base("a", 0.0, 0.0, wall_y=0.6)
+    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE), base, is_fine=True, heeds_walls=True)
+    _, (end,) = drive([base], [motion])
+    assert end.endswith("a wall or an object is in the way")
+    assert base.state.y == pytest.approx(0.6 - RADIUS_M - 0.02, abs=0.005)
+
+
+def test_a_robot_that_sees_nobody_does_not_drive() -> None:
+    class Blind(Base):
+        def others(self, x: float, y: float) -> list[Other]:
+            raise NotReachable("away")
+
+    base = Blind("a", 0.0, 0.0)
+    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE), base)])
+    assert end.startswith("stuck at (0.00, 0.00)")
+
+
+@given(PLACES, PLACES, some.tuples(some.floats(-1, 1), some.floats(-1, 1)))
+def test_who_may_not_come_nearer_may_leave(
+    here: tuple[float, float], there: tuple[float, float], velocity: tuple[float, float]
+) -> None:
+    state, other = RobotState(0.0, *here), Other("b", *there, 0.0, 0.0, 0.0, RADIUS_M)
+    share = hard_share(state, *velocity, other, MARGIN_M)
+    assert 0.0 <= share <= 1.0
+    comes = (there[0] - here[0]) * velocity[0] + (there[1] - here[1]) * velocity[1] > 0.0
+    if not comes:
+        assert share == 1.0
+    elif math.dist(here, there) < 2 * RADIUS_M + NEAR_MARGIN_M:
+        assert share == 0.0
+    assert not lets_pass(state, *velocity, other)  # who stands needs no way
+
+
+# ---- in the building ----
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(execution_control, "LOOK_S", 0.002)
+    random.seed(1)
+
+
+def room(width: float, depth: float, *things: MapObject) -> Building:
+    outline = ((0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth))
+    ends = zip(outline, (*outline[1:], outline[0]), strict=True)
+    walls = {f"w{number}": Wall(f"w{number}", a, b) for number, (a, b) in enumerate(ends)}
+    plan = GeometricalMap(walls, {thing.name: thing for thing in things})
+    return Building("room", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
+
+
+Pose = tuple[float, float, float]
+
+
+def meet(crowd: Crowd, goals: dict[str, Pose], limit_s: float = 150.0) -> None:
+    """Everybody gets to its goal, and nobody touches anything."""
+
+    def go(goal: Pose, robot: Robot) -> None:
+        robot.drive_path(FLOOR, *goal, looks_around=True)
+
+    wrong = crowd.run(limit_s, **{name: partial(go, goal) for name, goal in goals.items()})
+    assert (wrong, crowd.touched) == ({}, [])
+    for name, goal in goals.items():
+        assert crowd.at(name)[:2] == pytest.approx(goal[:2], abs=0.01)
+
+
+def test_head_on_in_a_corridor_of_two_metres() -> None:
+    crowd = Crowd(room(10.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (9.0, 1.0, math.pi)})
+    meet(crowd, {"A": (9.0, 1.0, 0.0), "B": (1.0, 1.0, 0.0)})
+
+
+def test_four_change_places_through_the_middle() -> None:
+    corners = {"A": (1.0, 1.0, 0.0), "B": (5.0, 1.0, 0.0), "C": (5.0, 5.0, 0.0), "D": (1.0, 5.0, 0.0)}
+    crowd = Crowd(room(6.0, 6.0), corners)
+    meet(crowd, {"A": corners["C"], "B": corners["D"], "C": corners["A"], "D": corners["B"]})
+
+
+def test_one_stands_in_the_others_goal_for_a_moment() -> None:
+    crowd = Crowd(room(8.0, 4.0), {"A": (1.0, 2.0, 0.0), "B": (4.0, 2.0, 0.0)})
+
+    def leave(robot: Robot) -> None:
+        robot.wait(15.0)
+        robot.drive_path(FLOOR, 7.0, 2.0)
+
+    def come(robot: Robot) -> None:
+        robot.drive_path(FLOOR, 4.0, 2.0, 0.0)
+
+    assert crowd.run(150.0, A=come, B=leave) == {}
+    assert crowd.touched == []
+    assert crowd.at("A")[:2] == pytest.approx((4.0, 2.0), abs=0.01)
+
+
+def test_one_is_parked_on_the_way_and_the_map_has_something_where_it_is_no_more() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (6.0, 2.0), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0), "B": (3.5, 2.0, 0.0)})
+    crowd.carried("box", (1.0, 0.6))
+    meet(crowd, {"A": (6.0, 2.0, 0.0)})
+
+
+def test_what_was_carried_onto_the_way_is_driven_around() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
+    crowd.carried("box", (4.0, 2.0))
+    assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 2.0)) == {}
+    assert crowd.touched == []
+    assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.01)
+
+
+def test_corners_are_passed_with_room() -> None:
+    crowd = Crowd(load_sample("paper-scene"), {"A": (11.6, 1.3, 0.0)})
+    crowd.carried("table", (6.7, 3.1))  # a metre from the door's frame, at an angle
+    assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.5, 1.2)) == {}
+    assert math.dist(crowd.at("A")[:2], (7.5, 1.2)) < 0.01
+    assert crowd.touched == []
+
+
+def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
+    crowd = Crowd(load_sample("paper-scene"), {"A": (3.9, 0.7, 0.0), "B": (9.02, 5.19, 0.0), "C": (6.66, 1.1, 0.0)})
+    crowd.carried("table", (6.7, 3.1))
+    goals = {"A": (6.7, 4.42), "B": (6.24, 1.78), "C": (7.16, 1.78)}  # where they gather
+
+    def there(robot: Robot, to: XY) -> None:
+        robot.drive_path(FLOOR, *to, looks_around=True)
+
+    assert crowd.run(120.0, **{name: partial(there, to=to) for name, to in goals.items()}) == {}
+    assert crowd.touched == []
+
+
+def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robocorba.control.robot.MOST_KNOTS", 1)
+    monkeypatch.setattr("robocorba.control.robot.LONGEST_PAUSE_S", 1.0)
+    crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)})
+    wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
+    assert wrong["A"].endswith("B is in the way")
+    assert crowd.touched == []

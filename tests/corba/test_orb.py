@@ -1,0 +1,140 @@
+"""The ORB of one process, without a naming service; what needs several processes is in tests/system."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable, PortInUse, ServiceError
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+
+
+@pytest.fixture
+def nowhere() -> Iterator[Address]:
+    """An address where nobody listens, kept so for the test."""
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        yield Address(*held.getsockname())
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Planner(RoboCorba__POA.PathPlanner):
+    def __init__(self, version: int = 7) -> None:
+        self.version = version
+
+    def _get_mapVersion(self) -> int:
+        return self.version
+
+
+@pytest.mark.parametrize(
+    ("name", "uri"),
+    [
+        ("", "corbaname::10.0.0.1:2809"),
+        ("RoboCorba/PathPlanner", "corbaname::10.0.0.1:2809#RoboCorba/PathPlanner"),
+        ("RoboCorba/Robots/r 1.b", "corbaname::10.0.0.1:2809#RoboCorba/Robots/r%201%5C.b"),
+        ("Küche%", "corbaname::10.0.0.1:2809#K%C3%BCche%25"),
+    ],
+)
+def test_corbaname(name: str, uri: str) -> None:
+    assert corbaname(Address("10.0.0.1", 2809), name) == uri
+
+
+def test_corbaname_of_an_ipv6_address() -> None:
+    assert corbaname(Address("::1", 2809), "a") == "corbaname::[::1]:2809#a"
+
+
+def test_a_port_in_use_is_told_at_once(nowhere: Address) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = Address(*taken.getsockname())
+        with pytest.raises(PortInUse) as refused, Orb(nowhere, endpoint):
+            pass
+    assert (refused.value.host, refused.value.port) == (endpoint.host, endpoint.port)
+
+
+def test_a_process_can_have_one_orb_after_another_but_not_two(nowhere: Address) -> None:
+    endpoint = Address("127.0.0.1", free_port())
+    for _ in range(3):
+        with Orb(nowhere, endpoint), pytest.raises(ServiceError, match="has an ORB already"), Orb(nowhere):
+            pass
+
+
+def test_a_server_listens_from_the_start_to_the_end(nowhere: Address) -> None:
+    endpoint = Address("127.0.0.1", free_port())
+    with Orb(nowhere, endpoint):
+        socket.create_connection((endpoint.host, endpoint.port), timeout=5).close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((endpoint.host, endpoint.port), timeout=5)
+
+
+def test_serving_does_not_wait_for_the_naming_service(nowhere: Address) -> None:
+    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+        orb.serve({"PathPlanner": Planner()})
+        orb.stop()
+        orb.run()
+
+
+def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+        orb.serve({"PathPlanner": Planner()})
+        os.kill(os.getpid(), signal.SIGTERM)
+        orb.run()
+        assert signal.getsignal(signal.SIGTERM) is before
+    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+        orb.serve({"PathPlanner": Planner()})
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_process_that_does_not_come_to_its_end_tells_where_it_hangs_and_ends(nowhere: Address) -> None:
+    hangs = (
+        "import threading; from robocorba.corba import orb as o; from robocorba.settings import Address;"
+        "Orb, o.END_LIMIT_S = o.Orb, 0.5\n"
+        f"with Orb(Address.parse('{nowhere}')) as orb:\n    orb.stop()\n    orb.run()\n    threading.Event().wait()"
+    )
+    ended = subprocess.run((sys.executable, "-c", hangs), capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == 1
+    assert 'File "<string>", line 5 in <module>' in ended.stderr
+
+
+def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address) -> None:
+    with Orb(nowhere) as orb:
+        first, second = Planner(1), Planner(2)
+        references = orb.activate(first), orb.activate(second)
+        assert [reference._get_mapVersion() for reference in references] == [1, 2]
+        orb.deactivate(first)
+        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+            references[0]._get_mapVersion()
+        assert references[1]._get_mapVersion() == 2
+
+
+def test_what_is_not_reachable_is_named_with_the_naming_service(nowhere: Address) -> None:
+    with Orb(nowhere) as orb:
+        with pytest.raises(NotReachable) as missing:
+            orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=0.2)
+        assert str(missing.value) == (
+            f"RoboCorba/PathPlanner is not reachable: "
+            f"the naming service at {nowhere} does not answer (TRANSIENT_ConnectFailed)"
+        )
+        with pytest.raises(NotReachable, match=str(nowhere)):
+            orb.check_naming()
+
+
+@pytest.mark.parametrize("name", ["", "/", "a//b", "a/"])
+def test_names_without_a_part_are_refused(nowhere: Address, name: str) -> None:
+    with Orb(nowhere) as orb, pytest.raises(NotReachable, match="can't be a name"):
+        orb.resolve(name, RoboCorba.PathPlanner, timeout_s=60.0)

@@ -1,0 +1,67 @@
+"""Turns: never more at once than allowed, and those that hang don't count for long."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from robocorba.events.call_limiter import Turns
+
+
+def test_no_more_turns_at_a_time_than_allowed() -> None:
+    turns, running, most = Turns(3, 5.0), 0, 0
+    counting = threading.Lock()
+
+    def work() -> None:
+        nonlocal running, most
+        for _ in range(20):
+            with turns.one():
+                with counting:
+                    running += 1
+                    most = max(most, running)
+                time.sleep(0.0005)
+                with counting:
+                    running -= 1
+
+    threads = [threading.Thread(target=work) for _ in range(12)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+        assert not thread.is_alive()
+    assert most == 3
+
+
+def test_turns_that_hang_hold_up_nobody_for_longer_than_the_limit() -> None:
+    turns, released = Turns(2, 0.05), threading.Event()
+
+    def hang() -> None:
+        with turns.one():
+            released.wait(20)
+
+    hanging = [threading.Thread(target=hang) for _ in range(2)]
+    for thread in hanging:
+        thread.start()
+    while len(turns._running) < 2:
+        time.sleep(0.001)
+    for _ in range(100):  # 5 s, if each of them waited
+        with turns.one():
+            pass
+    assert all(thread.is_alive() for thread in hanging)
+    assert len(turns._running) < 2
+    released.set()
+    for thread in hanging:
+        thread.join(20)
+    with turns.one(), turns.one():  # those that came back late took nobody's place
+        assert len(turns._running) == 2
+
+
+def test_a_turn_ends_with_an_error_too() -> None:
+    turns = Turns(1, 60.0)
+    for _ in range(3):
+        try:
+            with turns.one():
+                raise ValueError
+        except ValueError:
+            pass
+    assert not turns._running

@@ -1,0 +1,26 @@
+"""Opening the store of a server; which building it begins with is proved by tests/system/test_building_option.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robocorba.maps import native
+from robocorba.maps.formats.initial_building import open_store
+from robocorba.testing.buildings import two_floors
+
+
+def test_what_is_blocked_in_a_new_map_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    building = two_floors()
+    door = building.floors["L1"].geometrical.doors["d"]
+    locked = building.with_element("L1", msgspec.structs.replace(door, locked=True))
+    file = tmp_path / "locked.yaml"
+    native.save(locked, file)
+    for _ in range(2):  # a store that was made before is opened without a word
+        with open_store(tmp_path / "state" / "map.sqlite", file) as store:
+            assert store.load().building == locked
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{file}: blocked edges of L1 (1): west-east (locked door 'd' near 10, 5)"
+    ]

@@ -1,0 +1,124 @@
+"""Joints move smoothly and within their limits; the virtual controller follows them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as some
+
+from robocorba.control.virtual_controller import VirtualController
+from robocorba.errors.robots import MotionFailed
+from robocorba.kinematics.smartpal import ACCELERATION, GRIP, JOINTS, LOWER, SHUT_RAD, SPEED, UPPER, Side
+from robocorba.motion.joint_motion import FINGER_N_PER_RAD, SETTLE_S, GripMotion, JointMotion
+from robocorba.motion.motion import Motion
+from robocorba.motion.robot_state import RobotState
+from robocorba.spatial.grids import Floats
+
+TICK_S = 0.02
+POSTURES = some.lists(some.floats(0.0, 1.0), min_size=len(JOINTS), max_size=len(JOINTS)).map(
+    lambda shares: LOWER + np.array(shares) * (UPPER - LOWER)
+)
+
+
+class Arms:
+    """A virtual controller that is led by motions; `stop_at` holds a joint at an angle."""
+
+    def __init__(self, joints: Floats, blocked: int | None = None, stop_at: float = math.inf) -> None:
+        self.servo = VirtualController(joints, LOWER, UPPER, SPEED, ACCELERATION)
+        self.time = 0.0
+        self.track = [joints]
+        self._blocked, self._stop_at = blocked, stop_at
+
+    def run(self, motion: Motion) -> None:
+        begin = self.time
+        while (wish := motion.wish(self._state(), self.time - begin)) is not None:
+            if wish.joints is not None and wish.joint_velocities is not None:
+                self.servo.command(wish.joints, wish.joint_velocities, self.time + 0.1)
+            self.time += TICK_S
+            self.servo.advance(self.time, TICK_S)
+            if self._blocked is not None and self.servo.joints[self._blocked] > self._stop_at:
+                self.servo.joints[self._blocked], self.servo.velocities[self._blocked] = self._stop_at, 0.0
+            self.track.append(self.servo.joints.copy())
+            assert self.time < begin + 120.0
+
+    def _state(self) -> RobotState:
+        return RobotState(self.time, joints=self.servo.joints.copy(), joint_velocities=self.servo.velocities.copy())
+
+
+def moving(waypoints: list[Floats], seconds: float = 0.0) -> JointMotion:
+    return JointMotion(np.array(waypoints), JOINTS, SPEED, ACCELERATION, seconds)
+
+
+@settings(deadline=None, max_examples=15)
+@given(POSTURES, some.lists(POSTURES, min_size=1, max_size=4))
+def test_any_way_is_gone_within_limits(begin: Floats, way: list[Floats]) -> None:
+    arms = Arms(begin)
+    arms.run(moving([begin, *way]))
+    assert np.abs(arms.servo.joints - way[-1]).max() < math.radians(0.1)
+    track = np.array(arms.track)
+    assert (track >= LOWER - 1e-9).all() and (track <= UPPER + 1e-9).all()
+    assert (np.abs(np.diff(track, axis=0)) <= SPEED * TICK_S + 1e-9).all()
+
+
+@settings(deadline=None, max_examples=40)
+@given(POSTURES, POSTURES, some.floats(0.0, 5.0))
+def test_one_way_keeps_accelerations_too_and_takes_its_time(begin: Floats, end: Floats, seconds: float) -> None:
+    assume(not np.array_equal(begin, end))
+    motion = moving([begin, end], seconds)
+    assert motion.seconds >= seconds
+    times = np.linspace(0.0, motion.seconds, 400)[:-1]
+    wishes = [motion.wish(RobotState(joints=begin), time) for time in times.tolist()]
+    velocities = np.array([wish.joint_velocities for wish in wishes if wish])
+    assert (np.abs(velocities) <= SPEED).all()
+    assert (np.abs(np.diff(velocities, axis=0)) / (times[1] - times[0]) <= ACCELERATION + 1e-6).all()
+
+
+def test_joints_that_do_not_come_are_named() -> None:
+    begin, end = np.zeros(18), np.zeros(18)
+    end[3] = 1.0
+    with pytest.raises(MotionFailed, match=r"left_4 is 28\.6 deg from where it shall be"):
+        Arms(begin, blocked=3, stop_at=0.5).run(moving([begin, end]))
+
+
+def test_joints_that_come_near_enough_have_come_after_a_while() -> None:
+    begin, end = np.zeros(18), np.zeros(18)
+    end[3] = 1.0
+    motion, arms = moving([begin, end]), Arms(begin, blocked=3, stop_at=1.0 - math.radians(0.2))
+    arms.run(motion)
+    assert motion.seconds + SETTLE_S < arms.time < motion.seconds + SETTLE_S + 0.2
+
+
+def test_fingers_stop_at_what_they_meet_and_press_on_it() -> None:
+    begin, end = np.zeros(18), np.zeros(18)
+    finger = GRIP[Side.LEFT]
+    begin[finger], end[finger] = -0.8, SHUT_RAD
+    arms = Arms(begin, blocked=finger, stop_at=-0.2)
+    motion = GripMotion(begin, end, [finger], JOINTS, SPEED, ACCELERATION, 20.0)
+    arms.run(motion)
+    wish = motion.wish(arms._state(), 0.0)
+    assert wish is not None and wish.joints is not None
+    pressing = (wish.joints[finger] - arms.servo.joints[finger]) * FINGER_N_PER_RAD
+    assert pressing == pytest.approx(20.0, abs=1.0)
+
+
+def test_fingers_that_meet_nothing_shut() -> None:
+    begin, end = np.zeros(18), np.zeros(18)
+    finger = GRIP[Side.RIGHT]
+    begin[finger], end[finger] = -0.8, SHUT_RAD
+    arms = Arms(begin)
+    arms.run(GripMotion(begin, end, [finger], JOINTS, SPEED, ACCELERATION, 5.0))
+    assert arms.servo.joints[finger] == pytest.approx(SHUT_RAD, abs=0.02)
+
+
+def test_a_servo_stands_when_commands_end() -> None:
+    servo = VirtualController(np.zeros(18), LOWER, UPPER, SPEED, ACCELERATION)
+    servo.command(np.full(18, 0.5), np.full(18, 0.3), 0.1)
+    for tick in range(1, 200):
+        servo.advance(tick * TICK_S, TICK_S)
+    still = servo.joints.copy()
+    servo.advance(5.0, TICK_S)
+    assert np.array_equal(servo.joints, still)
+    assert np.abs(servo.velocities).max() < 1e-9

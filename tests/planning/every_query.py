@@ -1,0 +1,141 @@
+"""Adversarial queries on every kind of building, each answer judged by shapely, fine grids and visibility graphs.
+
+Nothing is timed: the bench counts wrong answers. Which ones they are is written to every_query_wrong.txt.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from rich.progress import track
+
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import PathRequest, RouteMode
+from robocorba.testing.report import PROGRESS, RESULTS, Mark, at_least, at_most, tell
+from tests.planning.adversary import Adversary, Query
+from tests.planning.every_building import DRAWN, IMPORTED, Case, buildings_at_random, grids, rooms_at_random
+from tests.planning.judge import Judge, Verdict
+
+#: Queries in each mode, spread evenly over all buildings.
+QUERIES = 10_000
+#: Largest time for one building in one mode, s: a planner that is slow on it gets fewer queries there.
+LIMIT_S = 60.0
+#: Side of the grid maps, cells.
+GRID_SIZE = 96
+#: A geometric path may be longer than the shortest by this factor: arcs are driven as chords outside of them.
+LONGEST_RATIO = 1.01
+#: Shorter paths are not compared: the chords of one arc count for more, m.
+SHORT_M = 0.5
+#: Paths on a large building that are compared to its fine grid, which takes a tenth of a second each.
+COMPARED_ON_GRID = 60
+#: Wrong answers that are written for each building and mode.
+EXAMPLES = 5
+
+GROUPS: dict[str, dict[str, Case]] = {
+    **{name: {name: case} for name, case in {**DRAWN, **IMPORTED, **grids(GRID_SIZE)}.items()},
+    "random rooms": rooms_at_random(range(6)),
+    "random buildings": buildings_at_random(range(40)),
+}
+
+
+class Tally:
+    """What was found in one mode on a group of buildings."""
+
+    def __init__(self, group: str, mode: RouteMode) -> None:
+        self.group, self.mode = group, mode
+        self.counts: Counter[str] = Counter()
+        self.ratios: list[float] = []
+        self.wrong: list[str] = []
+
+    def add(self, building: str, query: Query, verdict: Verdict, ratio: float | None) -> None:
+        self.counts["queries"] += 1
+        self.counts[verdict.outcome] += 1
+        self.counts["touched"] += bool(verdict.touches)
+        self.counts["other faults"] += bool(verdict.faults)
+        self.counts["refused wrongly"] += verdict.is_refused_wrongly
+        too_long = ratio is not None and ratio > LONGEST_RATIO and self.mode is RouteMode.GEOMETRIC
+        self.counts["too long"] += too_long
+        if ratio is not None:
+            self.ratios.append(ratio)
+        if (too_long or not verdict.is_right) and len(self.wrong) < EXAMPLES:
+            self.wrong.append(f"{building}, {self.mode.name}: {query}\n    {verdict}, ratio {ratio}")
+
+    def row(self) -> dict[str, Any]:
+        return {
+            "building": self.group,
+            "mode": self.mode.name.lower(),
+            **{name: self.counts[name] for name in ("queries", "found", "NoPath", "NotFree")},
+            **{name: self.counts[name] for name in ("touched", "other faults", "refused wrongly", "too long")},
+            "longest ratio": max(self.ratios, default=None),
+        }
+
+
+def main() -> None:
+    share = -(-QUERIES // sum(map(len, GROUPS.values())))
+    tallies: list[Tally] = []
+    for group, cases in track(GROUPS.items(), "buildings", console=PROGRESS, transient=True):
+        by_mode = {mode: Tally(group, mode) for mode in RouteMode}
+        for name, case in cases.items():
+            try_building(name, case, share, by_mode)
+        tallies += by_mode.values()
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    (RESULTS / "every_query_wrong.txt").write_text("\n".join(text for tally in tallies for text in tally.wrong) + "\n")
+    if not show(tallies):
+        sys.exit("every_query: some answers are wrong, see every_query_wrong.txt")
+
+
+def try_building(name: str, case: Case, count: int, tallies: dict[RouteMode, Tally]) -> None:
+    """Ask `count` queries in each mode and judge the answers."""
+    building = case.make()
+    planner, judge = PathPlanner(building), Judge(building)
+    queries = list(Adversary(building, case.radius_m, judge.stands_free).queries(count))
+    for mode, tally in tallies.items():
+        deadline = time.monotonic() + LIMIT_S
+        compared = 0
+        for query in queries:
+            if time.monotonic() > deadline:
+                break
+            request = PathRequest(query.start, query.goal, radius=case.radius_m, mode=mode)
+            verdict = judge.verdict(planner, request)
+            ratio = None
+            if mode is not RouteMode.TOPOLOGICAL and verdict.length_m > SHORT_M and verdict.is_right:
+                compared += 1
+                if case.is_small or (mode is RouteMode.GEOMETRIC and compared <= COMPARED_ON_GRID):
+                    ratio = verdict.length_m / judge.shortest_length(request, case.is_small)
+            tally.add(name, query, verdict, ratio)
+
+
+def show(tallies: Sequence[Tally]) -> bool:
+    """Print and write what was found; whether every answer was right."""
+    total: Counter[str] = Counter()
+    for tally in tallies:
+        total.update(tally.counts)
+    fewest = min(sum(tally.counts["queries"] for tally in tallies if tally.mode is mode) for mode in RouteMode)
+    geometric = [ratio for tally in tallies if tally.mode is RouteMode.GEOMETRIC for ratio in tally.ratios]
+    marks: list[Mark] = [
+        at_least("queries in each mode", fewest, QUERIES),
+        at_most("paths that touch something", total["touched"], 0),
+        at_most("paths with other faults", total["other faults"], 0),
+        at_most("ways refused wrongly", total["refused wrongly"], 0),
+        at_most("longest geometric path to the shortest", max(geometric, default=1.0), LONGEST_RATIO),
+    ]
+
+    def draw(axes: Axes) -> None:
+        for mode in (RouteMode.SMOOTHED, RouteMode.GEOMETRIC):
+            ratios = sorted(ratio for tally in tallies if tally.mode is mode for ratio in tally.ratios)
+            axes.plot(ratios, [i / len(ratios) for i in range(len(ratios))], label=mode.name.lower())
+        axes.set(xscale="log", xlabel="length to that of the shortest path", ylabel="share of paths below")
+        axes.legend()
+
+    wrong = total["touched"] + total["other faults"] + total["refused wrongly"] + total["too long"]
+    title = f"{wrong:,} of {total['queries']:,} answers are wrong"
+    return tell("every_query", title, [tally.row() for tally in tallies], marks, draw)
+
+
+if __name__ == "__main__":
+    main()
