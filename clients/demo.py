@@ -5,7 +5,7 @@
 It starts all servers on the building `paper-scene`, the sub-networks lab and hall with their channels and gateways, and
 three robot processes: A and B in lab, C in hall. A gets the user's command and leads, B and C come, and they carry the
 table to its destination. FOLDER (demo-output) gets report.html with pictures, film and figures, report.json, and logs.
-Exit code 0 only if the simulation server says that the table stands within 5 cm and 3 deg of its goal."""
+Exit code 0 only if the simulation server says that the table error within 5 cm and 3 deg of its goal."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from omniORB import CORBA
 from rich.console import Console
 
 from robocorba.clients.robot_processes import Running, robocorba, servers
-from robocorba.commands.mission import News, news, tables
+from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
@@ -46,7 +46,7 @@ from robocorba.errors.robots import MissionFailed
 from robocorba.maps.samples import sample_path
 from robocorba.missions import page, timeline
 from robocorba.missions.record import REPORT_FILE
-from robocorba.missions.world import Thing
+from robocorba.missions.world import MovableObject
 from robocorba.names import MISSIONS
 from robocorba.planning.request import PathRequest, Place
 from robocorba.programs.builder import ProgramBuilder
@@ -58,15 +58,15 @@ from robocorba.stubs import RoboCorba
 BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
 #: The table shall stand so near to its goal.
 NEAR_M, NEAR_RAD = 0.05, math.radians(3.0)
-#: The mission may take so long, s. After LONG_S a start is worth a word.
-LIMIT_S, LONG_S = 150.0, 8.0
+#: The mission may take so long, s. After EXPLAIN_AFTER_S a start is worth a word.
+LIMIT_S, EXPLAIN_AFTER_S = 150.0, 8.0
 FPS, WIDTH_PX = 10, 960
-FILM, BEFORE, MEANWHILE, AFTER = "mission.mp4", "before.png", "carrying.png", "after.png"
+FILM, BEFORE, CARRYING, AFTER = "mission.mp4", "before.png", "carrying.png", "after.png"
 PICTURES = {
     BEFORE: "Before: A and B are in one room with the table, C is in the other one",
-    MEANWHILE: "On the way",
+    CARRYING: "On the way",
     AFTER: "After",
-    timeline.PICTURE: timeline.SHOWS,
+    timeline.PICTURE: timeline.CAPTION,
 }
 
 
@@ -92,7 +92,7 @@ PAPER = Scene({"A": A, "B": B, "C": Start(11.3, 3.1, 0.0, "hall")}, Destination(
 QUICK = Scene({"A": A, "B": B, "C": Start(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
 
 
-class Standing(NamedTuple):
+class GoalError(NamedTuple):
     """How far a thing is from where it shall be."""
 
     off_m: float
@@ -106,10 +106,10 @@ class Standing(NamedTuple):
         return f"{1000 * self.off_m:.0f} mm and {math.degrees(self.off_rad):.1f} deg from its goal"
 
 
-def standing(thing: Thing, goal: Destination) -> Standing:
+def goal_error(thing: MovableObject, goal: Destination) -> GoalError:
     """On another floor it is infinitely far."""
     off_m = math.dist((thing.x, thing.y), (goal.x, goal.y)) if thing.floor == goal.floor else math.inf
-    return Standing(off_m, abs(math.remainder(thing.heading - goal.heading, math.tau)))
+    return GoalError(off_m, abs(math.remainder(thing.heading - goal.heading, math.tau)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -144,13 +144,13 @@ def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, 
     """Whether the table is where it should be. Raises RoboCorbaError, CORBA.Exception."""
     with contextlib.ExitStack() as stack:
         subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
-        with _doing("Servers", console):
+        with _starting("Servers", console):
             options = ("--building", str(sample_path(BUILDING)), "--subnets", subnets)
             naming = stack.enter_context(servers(state, *options))
         console.print(f"  sub-networks {subnets}, each with a channel that is linked with the other by a gateway")
         console.print(f"  any CORBA client finds them at {corbaname(naming, 'RoboCorba/SimulationServer')}")
         orb = stack.enter_context(Orb(naming))
-        with _doing("Robots", console):
+        with _starting("Robots", console):
             _start_robots(stack, scene, naming, state, logs)
         for name, robot in scene.robots.items():
             console.print(f"  {name} at {FLOOR}:{robot.x:g},{robot.y:g} in sub-network {robot.channel}")
@@ -161,12 +161,12 @@ def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, 
         with film:
             end = _carry(orb, scene.goal, camera, folder, console)
         (folder / AFTER).write_bytes(camera.png())
-        stands = standing(RemoteWorld(orb).thing(TABLE), scene.goal)
-    is_good = end.result == "done" and stands.is_there
+        error = goal_error(RemoteWorld(orb).movable(TABLE), scene.goal)
+    is_good = end.result == "done" and error.is_there
     console.print(f"  {end.result} after {end.seconds:.1f} s" + (f": {end.reason}" if end.reason else ""), markup=False)
     colour = "green" if is_good else "red"
-    console.print(f"[{colour}]The simulation server says: the {TABLE} is {stands}[/]")
-    _report(folder, state, stands, scene, console)
+    console.print(f"[{colour}]The simulation server says: the {TABLE} is {error}[/]")
+    _report(folder, state, error, scene, console)
     return is_good
 
 
@@ -220,41 +220,41 @@ def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
 # ---- the mission ----
 
 
-def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: Console) -> News:
+def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: Console) -> MissionStatus:
     """Give the command to the leader and follow the mission to its end; a picture when the table is half way.
 
     Raises MissionFailed where it does not end in time."""
     agent, pool, world = RemoteAgent(orb, LEADER), RemotePool.of_robot(orb, LEADER), RemoteWorld(orb)
-    whole_m = standing(world.thing(TABLE), goal).off_m
+    whole_m = goal_error(world.movable(TABLE), goal).off_m
     place = f"{goal.floor}:{goal.x:g},{goal.y:g}"
     console.print(
         f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {place} --leader {LEADER}"
     )
     agent.load(dumps(ProgramBuilder(f"move {TABLE}").move_table(TABLE, goal).program()))
     agent.run()
-    began, told = time.monotonic(), ""
+    began, printed = time.monotonic(), ""
     with progress(1.0) as bar:
-        for now in news(agent, pool, time.sleep):
+        for now in follow_mission(agent, pool, time.sleep):
             if now.result:
                 return now
-            if now.phase != told:
-                told = now.phase
-                print(f"  {now.seconds:5.1f} s  {told:<14} {', '.join(now.robots)}", flush=True)
-            bar(now.share, told)
-            picture = folder / MEANWHILE
-            if not picture.exists() and standing(world.thing(TABLE), goal).off_m < whole_m / 2:
+            if now.phase != printed:
+                printed = now.phase
+                print(f"  {now.seconds:5.1f} s  {printed:<14} {', '.join(now.robots)}", flush=True)
+            bar(now.share, printed)
+            picture = folder / CARRYING
+            if not picture.exists() and goal_error(world.movable(TABLE), goal).off_m < whole_m / 2:
                 picture.write_bytes(camera.png())
             if time.monotonic() - began > LIMIT_S:
                 raise MissionFailed(
-                    f"the mission did not end within {LIMIT_S:g} s; it was at {told or 'its beginning'}"
+                    f"the mission did not end within {LIMIT_S:g} s; it was at {printed or 'its beginning'}"
                 )
-    raise MissionFailed("the mission has no result")  # news ends with one
+    raise MissionFailed("the mission has no result")  # follow_mission ends with one
 
 
 # ---- what is left of it ----
 
 
-def _report(folder: Path, state: Path, stands: Standing, scene: Scene, console: Console) -> None:
+def _report(folder: Path, state: Path, error: GoalError, scene: Scene, console: Console) -> None:
     """report.html and report.json from what the leader left. Raises MissionFailed where it left nothing."""
     found = next(iter((state / MISSIONS).glob(f"*/{REPORT_FILE}")), None)
     if found is None:
@@ -262,14 +262,14 @@ def _report(folder: Path, state: Path, stands: Standing, scene: Scene, console: 
     content: dict[str, Any] = json.loads(found.read_text())
     content["simulation_server"] = {
         "goal": msgspec.to_builtins(scene.goal),
-        "off_mm": 1000 * stands.off_m,
-        "off_deg": math.degrees(stands.off_rad),
-        "is_there": stands.is_there,
+        "off_mm": 1000 * error.off_m,
+        "off_deg": math.degrees(error.off_rad),
+        "is_there": error.is_there,
     }
     (folder / REPORT_FILE).write_text(json.dumps(content, indent=1))
     timeline.draw(content, folder / timeline.PICTURE)
     places = ", ".join(f"{name} in {robot.channel}" for name, robot in scene.robots.items())
-    facts = [("The simulation server says", f"the {TABLE} is {stands}"), ("Robots", places)]
+    facts = [("The simulation server says", f"the {TABLE} is {error}"), ("Robots", places)]
     pictures = [(file, shows) for file, shows in PICTURES.items() if (folder / file).exists()]
     film = FILM if (folder / FILM).exists() else ""
     written = page.write(content, folder, pictures, film, facts)
@@ -283,7 +283,7 @@ def _report(folder: Path, state: Path, stands: Standing, scene: Scene, console: 
 
 
 @contextlib.contextmanager
-def _doing(what: str, console: Console) -> Iterator[None]:
+def _starting(what: str, console: Console) -> Iterator[None]:
     """Say what is started, how long it took, and where it takes long, why."""
     began = time.monotonic()
     console.print(f"[bold]{what}[/bold]")
@@ -293,7 +293,7 @@ def _doing(what: str, console: Console) -> Iterator[None]:
         def explain() -> None:
             spinner.update(why) if console.is_terminal else console.print(why)
 
-        long = threading.Timer(LONG_S, explain)
+        long = threading.Timer(EXPLAIN_AFTER_S, explain)
         long.start()
         try:
             yield

@@ -50,12 +50,12 @@ STARTS = {GIVER: (4.9, 4.5, 0.0), TAKER: (7.6, 2.6, math.pi)}
 PLACES = {GIVER: (5.6, 3.6, 0.0), TAKER: (6.8, 3.6, math.pi)}
 #: Of the sheet: how high it is, and how far it is to the left of the giver; what a hand draws back, and a base, m.
 SHEET_HEIGHT_M, SHEET_ASIDE_M, HAND_BACK_M, BASE_BACK_M = 1.0, -0.15, 0.1, 0.3
-SHEET_WIDE_M = 0.21
+SHEET_WIDTH_M = 0.21
 #: How long a robot waits for the other one, and how long both hold the sheet, s.
-PATIENCE_S, BOTH_S = 30.0, 0.5
+EVENT_TIMEOUT_S, HOLD_TOGETHER_S = 30.0, 0.5
 READY, GRIPPED, RELEASED = "hand_over.ready", "hand_over.gripped", "hand_over.released"
 #: Between looks at the robots, and all of it at most, s; pictures a second of the film.
-LOOK_S, LIMIT_S, FPS = 0.05, 120.0, 10
+SAMPLE_S, LIMIT_S, FPS = 0.05, 120.0, 10
 
 
 # ---- the two programs ----
@@ -75,9 +75,9 @@ def giving(end: HandPose) -> Program:
     giver.mhand_posture("both", "carry").gripper(hand, "close")
     giver.mbase_path(FLOOR, *PLACES[GIVER])
     giver.mhand_pose(hand, *_rounded(end)).say(READY)
-    giver.wait_until(icons.Event(GRIPPED, TAKER), PATIENCE_S)
+    giver.wait_until(icons.Event(GRIPPED, TAKER), EVENT_TIMEOUT_S)
     with giver.branch(icons.Result("done")):
-        giver.wait(BOTH_S).gripper(hand, "open").say(RELEASED)
+        giver.wait(HOLD_TOGETHER_S).gripper(hand, "open").say(RELEASED)
     giver.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M))).mbase_by(ahead=-BASE_BACK_M)
     return giver.program()
 
@@ -89,10 +89,10 @@ def taking(end: HandPose) -> Program:
     taker.mhand_posture("both", "carry").gripper(hand, "open")
     taker.mbase_path(FLOOR, *PLACES[TAKER])
     taker.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M)))
-    taker.wait_until(icons.Event(READY, GIVER), PATIENCE_S)
+    taker.wait_until(icons.Event(READY, GIVER), EVENT_TIMEOUT_S)
     with taker.branch(icons.Result("done")):
         taker.mhand_pose(hand, *_rounded(end)).gripper(hand, "close").say(GRIPPED)
-        taker.wait_until(icons.Event(RELEASED, GIVER), PATIENCE_S)
+        taker.wait_until(icons.Event(RELEASED, GIVER), EVENT_TIMEOUT_S)
     with taker.branch(icons.Result("timed_out")):
         taker.gripper(hand, "open")
     taker.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M))).mbase_by(ahead=-BASE_BACK_M)
@@ -165,21 +165,23 @@ def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> li
     for name in (TAKER, GIVER):
         since[name] = time.monotonic() - began
         agents[name].run()
-    told = dict.fromkeys(agents, 0)
+    printed = dict.fromkeys(agents, 0)
     moments: list[Moment] = []
     try:
         while True:
             states = {name: agent.state() for name, agent in agents.items()}
             moments.append(Moment(time.monotonic() - began, states[GIVER].actor, states[TAKER].actor))
             for name, agent in agents.items():
-                for icon in agent.begun(told[name]):
-                    print(f"{since[name] + icon.seconds:6.2f} s  {name}  {_words(wanted[name], icon.icon)}", flush=True)
-                    told[name] = icon.number + 1
+                for icon in agent.begun(printed[name]):
+                    print(
+                        f"{since[name] + icon.seconds:6.2f} s  {name}  {_describe(wanted[name], icon.icon)}", flush=True
+                    )
+                    printed[name] = icon.number + 1
             if _have_ended(states):
                 return moments
             if moments[-1].seconds > LIMIT_S:
                 raise MotionFailed(f"the programs did not end within {LIMIT_S:g} s")
-            time.sleep(max(0.0, began + len(moments) * LOOK_S - time.monotonic()))
+            time.sleep(max(0.0, began + len(moments) * SAMPLE_S - time.monotonic()))
     finally:
         for agent in agents.values():
             agent.abort()  # nothing happens where it has ended
@@ -212,7 +214,7 @@ def _have_ended(states: Mapping[str, AgentState]) -> bool:
     return all(state.program.result is Result.DONE for state in states.values())
 
 
-def _words(program: Program, path: str) -> str:
+def _describe(program: Program, path: str) -> str:
     """Such as: gripper right close."""
     icon = dict(walk(program))[path]
     about = getattr(icon, "condition", icon)
@@ -237,11 +239,11 @@ def write_moments(file: Path, moments: Sequence[Moment]) -> None:
 def film(file: Path, moments: Sequence[Moment], let_go_s: float) -> None:
     """In real time. The sheet is the giver's until it lets go."""
     shapes, views = Shapes(), Views(4.3, 1.9, 8.3, 5.1)
-    every = round(1 / FPS / LOOK_S)
+    every = round(1 / FPS / SAMPLE_S)
     with VideoFile(file, *views.size, FPS) as video:
         for moment in moments[::every]:
             state, side = (moment.giver, GIVING) if moment.seconds < let_go_s else (moment.taker, TAKING)
-            paper = sheet(shapes.body.hand(side, state.joints), state, tasks.SHEET_M, SHEET_WIDE_M, tasks.GRIP_DEPTH_M)
+            paper = sheet(shapes.body.hand(side, state.joints), state, tasks.SHEET_M, SHEET_WIDTH_M, tasks.GRIP_DEPTH_M)
             clouds = [*shapes.clouds(moment.giver), *shapes.clouds(moment.taker), paper]
             holds = f"{GIVER}, on the left," if state is moment.giver else f"{TAKER}, on the right,"
             video.add(views.draw(clouds, [(0.0, f"{moment.seconds:.1f} s"), (0.15, f"{holds} holds the sheet")]))

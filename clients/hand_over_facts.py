@@ -20,7 +20,7 @@ GIVING, TAKING = Side.RIGHT, Side.LEFT
 #: From hand to hand along the sheet, m.
 APART_M = SHEET_M - 2 * GRIP_DEPTH_M
 #: What hands may be off, m and rad; and how far they are drawn back at least, m.
-NEAR_M, STRAIGHT_RAD, AWAY_M = 0.005, math.radians(2), 0.05
+NEAR_M, STRAIGHT_RAD, MIN_DRAWN_BACK_M = 0.005, math.radians(2), 0.05
 #: A gripper is shut within this, rad.
 _SHUT_RAD = math.radians(3)
 
@@ -75,10 +75,10 @@ def faults(seen: Facts) -> list[str]:
         f"the hands were {1000 * seen.off_m:.1f} mm from where the sheet's ends are": not seen.off_m <= NEAR_M,
         f"one hand was {1000 * seen.uneven_m:.1f} mm over the other": not seen.uneven_m <= NEAR_M,
         f"the hands were {math.degrees(seen.crooked_rad):.1f} deg askew": not seen.crooked_rad <= STRAIGHT_RAD,
-        "the hands were not drawn back": not seen.end_apart_m >= APART_M + AWAY_M,
+        "the hands were not drawn back": not seen.end_apart_m >= APART_M + MIN_DRAWN_BACK_M,
         "the taker does not hold the sheet in the end": not seen.is_taken,
     }
-    return [fault for fault, is_so in found.items() if is_so]
+    return [fault for fault, is_met in found.items() if is_met]
 
 
 def is_shut(state: RobotState, side: Side) -> bool:
@@ -86,8 +86,8 @@ def is_shut(state: RobotState, side: Side) -> bool:
     return bool(state.joints[GRIP[side]] > SHUT_RAD - _SHUT_RAD)
 
 
-def _first(moments: Sequence[Moment], start: int, is_so: Callable[[Moment], bool]) -> int:
-    return next((number for number in range(start, len(moments)) if is_so(moments[number])), len(moments))
+def _first(moments: Sequence[Moment], start: int, is_met: Callable[[Moment], bool]) -> int:
+    return next((number for number in range(start, len(moments)) if is_met(moments[number])), len(moments))
 
 
 def _hands(body: Body, moment: Moment) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:

@@ -30,7 +30,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
-from robocorba.missions.record import KeptPlan, plan_of
+from robocorba.missions.record import StoredPlan, decode_plan
 from robocorba.names import MISSIONS
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
@@ -79,7 +79,7 @@ class Start(NamedTuple):
     within: tuple[str, ...] = ()
 
 
-class Body(NamedTuple):
+class BodyPose(NamedTuple):
     """Of the simulation, at one moment, m and rad."""
 
     x: float
@@ -179,10 +179,10 @@ class MissionPlace:
         assert process.returncode == 0, err
         return out
 
-    def kept(self, leader: str) -> KeptPlan | None:
+    def kept(self, leader: str) -> StoredPlan | None:
         """Of the mission that it leads, or led last."""
         plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
-        return plan_of(plans[-1].content) if plans else None
+        return decode_plan(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
         """Wait for it; fails where the mission ends before."""
@@ -208,17 +208,17 @@ class MissionPlace:
 
     # ---- the simulation ----
 
-    def bodies(self) -> tuple[float, dict[str, Body]]:
+    def bodies(self) -> tuple[float, dict[str, BodyPose]]:
         """All of the floor after the same step, and its time, s."""
         update = self._database.changes(FLOOR, WHOLE)
         names = {body.number: body.name for body in update.came}
         return update.time, {
-            names[int(row["number"])]: Body(float(row["x"]), float(row["y"]), float(row["heading"]))
+            names[int(row["number"])]: BodyPose(float(row["x"]), float(row["y"]), float(row["heading"]))
             for row in update.motions
             if int(row["number"]) in names
         }
 
-    def body(self, name: str) -> Body:
+    def body(self, name: str) -> BodyPose:
         return self.bodies()[1][name]
 
     def holding(self) -> dict[str, str]:
@@ -267,7 +267,7 @@ class Watch:
 
     def __init__(self, place: MissionPlace, table: str, every_s: float = 0.04) -> None:
         self._place, self._table, self._every_s = place, table, every_s
-        self.seen: list[tuple[float, dict[str, Body]]] = []
+        self.seen: list[tuple[float, dict[str, BodyPose]]] = []
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -301,7 +301,7 @@ class Watch:
         )
         return min(near, default=math.nan)
 
-    def _speed(self, before: tuple[float, dict[str, Body]], now: tuple[float, dict[str, Body]]) -> float:
+    def _speed(self, before: tuple[float, dict[str, BodyPose]], now: tuple[float, dict[str, BodyPose]]) -> float:
         there, here = before[1][self._table], now[1][self._table]
         return math.dist(there[:2], here[:2]) / max(now[0] - before[0], 0.02)
 
@@ -311,7 +311,7 @@ class Watch:
                 self.seen.append(self._place.bodies())
 
 
-def _hand_on(table: Body, robot: Body, ahead_m: float = 0.62) -> tuple[float, float]:
+def _hand_on(table: BodyPose, robot: BodyPose, ahead_m: float = 0.62) -> tuple[float, float]:
     """Where a robot's hands are in the table's frame."""
     x, y = robot.x + ahead_m * math.cos(robot.heading), robot.y + ahead_m * math.sin(robot.heading)
     c, s, dx, dy = math.cos(table.heading), math.sin(table.heading), x - table.x, y - table.y
