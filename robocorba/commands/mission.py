@@ -45,7 +45,9 @@ LeaderName = Annotated[str, typer.Option("--leader", metavar="ROBOT", help="The 
 @start_app.command("move-table")
 def move_table(
     table: Annotated[str, typer.Option(metavar="NAME", help="The object to carry.")],
-    to: Annotated[str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")],
+    to: Annotated[
+        str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
+    ],
     leader: LeaderName,
     naming: Naming = None,
 ) -> None:
