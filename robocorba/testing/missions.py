@@ -1,4 +1,4 @@
-"""Robots of real processes in a running system that do missions, and what the simulation server knows of it all."""
+"""Missions of real robot processes in a running system, and their observation through the simulation server."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system
 
 FLOOR = "L1"
-#: A robot is ready within; a mission here has ended within, s.
+#: Time limits for the start of a robot and for a mission [s].
 START_LIMIT_S, MISSION_LIMIT_S = 120.0, 120.0
 
 
 def three_rooms() -> Building:
-    """In the west a room of 6 x 5 m with a table for three, in the east one of 4 x 5 m with a door to it, in the north
-    one of 6 x 5 m for itself with a desk for two."""
+    """West: a room of 6 x 5 m with a table for three robots. East: one of 4 x 5 m with a door to it. North: a separate
+    one of 6 x 5 m with a desk for two robots."""
     outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (6.0, 5.0), (6.0, 10.0), (0.0, 10.0))
     walls = [
         Wall(f"wall-{number}", a, b)
@@ -52,13 +52,13 @@ def three_rooms() -> Building:
     ]
     walls.append(Wall("wall-between", (6.0, 0.0), (6.0, 5.0)))
     walls.append(Wall("wall-north", (0.0, 5.0), (6.0, 5.0)))
-    things = [
+    objects = [
         MapObject("table", BoxShape((1.2, 0.8)), (2.2, 2.6), height=0.7, movable=True),
         MapObject("desk", BoxShape((1.0, 0.8)), (2.2, 7.6), height=0.7, movable=True),
     ]
     plan = GeometricalMap(
         {wall.name: wall for wall in walls},
-        {thing.name: thing for thing in things},
+        {each.name: each for each in objects},
         {"door": Door("door", (6.0, 1.9), (6.0, 3.3))},
     )
     building = Building("three rooms", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
@@ -68,8 +68,8 @@ def three_rooms() -> Building:
 
 
 class Start(NamedTuple):
-    """Where a robot begins, on the only floor, its sub-network, and its adaptor with its arguments, empty for a virtual
-    robot. within: what a command line begins with that runs it on another computer."""
+    """Start pose of a robot [m, rad], and its sub-network. adaptor: its name and arguments, empty for a virtual robot.
+    within: prefix of the command line, such as one that runs it in another network namespace."""
 
     x: float
     y: float
@@ -80,7 +80,7 @@ class Start(NamedTuple):
 
 
 class BodyPose(NamedTuple):
-    """Of the simulation, at one moment, m and rad."""
+    """A body of the simulation at one time [m, rad]."""
 
     x: float
     y: float
@@ -89,7 +89,7 @@ class BodyPose(NamedTuple):
 
 @contextlib.contextmanager
 def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionPlace]:
-    """`robocorba up` on a building, and whatever robots are started there; one at a time in a process."""
+    """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
     with claimed_ports() as port, Launcher(folder) as launch:
         running = real_system(launch, folder / "state", port, "--building", str(building), "--subnets", subnets)
         running.wait_ready()
@@ -103,7 +103,7 @@ def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterato
 
 
 class MissionPlace:
-    """`robots`: the processes, by name."""
+    """A running system. robots: their processes, by name."""
 
     def __init__(self, folder: Path, running: Running, orb: Orb, launch: Launcher) -> None:
         self.folder, self.running, self.orb, self._launch = folder, running, orb, launch
@@ -114,7 +114,7 @@ class MissionPlace:
     # ---- robots ----
 
     def start(self, starts: Mapping[str, Start]) -> None:
-        """All at once, until each is ready."""
+        """Start robots simultaneously and wait until all are ready."""
         for name, at in starts.items():
             where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
             adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
@@ -127,14 +127,14 @@ class MissionPlace:
             threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
 
     def kill(self, name: str) -> None:
-        """kill -9, and wait until its name and its place are free."""
+        """kill -9 a robot, and wait until it is logged off."""
         process = self.robots.pop(name)
         process.kill()
         process.communicate()
         eventually(lambda: name not in self.names(), 15.0, f"{name} is logged off")
 
     def end(self) -> None:
-        """SIGTERM to all robots; fails where one does not end."""
+        """End all robots with SIGTERM; fails if one does not end."""
         for process in self.robots.values():
             process.send_signal(signal.SIGCONT)
             process.send_signal(signal.SIGTERM)
@@ -146,14 +146,14 @@ class MissionPlace:
         self.robots.clear()
 
     def names(self) -> set[str]:
-        """Of the robots that are logged on."""
+        """The names of the robots that are logged on."""
         return {client.name for client in self.server.clients()}
 
     def agent(self, name: str) -> RemoteAgent:
         return RemoteAgent(self.orb, name)
 
     def is_free(self, name: str) -> bool:
-        """Whether it could begin something, and stands."""
+        """Whether a robot is idle and stationary."""
         try:
             state = self.agent(name).state()
         except NotReachable:
@@ -163,29 +163,29 @@ class MissionPlace:
     # ---- missions ----
 
     def mission(self, leader: str, table: str, to: str) -> subprocess.Popen[str]:
-        """`robocorba mission start move-table`."""
+        """Start `robocorba mission start move-table`."""
         arguments = ("--table", table, "--to", to, "--leader", leader)
         return self._robocorba("user", "mission", "start", "move-table", *arguments)
 
     def outcome(self, user: subprocess.Popen[str]) -> tuple[int, str, str]:
-        """Its exit code and all that it printed, when it has ended."""
+        """Wait for the end of a mission's command: its exit code, stdout and stderr."""
         out, err = user.communicate(timeout=MISSION_LIMIT_S)
         return user.returncode, out, err
 
     def command(self, leader: str, *arguments: str) -> str:
-        """`robocorba mission ...`, which must succeed; what it prints."""
+        """Run `robocorba mission ...`, which must succeed; return its output."""
         process = self._robocorba(leader, "mission", *arguments)
         out, err = process.communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out
 
     def kept(self, leader: str) -> StoredPlan | None:
-        """Of the mission that it leads, or led last."""
+        """The plan of the mission that a robot leads, or led last."""
         plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
         return decode_plan(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
-        """Wait for it; fails where the mission ends before."""
+        """Wait for a phase; fails if the mission ends before."""
 
         def is_there() -> bool:
             assert user.poll() is None, f"it ended before {phase}: {user.communicate()}"
@@ -195,13 +195,13 @@ class MissionPlace:
         eventually(is_there, MISSION_LIMIT_S, phase)
 
     def carrying(self, leader: str, table: str, user: subprocess.Popen[str], moved_m: float = 0.1) -> None:
-        """Until the table is on its way."""
+        """Wait until the table has moved by `moved_m` in the phase `carrying`."""
         self.at_phase(leader, "carrying", user)
         before = self.body(table)
         eventually(lambda: math.dist(before[:2], self.body(table)[:2]) > moved_m, 30.0, "the table moves")
 
     def report(self, leader: str) -> dict[str, Any]:
-        """Of the mission that it led last."""
+        """The report of the mission that a robot led last."""
         files = sorted((self.folder / leader / MISSIONS).glob("*/report.json"), key=lambda file: file.stat().st_mtime)
         found: dict[str, Any] = json.loads(files[-1].read_text())
         return found
@@ -209,7 +209,7 @@ class MissionPlace:
     # ---- the simulation ----
 
     def bodies(self) -> tuple[float, dict[str, BodyPose]]:
-        """All of the floor after the same step, and its time, s."""
+        """All bodies of the floor after the same simulation step, and its time [s]."""
         update = self._database.changes(FLOOR, WHOLE)
         names = {body.number: body.name for body in update.came}
         return update.time, {
@@ -222,8 +222,7 @@ class MissionPlace:
         return self.bodies()[1][name]
 
     def holding(self) -> dict[str, str]:
-        """What each robot holds that holds something, by what the server has on disk: it keeps grips before it answers
-        a call."""
+        """The held object of each robot that holds one, by the server's store: it stores grips before it replies."""
         with tempfile.TemporaryDirectory() as copy:
             for file in self.running.state.glob("simulation.sqlite*"):
                 with contextlib.suppress(FileNotFoundError):
@@ -234,11 +233,11 @@ class MissionPlace:
 
     @property
     def collisions(self) -> int:
-        """That have begun since the server was started."""
+        """Number of collisions since the server was started."""
         return int(self.server._get_state().collisions)
 
     def kill_server(self, name: str) -> int:
-        """kill -9 of a process of `robocorba up`; the process id that it had."""
+        """kill -9 a process of `robocorba up`; return its process id."""
         pid = eventually(lambda: self.running.pid(name), what=f"the process {name}")
         os.kill(pid, signal.SIGKILL)
         return int(pid)
@@ -247,7 +246,7 @@ class MissionPlace:
         return self.running.pid(name) not in (0, before)
 
     def stands_still(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
-        """Whether nothing of it moves within some time."""
+        """Whether none of the bodies moves within some time."""
         _, before = self.bodies()
         time.sleep(seconds)
         _, after = self.bodies()
@@ -261,9 +260,9 @@ class MissionPlace:
 
 
 class Watch:
-    """Follows the floor while it lasts, as `MissionPlace.bodies` has it: how far carriers' grips were from their hands.
+    """Samples the bodies of the floor inside a `with`: the distances of grip points from hands, and between robots.
 
-    Where a hand was on the table when the table began to move is where it must stay."""
+    A grip point is where a hand was on the table when the table began to move."""
 
     def __init__(self, place: MissionPlace, table: str, every_s: float = 0.04) -> None:
         self._place, self._table, self._every_s = place, table, every_s
@@ -280,7 +279,7 @@ class Watch:
         self._thread.join()
 
     def farthest_m(self, carriers: tuple[str, ...]) -> float:
-        """While the table moved: of a carrier's hands from where they held it, m."""
+        """Largest distance of a carrier's hands from their grip points while the table moved [m]."""
         moves = [self._speed(before, now) > 0.01 for before, now in zip(self.seen, self.seen[1:], strict=False)]
         if not any(moves):
             return math.nan
@@ -293,7 +292,7 @@ class Watch:
         return worst
 
     def nearest_m(self, radius_m: float) -> float:
-        """That two robots of a radius came to each other, from rim to rim; NaN where nothing was seen."""
+        """Smallest gap between two robots of a radius [m]; NaN without samples."""
         near = (
             math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m
             for _, bodies in self.seen
@@ -312,7 +311,7 @@ class Watch:
 
 
 def _hand_on(table: BodyPose, robot: BodyPose, ahead_m: float = 0.62) -> tuple[float, float]:
-    """Where a robot's hands are in the table's frame."""
+    """Position of a robot's hands in the table's frame."""
     x, y = robot.x + ahead_m * math.cos(robot.heading), robot.y + ahead_m * math.sin(robot.heading)
     c, s, dx, dy = math.cos(table.heading), math.sin(table.heading), x - table.x, y - table.y
     return c * dx + s * dy, c * dy - s * dx
