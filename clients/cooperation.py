@@ -84,9 +84,9 @@ class Cooperation:
 
     # ---- called by programs ----
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
+    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[Heard], None]) -> None:
         """Subscribe to events. Raises EventError, NotReachable."""
-        self._channel.listen(patterns, lambda type, source, payload, origin: hear(Heard(type, source, payload)))
+        self._channel.listen(patterns, lambda type, source, payload, origin: receive(Heard(type, source, payload)))
 
     def say(self, type: str, payload: Any) -> None:
         """Publish an event. Raises EventError, NotReachable."""

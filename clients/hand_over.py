@@ -4,8 +4,8 @@ actual robots.
     python -m robocorba.clients.hand_over [FOLDER] [--actual] [--no-film] [--naming HOST:PORT] [--channel C]
     python -m robocorba.clients.hand_over FOLDER --write-programs
 
-Without --naming it starts its own servers; otherwise those at HOST:PORT must serve the building `paper-scene`. It writes
-a recording of the floor (MCAP), all joint positions (CSV) and a film of all links (MP4) to FOLDER (default:
+Without --naming it starts its own servers; otherwise those at HOST:PORT must serve the building `paper-scene`. It
+writes a recording of the floor (MCAP), all joint positions (CSV) and a film of all links (MP4) to FOLDER (default:
 demo-output). Exit code 0 only if the hand-over was correct."""
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
     python -m bench.missions.chaos --missions 20
 
 Three robots of two sub-networks carry a table to and fro. In each mission a robot is killed, hangs or has an emergency
-stop, a channel is killed, or a robot blocks the goal. Every mission must end within its deadline: done, or with a reason
-that names the fault. Afterwards no robot moves or holds anything, and the next mission must reach its own fault. The
-last mission has no fault and must be done."""
+stop, a channel is killed, or a robot blocks the goal. Every mission must end within its deadline: done, or with a
+reason that names the fault. Afterwards no robot moves or holds anything, and the next mission must reach its own fault.
+The last mission has no fault and must be done."""
 
 from __future__ import annotations
 

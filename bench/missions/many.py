@@ -66,7 +66,7 @@ START_LIMIT_S = 120.0
 
 
 class Room(NamedTuple):
-    """x, y: its middle. side: of the corridor, 1 above and -1 below. thing, start, goal: of the object carried there."""
+    """x, y: its middle. side: of the corridor, 1 above and -1 below. thing, start, goal: of its object."""
 
     number: int
     x: float
@@ -205,8 +205,8 @@ def begin(place: MissionPlace, of: Sequence[Room]) -> float:
 
 
 def ended(place: MissionPlace, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[tuple[Room, Report]]:
-    """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in a
-    second."""
+    """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in
+    a second."""
     running = list(of)
     while running:
         paces.append(float(place.server._get_state().achieved))

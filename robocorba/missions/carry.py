@@ -37,7 +37,7 @@ from robocorba.spatial.grids import Floats
 
 #: Least clearance of the body [m].
 MARGIN_M = 0.05
-#: Clearance that shortened paths keep where there is room [m].
+#: Clearance that shortened paths keep if there is room [m].
 PREFERRED_MARGIN_M = 0.15
 #: Length of the straight line on which a carrier approaches its place and backs off [m].
 BACK_M = 0.3

@@ -56,14 +56,14 @@ class HandOver:
 
     Raises MissionFailed, NotReachable."""
 
-    def __init__(self, world: World, thing: str, giver: str, taker: str, leader: str, here: Place) -> None:
+    def __init__(self, world: World, held: str, giver: str, taker: str, leader: str, here: Place) -> None:
         if giver == taker:
-            raise MissionFailed(f"{giver} can't hand {thing} over to itself")
-        if thing in movables(world.building()):
+            raise MissionFailed(f"{giver} can't hand {held} over to itself")
+        if held in movables(world.building()):
             raise MissionFailed(
-                f"{thing} stands in the building and can be carried; only objects held in a hand are handed over"
+                f"{held} stands in the building and can be carried; only objects held in a hand are handed over"
             )
-        self._world, self._object, self._giver, self._taker = world, thing, giver, taker
+        self._world, self._object, self._giver, self._taker = world, held, giver, taker
         self.wanted = frozenset({giver, taker} - {leader})
         self.helpers = len(self.wanted)
         self.meeting_point = here

@@ -19,7 +19,7 @@ def assign_places(
     robots: Mapping[str, Place], places: Sequence[Place], leader: str, length_m: Callable[[Place, Place], float | None]
 ) -> list[str]:
     """The robot for each of the places, in their order, with the least sum of squared path lengths. The leader always
-    gets a place. Squares avoid that a robot must pass one that already stands there: that robot moves on instead.
+    gets a place. Squares avoid that a robot must pass another one at a nearer place: that one moves on instead.
 
     length_m: path length from one place to another, None if there is no path. Raises MissionFailed if there are too
     few robots, or if no robot can reach a place."""

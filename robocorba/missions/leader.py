@@ -341,9 +341,9 @@ class Leader:
             if now - self._state_received_at.get(name, now) > MEMBER_TIMEOUT_S:
                 raise MissionFailed(f"{phase}: {name} is silent")
 
-    def _check_interruption(self, who: str = "") -> None:
+    def _check_interruption(self, prefix: str = "") -> None:
         if reason := self._is_interrupted():
-            raise MissionFailed(who + reason)
+            raise MissionFailed(prefix + reason)
 
     # ---- the end ----
 
@@ -410,7 +410,7 @@ def _lacking(expansion: Expansion, robots: Collection[str], busy: Mapping[str, s
     others = "".join(f"; {name} {does}" for name, does in busy.items())
     if len(robots) < expansion.helpers:
         return (
-            f"{expansion.helpers} helpers are needed; {', '.join(sorted(robots)) or 'nobody'} offered to help{others}"
+            f"{expansion.helpers} helpers are needed; {', '.join(sorted(robots)) or 'no robot'} offered to help{others}"
         )
     if absent := sorted(expansion.wanted.difference(robots)):
         return f"{' and '.join(absent)} did not offer to help: not there, or not free{others}"

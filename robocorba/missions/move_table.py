@@ -76,24 +76,24 @@ class MoveTable:
 
     def __init__(self, world: World, table: str, goal: Destination, robots: int = 0) -> None:
         self._world = world
-        self._object = thing = world.movable(table)
-        count = robots or max(2, math.ceil(thing.mass_kg / PAYLOAD_KG - 1e-9))
+        self._object = carried = world.movable(table)
+        count = robots or max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
         self._carry: CarryPlan = plan_carry(
             world.building(),
             table,
-            (thing.floor, thing.x, thing.y, thing.heading),
+            (carried.floor, carried.x, carried.y, carried.heading),
             (goal.floor, goal.x, goal.y, goal.heading),
             count,
             blocked=world.others(table),
         )
         self.helpers = count - 1
         self.wanted: frozenset[str] = frozenset()
-        self.meeting_point = Place(thing.floor, thing.x, thing.y)
+        self.meeting_point = Place(carried.floor, carried.x, carried.y)
 
     def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
-        thing, formation = self._object, self._carry.formation
-        at = (thing.x, thing.y, thing.heading)
-        paths = GatheringPaths(self._world, thing)
+        carried, formation = self._object, self._carry.formation
+        at = (carried.x, carried.y, carried.heading)
+        paths = GatheringPaths(self._world, carried)
         behind, names = self._gathered(leader, robots, paths)
         limit_s = RESERVATION_LIMIT_S
         reserve = Reserve(areas=self._swept_areas(), hold_s=limit_s, limit_s=limit_s)
@@ -113,17 +113,17 @@ class MoveTable:
             for place, name in enumerate(names)
         )
         return CooperativePlan(
-            mission, "move table", leader, thing.name, tuple(phase.name for phase in phases), subplans
+            mission, "move table", leader, carried.name, tuple(phase.name for phase in phases), subplans
         )
 
     def _gathered(self, leader: str, robots: dict[str, Place], paths: GatheringPaths) -> tuple[list[Pose], list[str]]:
         """Poses behind the carriers' places, and the robot for each of them. The poses are spread apart if there is
         room. Raises MissionFailed."""
-        thing, close = self._object, self._carry.formation.places(BACK_M)
+        carried, close = self._object, self._carry.formation.places(BACK_M)
 
         def found(places: Sequence[Pose]) -> tuple[list[Pose], list[str]]:
-            behind = [_placed(place, (thing.x, thing.y, thing.heading)) for place in places]
-            goals = [Place(thing.floor, x, y) for x, y, _ in behind]
+            behind = [_placed(place, (carried.x, carried.y, carried.heading)) for place in places]
+            goals = [Place(carried.floor, x, y) for x, y, _ in behind]
             return behind, assign_places(robots, goals, leader, paths.length_m)
 
         with contextlib.suppress(MissionFailed):

@@ -32,8 +32,8 @@ class Channel(Protocol):
     def say(self, type: str, payload: Any, retry_s: float) -> None:
         """Publish an event. Raises EventError, NotReachable after `retry_s`."""
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[str, str, Any, str], None]) -> None:
-        """Subscribe to events by patterns of type and source, in place of earlier patterns; `hear` is called with the
+    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
+        """Subscribe to events by patterns of type and source, in place of earlier patterns; `receive` gets the
         type, source, payload and origin of each event. Raises EventError, NotReachable."""
 
 

@@ -254,8 +254,8 @@ class MissionPlace:
 
     # ---- inside ----
 
-    def _robocorba(self, who: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / who)}
+    def _robocorba(self, user: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / user)}
         return self._launch(*within, ROBOCORBA, *arguments, **environment)
 
 
