@@ -1,4 +1,4 @@
-"""What a robot does with others, put together: it leads missions of its own, and takes part in those of others."""
+"""Cooperation of a robot with others: it leads missions of its own and takes part in those of others."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from robocorba.data_pool.pool import DataPool
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.missions import carry
-from robocorba.missions.execution import seen_from
+from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOver
 from robocorba.missions.leader import Expansion, Leader, MissionReport
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTable
-from robocorba.missions.record import as_content, save
+from robocorba.missions.record import encode_plan, save
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Transport
 from robocorba.missions.world import World
@@ -32,10 +32,10 @@ from robocorba.planning.request import Place
 from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
 
-#: How long a program waits for the channel to take what it says, s.
-SAY_LIMIT_S = 5.0
+#: A program's event must be accepted by the channel within this time [s].
+PUBLISH_TIMEOUT_S = 5.0
 Expand = Callable[[Any, World, str, Place], Expansion]
-#: What each cooperative icon becomes, from the icon, the world, the leader's name and where it is.
+#: The Expansion of each cooperative icon; from the icon, the world, the leader's name and its place.
 EXPANSIONS: dict[type[Icon], Expand] = {
     icons.MoveTable: lambda icon, world, leader, here: MoveTable(world, icon.table, icon.to),
     icons.HandOver: lambda icon, world, leader, here: HandOver(
@@ -45,9 +45,9 @@ EXPANSIONS: dict[type[Icon], Expand] = {
 
 
 class Cooperation:
-    """The other robots, as a program sees them, and the robot's own part in what they do.
+    """The interface of programs to other robots, and the robot's part in missions.
 
-    reports: the folder where missions that it led leave what is known of them."""
+    reports: folder for the reports of missions that it leads."""
 
     def __init__(self, orb: Orb, channel: str, name: str, plans: Plans, reports: Path) -> None:
         self._orb, self._channel_name, self._name = orb, channel, name
@@ -60,7 +60,7 @@ class Cooperation:
         self._world = RemoteWorld(orb)
 
     def start(self, agent: ControlAgent, pool: DataPool) -> None:
-        """Be there for missions; without a channel there are none."""
+        """Be available for missions, if the robot has an event channel."""
         self._agent = agent
         if not self._channel_name:
             return
@@ -68,37 +68,37 @@ class Cooperation:
         channel = RobotChannel(self._orb, self._channel_name, self._name)
         self._closing.callback(channel.close)
 
-        def where(thing: str) -> tuple[float, float, float] | None:
+        def locate(name: str) -> tuple[float, float, float] | None:
             with contextlib.suppress(NotReachable):
-                seen = pool.snapshot()  # both at the same moment
-                found, own = seen.object(thing), seen.robot(self._name)
+                seen = pool.snapshot()  # object and robot after the same simulation step
+                found, own = seen.object(name), seen.robot(self._name)
                 if found and own:
-                    return seen_from((found.x, found.y, found.heading), (own.x, own.y, own.heading))
+                    return pose_in_robot_frame((found.x, found.y, found.heading), (own.x, own.y, own.heading))
             return None
 
-        self._missions = MissionAgent(Transport(channel, self._name), agent, where).start()
+        self._missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
         self._closing.callback(self._missions.close)
 
     def close(self) -> None:
         self._closing.close()
 
-    # ---- what programs ask for ----
+    # ---- called by programs ----
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
-        """Raises EventError, NotReachable."""
-        self._channel.listen(patterns, lambda type, source, payload, origin: hear(Heard(type, source, payload)))
+    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[Heard], None]) -> None:
+        """Subscribe to events. Raises EventError, NotReachable."""
+        self._channel.listen(patterns, lambda type, source, payload, origin: receive(Heard(type, source, payload)))
 
     def say(self, type: str, payload: Any) -> None:
-        """Raises EventError, NotReachable."""
-        self._channel.say(type, payload, SAY_LIMIT_S)
+        """Publish an event. Raises EventError, NotReachable."""
+        self._channel.say(type, payload, PUBLISH_TIMEOUT_S)
 
     def cooperate(self, icon: Icon) -> None:
         """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
         agent = self._agent
         if agent is None or self._missions is None:
-            raise MissionFailed("the robot was given no event channel, and can't talk to others")
+            raise MissionFailed("the robot has no event channel; start it with --channel")
         if type(icon) not in EXPANSIONS:
-            raise MissionFailed(f"nobody knows how to do {kind(icon)} together")
+            raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
         here = Place(*agent.place[:3])
         expansion = EXPANSIONS[type(icon)](icon, self._world, self._name, here)
         mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
@@ -117,8 +117,8 @@ class Cooperation:
             raise MissionFailed(report.reason)
 
     def _keep(self, plan: CooperativePlan, phase: str) -> None:
-        """In the data pool, for other robots and whoever wants to know."""
-        content = as_content(plan, phase)
+        """Store the plan in the data pool, where other robots and clients can read it."""
+        content = encode_plan(plan, phase)
         for _ in range(2):
             with contextlib.suppress(StalePlan):
                 known = {kept.name: kept.version for kept in self._plans.all()}

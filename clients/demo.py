@@ -1,11 +1,11 @@
-"""The demo: the paper's experiment. Three robots of two sub-networks carry a table through a room.
+"""The demo, the paper's experiment: three robots of two sub-networks carry a table through a room.
 
     python -m robocorba.clients.demo [FOLDER] [--quick]
 
 It starts all servers on the building `paper-scene`, the sub-networks lab and hall with their channels and gateways, and
-three robot processes: A and B in lab, C in hall. A gets the user's command and leads, B and C come, and they carry the
-table to its destination. FOLDER (demo-output) gets report.html with pictures, film and figures, report.json, and logs.
-Exit code 0 only if the simulation server says that the table stands within 5 cm and 3 deg of its goal."""
+three robot processes: A and B in lab, C in hall. A receives the user's command and leads; all three carry the table to
+its goal. FOLDER (default: demo-output) gets report.html with pictures, film and figures, report.json, and logs. Exit
+code 0 only if the table is within 5 cm and 3 deg of its goal by the simulation server."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from omniORB import CORBA
 from rich.console import Console
 
 from robocorba.clients.robot_processes import Running, robocorba, servers
-from robocorba.commands.mission import News, news, tables
+from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
@@ -46,7 +46,7 @@ from robocorba.errors.robots import MissionFailed
 from robocorba.maps.samples import sample_path
 from robocorba.missions import page, timeline
 from robocorba.missions.record import REPORT_FILE
-from robocorba.missions.world import Thing
+from robocorba.missions.world import MovableObject
 from robocorba.names import MISSIONS
 from robocorba.planning.request import PathRequest, Place
 from robocorba.programs.builder import ProgramBuilder
@@ -56,22 +56,24 @@ from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 
 BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
-#: The table shall stand so near to its goal.
+#: Tolerance of the table at its goal.
 NEAR_M, NEAR_RAD = 0.05, math.radians(3.0)
-#: The mission may take so long, s. After LONG_S a start is worth a word.
-LIMIT_S, LONG_S = 150.0, 8.0
+#: Time limit of the mission [s].
+LIMIT_S = 150.0
+#: A start that takes longer than this is explained to the user [s].
+EXPLAIN_AFTER_S = 8.0
 FPS, WIDTH_PX = 10, 960
-FILM, BEFORE, MEANWHILE, AFTER = "mission.mp4", "before.png", "carrying.png", "after.png"
+FILM, BEFORE, CARRYING, AFTER = "mission.mp4", "before.png", "carrying.png", "after.png"
 PICTURES = {
     BEFORE: "Before: A and B are in one room with the table, C is in the other one",
-    MEANWHILE: "On the way",
+    CARRYING: "Half way",
     AFTER: "After",
-    timeline.PICTURE: timeline.SHOWS,
+    timeline.PICTURE: timeline.CAPTION,
 }
 
 
 class Start(NamedTuple):
-    """Where a robot begins (m, rad), and its sub-network."""
+    """Start pose of a robot [m, rad], and its sub-network."""
 
     x: float
     y: float
@@ -80,7 +82,7 @@ class Start(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Robots by name, and where the table goes."""
+    """Robots by name, and the goal of the table."""
 
     robots: dict[str, Start]
     goal: Destination
@@ -88,12 +90,12 @@ class Scene(NamedTuple):
 
 A, B = Start(1.1, 3.3, 0.0, "lab"), Start(5.2, 1.2, 0.0, "lab")
 PAPER = Scene({"A": A, "B": B, "C": Start(11.3, 3.1, 0.0, "hall")}, Destination(FLOOR, 6.7, 3.1, 0.0))
-#: Shorter ways.
+#: Shorter paths.
 QUICK = Scene({"A": A, "B": B, "C": Start(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
 
 
-class Standing(NamedTuple):
-    """How far a thing is from where it shall be."""
+class GoalError(NamedTuple):
+    """Distance and turn of an object from its goal."""
 
     off_m: float
     off_rad: float
@@ -106,17 +108,17 @@ class Standing(NamedTuple):
         return f"{1000 * self.off_m:.0f} mm and {math.degrees(self.off_rad):.1f} deg from its goal"
 
 
-def standing(thing: Thing, goal: Destination) -> Standing:
-    """On another floor it is infinitely far."""
-    off_m = math.dist((thing.x, thing.y), (goal.x, goal.y)) if thing.floor == goal.floor else math.inf
-    return Standing(off_m, abs(math.remainder(thing.heading - goal.heading, math.tau)))
+def goal_error(table: MovableObject, goal: Destination) -> GoalError:
+    """The distance is infinite on another floor."""
+    off_m = math.dist((table.x, table.y), (goal.x, goal.y)) if table.floor == goal.floor else math.inf
+    return GoalError(off_m, abs(math.remainder(table.heading - goal.heading, math.tau)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     given = _parse(arguments)
     scene, folder, console = QUICK if given.quick else PAPER, given.folder, Console(soft_wrap=True, highlight=False)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _end)  # and all that was started with it
+        signal.signal(number, _end)  # child processes are ended, too
     logs: Path = folder / "logs"
     began = time.monotonic()
     try:
@@ -134,23 +136,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as signalled:
         reason = f"ended by {str(signalled) or 'Ctrl-C'}"
     else:
-        console.print(f"{time.monotonic() - began:.0f} s in all; logs are in {logs}")
+        console.print(f"total {time.monotonic() - began:.0f} s; logs are in {logs}")
         return 0 if is_there else 1
     print(f"demo: {reason}; logs are in {logs}", file=sys.stderr)
     return 1
 
 
 def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, is_filmed: bool) -> bool:
-    """Whether the table is where it should be. Raises RoboCorbaError, CORBA.Exception."""
+    """Run the demo; return whether the table is at its goal. Raises RoboCorbaError, CORBA.Exception."""
     with contextlib.ExitStack() as stack:
         subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
-        with _doing("Servers", console):
+        with _starting("Servers", console):
             options = ("--building", str(sample_path(BUILDING)), "--subnets", subnets)
             naming = stack.enter_context(servers(state, *options))
-        console.print(f"  sub-networks {subnets}, each with a channel that is linked with the other by a gateway")
-        console.print(f"  any CORBA client finds them at {corbaname(naming, 'RoboCorba/SimulationServer')}")
+        console.print(f"  sub-networks {subnets}; a gateway links their event channels")
+        console.print(f"  address for CORBA clients: {corbaname(naming, 'RoboCorba/SimulationServer')}")
         orb = stack.enter_context(Orb(naming))
-        with _doing("Robots", console):
+        with _starting("Robots", console):
             _start_robots(stack, scene, naming, state, logs)
         for name, robot in scene.robots.items():
             console.print(f"  {name} at {FLOOR}:{robot.x:g},{robot.y:g} in sub-network {robot.channel}")
@@ -161,12 +163,12 @@ def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, 
         with film:
             end = _carry(orb, scene.goal, camera, folder, console)
         (folder / AFTER).write_bytes(camera.png())
-        stands = standing(RemoteWorld(orb).thing(TABLE), scene.goal)
-    is_good = end.result == "done" and stands.is_there
+        error = goal_error(RemoteWorld(orb).movable(TABLE), scene.goal)
+    is_good = end.result == "done" and error.is_there
     console.print(f"  {end.result} after {end.seconds:.1f} s" + (f": {end.reason}" if end.reason else ""), markup=False)
     colour = "green" if is_good else "red"
-    console.print(f"[{colour}]The simulation server says: the {TABLE} is {stands}[/]")
-    _report(folder, state, stands, scene, console)
+    console.print(f"[{colour}]Simulation server: the {TABLE} is {error}[/]")
+    _report(folder, state, error, scene, console)
     return is_good
 
 
@@ -174,9 +176,7 @@ def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, 
 
 
 def _start_robots(stack: contextlib.ExitStack, scene: Scene, naming: Address, state: Path, logs: Path) -> None:
-    """The leader first: on a new machine its kernels are compiled then, and not by all robots at once.
-
-    Raises StartFailed."""
+    """Start the leader first, so that on a new machine only one robot compiles the kernels. Raises StartFailed."""
     running = {}
     for name, robot in scene.robots.items():
         place = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
@@ -189,17 +189,17 @@ def _start_robots(stack: contextlib.ExitStack, scene: Scene, naming: Address, st
 
 
 def _show_path(orb: Orb, scene: Scene, console: Console) -> None:
-    """From the robot of the other sub-network to the goal."""
+    """Print the path from the robot of the other sub-network to the goal."""
     start = scene.robots["C"]
     request = PathRequest(Place(FLOOR, start.x, start.y), Place(FLOOR, scene.goal.x, scene.goal.y))
     planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
-    console.print("[bold]Path planning agent[/bold]: how C gets into the other room")
+    console.print("[bold]Path planning agent[/bold]: C's path into the other room")
     console.print(as_table(paths.path_of(planner.findPaths(paths.request(request))[0])))
 
 
 @contextlib.contextmanager
 def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
-    """What happens inside the `with`."""
+    """Film the floor inside the `with`."""
     command = (
         robocorba(),
         "watch",
@@ -220,80 +220,80 @@ def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
 # ---- the mission ----
 
 
-def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: Console) -> News:
-    """Give the command to the leader and follow the mission to its end; a picture when the table is half way.
+def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: Console) -> MissionStatus:
+    """Command the leader and follow the mission to its end; take a picture when the table is half way.
 
-    Raises MissionFailed where it does not end in time."""
+    Raises MissionFailed if it does not end within LIMIT_S."""
     agent, pool, world = RemoteAgent(orb, LEADER), RemotePool.of_robot(orb, LEADER), RemoteWorld(orb)
-    whole_m = standing(world.thing(TABLE), goal).off_m
+    whole_m = goal_error(world.movable(TABLE), goal).off_m
     place = f"{goal.floor}:{goal.x:g},{goal.y:g}"
     console.print(
         f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {place} --leader {LEADER}"
     )
     agent.load(dumps(ProgramBuilder(f"move {TABLE}").move_table(TABLE, goal).program()))
     agent.run()
-    began, told = time.monotonic(), ""
+    began, printed = time.monotonic(), ""
     with progress(1.0) as bar:
-        for now in news(agent, pool, time.sleep):
+        for now in follow_mission(agent, pool, time.sleep):
             if now.result:
                 return now
-            if now.phase != told:
-                told = now.phase
-                print(f"  {now.seconds:5.1f} s  {told:<14} {', '.join(now.robots)}", flush=True)
-            bar(now.share, told)
-            picture = folder / MEANWHILE
-            if not picture.exists() and standing(world.thing(TABLE), goal).off_m < whole_m / 2:
+            if now.phase != printed:
+                printed = now.phase
+                print(f"  {now.seconds:5.1f} s  {printed:<14} {', '.join(now.robots)}", flush=True)
+            bar(now.share, printed)
+            picture = folder / CARRYING
+            if not picture.exists() and goal_error(world.movable(TABLE), goal).off_m < whole_m / 2:
                 picture.write_bytes(camera.png())
             if time.monotonic() - began > LIMIT_S:
                 raise MissionFailed(
-                    f"the mission did not end within {LIMIT_S:g} s; it was at {told or 'its beginning'}"
+                    f"the mission did not end within {LIMIT_S:g} s; it was at {printed or 'its beginning'}"
                 )
-    raise MissionFailed("the mission has no result")  # news ends with one
+    raise MissionFailed("the mission has no result")  # not reached: follow_mission ends with one
 
 
-# ---- what is left of it ----
+# ---- the report ----
 
 
-def _report(folder: Path, state: Path, stands: Standing, scene: Scene, console: Console) -> None:
-    """report.html and report.json from what the leader left. Raises MissionFailed where it left nothing."""
+def _report(folder: Path, state: Path, error: GoalError, scene: Scene, console: Console) -> None:
+    """Write report.html and report.json from the leader's report. Raises MissionFailed if there is none."""
     found = next(iter((state / MISSIONS).glob(f"*/{REPORT_FILE}")), None)
     if found is None:
-        raise MissionFailed(f"{LEADER} left no report")
+        raise MissionFailed(f"{LEADER} wrote no report in {state / MISSIONS}")
     content: dict[str, Any] = json.loads(found.read_text())
     content["simulation_server"] = {
         "goal": msgspec.to_builtins(scene.goal),
-        "off_mm": 1000 * stands.off_m,
-        "off_deg": math.degrees(stands.off_rad),
-        "is_there": stands.is_there,
+        "off_mm": 1000 * error.off_m,
+        "off_deg": math.degrees(error.off_rad),
+        "is_there": error.is_there,
     }
     (folder / REPORT_FILE).write_text(json.dumps(content, indent=1))
     timeline.draw(content, folder / timeline.PICTURE)
     places = ", ".join(f"{name} in {robot.channel}" for name, robot in scene.robots.items())
-    facts = [("The simulation server says", f"the {TABLE} is {stands}"), ("Robots", places)]
+    facts = [("By the simulation server", f"the {TABLE} is {error}"), ("Robots", places)]
     pictures = [(file, shows) for file, shows in PICTURES.items() if (folder / file).exists()]
     film = FILM if (folder / FILM).exists() else ""
     written = page.write(content, folder, pictures, film, facts)
     for table in tables(content):
         console.print(table)
     others = ", ".join(filter(None, [REPORT_FILE, film, *(file for file, _ in pictures)]))
-    console.print(f"wrote {written}, and beside it {others}")
+    console.print(f"wrote {written} and, in the same folder, {others}")
 
 
-# ---- how it begins and ends ----
+# ---- start and end ----
 
 
 @contextlib.contextmanager
-def _doing(what: str, console: Console) -> Iterator[None]:
-    """Say what is started, how long it took, and where it takes long, why."""
+def _starting(what: str, console: Console) -> Iterator[None]:
+    """Print what is started, how long it took, and the reason if it takes long."""
     began = time.monotonic()
     console.print(f"[bold]{what}[/bold]")
-    why = "  still starting; on a new machine planner, physics and kinematics are compiled now, once: 30 to 90 s"
-    with console.status(f"  {what.lower()} are started ...") as spinner:
+    why = "  still starting; the first start on a machine compiles planner, physics and kinematics: 30 to 90 s"
+    with console.status(f"  starting {what.lower()} ...") as spinner:
 
         def explain() -> None:
             spinner.update(why) if console.is_terminal else console.print(why)
 
-        long = threading.Timer(LONG_S, explain)
+        long = threading.Timer(EXPLAIN_AFTER_S, explain)
         long.start()
         try:
             yield
@@ -304,7 +304,7 @@ def _doing(what: str, console: Console) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _state_folder(logs: Path) -> Iterator[Path]:
-    """One that is gone in the end; its logs stay."""
+    """A temporary folder; its logs are copied to `logs` at the end."""
     with tempfile.TemporaryDirectory(prefix="robocorba-demo-") as folder:
         state = Path(folder)
         try:
@@ -321,7 +321,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="robocorba.clients.demo", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path("demo-output"), metavar="FOLDER")
-    parser.add_argument("--quick", action="store_true", help="shorter ways, and no film")
+    parser.add_argument("--quick", action="store_true", help="shorter paths, and no film")
     return parser.parse_args(arguments)
 
 

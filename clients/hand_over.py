@@ -1,12 +1,12 @@
-"""The paper's Figure 11: a robot hands a sheet of paper to another one, both virtual or both actual, by the same two
-programs.
+"""The paper's Figure 11: a robot hands a sheet of paper to another one. The same two programs run on virtual and on
+actual robots.
 
     python -m robocorba.clients.hand_over [FOLDER] [--actual] [--no-film] [--naming HOST:PORT] [--channel C]
     python -m robocorba.clients.hand_over FOLDER --write-programs
 
-Without --naming it starts servers of its own; else those at HOST:PORT must serve the building `paper-scene`. Leaves in
-FOLDER (demo-output) a recording of the floor (MCAP), where all joints were (CSV), and a film of all links (MP4). Exit
-code 0 only if the sheet was handed over as it should be."""
+Without --naming it starts its own servers; otherwise those at HOST:PORT must serve the building `paper-scene`. It
+writes a recording of the floor (MCAP), all joint positions (CSV) and a film of all links (MP4) to FOLDER (default:
+demo-output). Exit code 0 only if the hand-over was correct."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pathlib import Path
 from omniORB import CORBA
 
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
-from robocorba.clients.robot_film import Shapes, Views, sheet
+from robocorba.clients.robot_film import RobotShapes, Views, sheet
 from robocorba.clients.robot_processes import ActualRobot, Running, robocorba, servers
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
@@ -45,54 +45,60 @@ from robocorba.video import VideoFile
 
 BUILDING, CHANNEL, FLOOR = "paper-scene", "lab", "L1"
 GIVER, TAKER = "A", "B"
-#: Where they begin, and where they meet: x, y (m), heading (rad).
+#: Start poses and meeting poses [m, m, rad].
 STARTS = {GIVER: (4.9, 4.5, 0.0), TAKER: (7.6, 2.6, math.pi)}
 PLACES = {GIVER: (5.6, 3.6, 0.0), TAKER: (6.8, 3.6, math.pi)}
-#: Of the sheet: how high it is, and how far it is to the left of the giver; what a hand draws back, and a base, m.
-SHEET_HEIGHT_M, SHEET_ASIDE_M, HAND_BACK_M, BASE_BACK_M = 1.0, -0.15, 0.1, 0.3
-SHEET_WIDE_M = 0.21
-#: How long a robot waits for the other one, and how long both hold the sheet, s.
-PATIENCE_S, BOTH_S = 30.0, 0.5
+#: Height of the sheet, and its offset to the left of the giver [m].
+SHEET_HEIGHT_M, SHEET_ASIDE_M = 1.0, -0.15
+#: Distances that a hand draws back and that a base backs off [m].
+HAND_BACK_M, BASE_BACK_M = 0.1, 0.3
+SHEET_WIDTH_M = 0.21
+#: Timeout of waiting for an event of the other robot [s].
+EVENT_TIMEOUT_S = 30.0
+#: Time for which both robots hold the sheet [s].
+HOLD_TOGETHER_S = 0.5
 READY, GRIPPED, RELEASED = "hand_over.ready", "hand_over.gripped", "hand_over.released"
-#: Between looks at the robots, and all of it at most, s; pictures a second of the film.
-LOOK_S, LIMIT_S, FPS = 0.05, 120.0, 10
+#: Interval between samples of the robots' states, and time limit of the programs [s].
+SAMPLE_S, LIMIT_S = 0.05, 120.0
+#: Frame rate of the film [1/s].
+FPS = 10
 
 
 # ---- the two programs ----
 
 
 def programs() -> dict[str, Program]:
-    """Of giver and taker, made from where the sheet's ends will be."""
+    """The programs of giver and taker, for the poses of the sheet's ends."""
     between_m = math.dist(PLACES[GIVER][:2], PLACES[TAKER][:2])
     ends = tasks.hand_over(between_m, SHEET_HEIGHT_M, SHEET_ASIDE_M)
     return {GIVER: giving(ends.giver), TAKER: taking(ends.taker)}
 
 
 def giving(end: HandPose) -> Program:
-    """Holds the sheet out, and lets go of it when the other one has it. end: of the sheet, for the hand."""
+    """Hold out the sheet and let go of it after the taker has gripped it. end: pose of the hand at the sheet's end."""
     hand: icons.Hand = GIVING.value
     giver = ProgramBuilder("hand-over-giver")
     giver.mhand_posture("both", "carry").gripper(hand, "close")
     giver.mbase_path(FLOOR, *PLACES[GIVER])
     giver.mhand_pose(hand, *_rounded(end)).say(READY)
-    giver.wait_until(icons.Event(GRIPPED, TAKER), PATIENCE_S)
+    giver.wait_until(icons.Event(GRIPPED, TAKER), EVENT_TIMEOUT_S)
     with giver.branch(icons.Result("done")):
-        giver.wait(BOTH_S).gripper(hand, "open").say(RELEASED)
+        giver.wait(HOLD_TOGETHER_S).gripper(hand, "open").say(RELEASED)
     giver.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M))).mbase_by(ahead=-BASE_BACK_M)
     return giver.program()
 
 
 def taking(end: HandPose) -> Program:
-    """Waits before the sheet, grips it, and draws it away when the other one has let go. end: as of `giving`."""
+    """Wait in front of the sheet, grip it, and draw it back after the giver has let go. end: as for `giving`."""
     hand: icons.Hand = TAKING.value
     taker = ProgramBuilder("hand-over-taker")
     taker.mhand_posture("both", "carry").gripper(hand, "open")
     taker.mbase_path(FLOOR, *PLACES[TAKER])
     taker.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M)))
-    taker.wait_until(icons.Event(READY, GIVER), PATIENCE_S)
+    taker.wait_until(icons.Event(READY, GIVER), EVENT_TIMEOUT_S)
     with taker.branch(icons.Result("done")):
         taker.mhand_pose(hand, *_rounded(end)).gripper(hand, "close").say(GRIPPED)
-        taker.wait_until(icons.Event(RELEASED, GIVER), PATIENCE_S)
+        taker.wait_until(icons.Event(RELEASED, GIVER), EVENT_TIMEOUT_S)
     with taker.branch(icons.Result("timed_out")):
         taker.gripper(hand, "open")
     taker.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M))).mbase_by(ahead=-BASE_BACK_M)
@@ -100,7 +106,7 @@ def taking(end: HandPose) -> Program:
 
 
 def write_programs(folder: Path) -> None:
-    """As the samples hand-over-giver.json and hand-over-taker.json."""
+    """Write the samples hand-over-giver.json and hand-over-taker.json."""
     for program in programs().values():
         (folder / f"{program.name}.json").write_text(dumps(program))
 
@@ -109,7 +115,7 @@ def _rounded(pose: HandPose) -> list[float]:
     return [round(value, 4) for value in pose]
 
 
-# ---- to play them ----
+# ---- running them ----
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -119,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.write_programs:
         write_programs(folder)
         return 0
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit("hand_over: ended"))  # and all that was started with it
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("hand_over: ended"))  # ends child processes, too
     name = f"hand-over-{'actual' if given.actual else 'virtual'}"
     mcap = folder / f"{name}.mcap"
     mcap.unlink(missing_ok=True)
@@ -144,9 +150,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         wrote.append(f"{name}.mp4")
     wrong = faults(seen)
     print(
-        f"The taker's gripper was shut after {seen.gripped_s:.2f} s, the giver's opened after {seen.let_go_s:.2f} s; "
-        f"between that the hands were within {1000 * seen.off_m:.1f} mm of the sheet's ends, "
-        f"one {1000 * seen.uneven_m:.1f} mm over the other, {math.degrees(seen.crooked_rad):.2f} deg askew."
+        f"The taker's gripper was shut after {seen.gripped_s:.2f} s, the giver's opened after {seen.let_go_s:.2f} s. "
+        f"Largest errors in between: hands {1000 * seen.off_m:.1f} mm from the sheet's ends, "
+        f"height difference {1000 * seen.uneven_m:.1f} mm, misalignment {math.degrees(seen.crooked_rad):.2f} deg."
     )
     print(f"wrote {', '.join(wrote)} in {folder}")
     for fault in wrong:
@@ -155,9 +161,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> list[Moment]:
-    """Let both run, the taker first: it must hear that the giver is ready. Prints each icon that begins.
+    """Run both programs, the taker's first: it must receive the giver's `ready`. Prints each icon that begins.
 
-    Raises MotionFailed where one of them does not end done."""
+    Raises MotionFailed if a program fails or does not end within LIMIT_S."""
     for name, agent in agents.items():
         agent.load(dumps(wanted[name]))
     began = time.monotonic()
@@ -165,30 +171,32 @@ def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> li
     for name in (TAKER, GIVER):
         since[name] = time.monotonic() - began
         agents[name].run()
-    told = dict.fromkeys(agents, 0)
+    printed = dict.fromkeys(agents, 0)
     moments: list[Moment] = []
     try:
         while True:
             states = {name: agent.state() for name, agent in agents.items()}
             moments.append(Moment(time.monotonic() - began, states[GIVER].actor, states[TAKER].actor))
             for name, agent in agents.items():
-                for icon in agent.begun(told[name]):
-                    print(f"{since[name] + icon.seconds:6.2f} s  {name}  {_words(wanted[name], icon.icon)}", flush=True)
-                    told[name] = icon.number + 1
+                for icon in agent.begun(printed[name]):
+                    print(
+                        f"{since[name] + icon.seconds:6.2f} s  {name}  {_describe(wanted[name], icon.icon)}", flush=True
+                    )
+                    printed[name] = icon.number + 1
             if _have_ended(states):
                 return moments
             if moments[-1].seconds > LIMIT_S:
                 raise MotionFailed(f"the programs did not end within {LIMIT_S:g} s")
-            time.sleep(max(0.0, began + len(moments) * LOOK_S - time.monotonic()))
+            time.sleep(max(0.0, began + len(moments) * SAMPLE_S - time.monotonic()))
     finally:
         for agent in agents.values():
-            agent.abort()  # nothing happens where it has ended
+            agent.abort()  # no effect on a program that has ended
 
 
 def _robots(
     stack: contextlib.ExitStack, orb: Orb, state: Path, channel: str, are_actual: bool
 ) -> dict[str, RemoteAgent]:
-    """Started side by side, until the end of the `stack`."""
+    """Start the robots simultaneously; they run until the end of the `stack`."""
     actual = {name: stack.enter_context(ActualRobot(state / name)) for name in STARTS if are_actual}
     for robot in actual.values():
         robot.wait_ready(orb)
@@ -204,7 +212,7 @@ def _robots(
 
 
 def _have_ended(states: Mapping[str, AgentState]) -> bool:
-    """Raises MotionFailed where one has not ended done."""
+    """Whether all programs are done. Raises MotionFailed if one has failed."""
     for name, state in states.items():
         report = state.program
         if report.result not in (Result.NO_RESULT, Result.DONE):
@@ -212,19 +220,19 @@ def _have_ended(states: Mapping[str, AgentState]) -> bool:
     return all(state.program.result is Result.DONE for state in states.values())
 
 
-def _words(program: Program, path: str) -> str:
-    """Such as: gripper right close."""
+def _describe(program: Program, path: str) -> str:
+    """An icon in words, such as: gripper right close."""
     icon = dict(walk(program))[path]
     about = getattr(icon, "condition", icon)
     parts = (getattr(about, name, None) for name in ("hand", "action", "posture", "type", "result"))
     return " ".join([icons.kind(icon), *filter(None, parts)])
 
 
-# ---- what is left of it ----
+# ---- the results ----
 
 
 def write_moments(file: Path, moments: Sequence[Moment]) -> None:
-    """A row for each robot and moment: s, m, rad."""
+    """Write a row for each robot and moment [s, m, rad]."""
     with file.open("w", newline="") as target:
         rows = csv.writer(target)
         rows.writerow(("seconds", "robot", "x", "y", "heading", *JOINTS))
@@ -235,25 +243,27 @@ def write_moments(file: Path, moments: Sequence[Moment]) -> None:
 
 
 def film(file: Path, moments: Sequence[Moment], let_go_s: float) -> None:
-    """In real time. The sheet is the giver's until it lets go."""
-    shapes, views = Shapes(), Views(4.3, 1.9, 8.3, 5.1)
-    every = round(1 / FPS / LOOK_S)
+    """Write a film in real time. The sheet moves with the giver's hand until the giver lets go."""
+    shapes, views = RobotShapes(), Views(4.3, 1.9, 8.3, 5.1)
+    every = round(1 / FPS / SAMPLE_S)
     with VideoFile(file, *views.size, FPS) as video:
         for moment in moments[::every]:
             state, side = (moment.giver, GIVING) if moment.seconds < let_go_s else (moment.taker, TAKING)
-            paper = sheet(shapes.body.hand(side, state.joints), state, tasks.SHEET_M, SHEET_WIDE_M, tasks.GRIP_DEPTH_M)
-            clouds = [*shapes.clouds(moment.giver), *shapes.clouds(moment.taker), paper]
+            paper = sheet(shapes.body.hand(side, state.joints), state, tasks.SHEET_M, SHEET_WIDTH_M, tasks.GRIP_DEPTH_M)
+            drawn = [*shapes.at(moment.giver), *shapes.at(moment.taker), paper]
             holds = f"{GIVER}, on the left," if state is moment.giver else f"{TAKER}, on the right,"
-            video.add(views.draw(clouds, [(0.0, f"{moment.seconds:.1f} s"), (0.15, f"{holds} holds the sheet")]))
+            video.add(views.draw(drawn, [(0.0, f"{moment.seconds:.1f} s"), (0.15, f"{holds} holds the sheet")]))
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="robocorba.clients.hand_over", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path("demo-output"), metavar="FOLDER")
-    parser.add_argument("--actual", action="store_true", help="by the stand-ins of two actual robots")
-    parser.add_argument("--naming", metavar="HOST:PORT", help="of servers that run already")
-    parser.add_argument("--channel", default=CHANNEL, metavar="C", help="the event channel that both use")
-    parser.add_argument("--no-film", dest="film", action="store_false", help="leave the film out, which takes a while")
+    parser.add_argument("--actual", action="store_true", help="use two simulated actual robots (servers/smartpal)")
+    parser.add_argument("--naming", metavar="HOST:PORT", help="naming service of running servers")
+    parser.add_argument(
+        "--channel", default=CHANNEL, metavar="C", help="event channel of both robots (default: %(default)s)"
+    )
+    parser.add_argument("--no-film", dest="film", action="store_false", help="write no film, which takes a while")
     parser.add_argument("--write-programs", action="store_true", help="only write the two programs into FOLDER")
     return parser.parse_args(arguments)
 

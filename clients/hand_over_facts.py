@@ -1,4 +1,4 @@
-"""Whether a sheet of paper was handed over: by where two robots had their hands, and when these were shut."""
+"""Checks the hand-over of a sheet of paper by the poses of two robots' hands and the times of their grippers."""
 
 from __future__ import annotations
 
@@ -15,18 +15,20 @@ from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
 
-#: The hands of giver and taker that have the sheet.
+#: The hands of giver and taker that hold the sheet.
 GIVING, TAKING = Side.RIGHT, Side.LEFT
-#: From hand to hand along the sheet, m.
+#: Distance between the hands along the sheet [m].
 APART_M = SHEET_M - 2 * GRIP_DEPTH_M
-#: What hands may be off, m and rad; and how far they are drawn back at least, m.
-NEAR_M, STRAIGHT_RAD, AWAY_M = 0.005, math.radians(2), 0.05
-#: A gripper is shut within this, rad.
+#: Tolerances of the hands.
+NEAR_M, STRAIGHT_RAD = 0.005, math.radians(2)
+#: Least distance that the hands are drawn back [m].
+MIN_DRAWN_BACK_M = 0.05
+#: Tolerance of a shut gripper.
 _SHUT_RAD = math.radians(3)
 
 
 class Moment(NamedTuple):
-    """How both robots were, so many seconds after they began; in the building's frame."""
+    """The states of both robots in the building's frame, `seconds` after the start."""
 
     seconds: float
     giver: RobotState
@@ -34,11 +36,11 @@ class Moment(NamedTuple):
 
 
 class Facts(NamedTuple):
-    """Times in s: when the taker's gripper was shut, and when the giver's was not any more; infinite for never.
+    """gripped_s: when the taker's gripper was shut; let_go_s: when the giver's was open again; infinite if never.
 
-    The worst while both were shut, NaN where they never were: how far the way between the hands is from APART_M, m; how
-    far one was over the other, m; how far one of them pointed past the other one, rad. In the end: the way between the
-    hands, m; and whether the taker's was shut."""
+    Largest errors while both were shut, NaN if they never were: off_m: distance between the hands against APART_M;
+    uneven_m: height difference; crooked_rad: angle between a hand and the line to the other one. At the end:
+    end_apart_m: distance between the hands; is_taken: whether the taker's gripper was shut."""
 
     gripped_s: float
     let_go_s: float
@@ -50,7 +52,7 @@ class Facts(NamedTuple):
 
 
 def facts(moments: Sequence[Moment]) -> Facts:
-    """What is to be seen in them."""
+    """Evaluate the moments of a hand-over."""
     body = Body()
     gripped = _first(moments, 0, lambda moment: is_shut(moment.taker, TAKING))
     giving = _first(moments, 0, lambda moment: is_shut(moment.giver, GIVING))
@@ -58,10 +60,10 @@ def facts(moments: Sequence[Moment]) -> Facts:
     off_m = uneven_m = crooked_rad = -math.inf if gripped < let_go else math.nan
     for moment in moments[gripped:let_go]:
         (giver, ahead), (taker, back) = _hands(body, moment)
-        way = taker - giver
-        off_m = max(off_m, abs(math.hypot(*way) - APART_M))
-        uneven_m = max(uneven_m, abs(way[2]))
-        crooked_rad = max(crooked_rad, _between(ahead, way), _between(back, -way))
+        line = taker - giver
+        off_m = max(off_m, abs(math.hypot(*line) - APART_M))
+        uneven_m = max(uneven_m, abs(line[2]))
+        crooked_rad = max(crooked_rad, _between(ahead, line), _between(back, -line))
     (giver, _), (taker, _) = _hands(body, moments[-1])
     times = [*(moment.seconds for moment in moments), math.inf]
     end_apart_m, is_taken = math.dist(giver, taker), is_shut(moments[-1].taker, TAKING)
@@ -69,29 +71,29 @@ def facts(moments: Sequence[Moment]) -> Facts:
 
 
 def faults(seen: Facts) -> list[str]:
-    """Why the sheet was not handed over as it should be; nothing where it was."""
+    """The faults of a hand-over; empty if it was correct."""
     found = {
         "the taker's gripper was not shut before the giver's opened": not seen.gripped_s < seen.let_go_s < math.inf,
         f"the hands were {1000 * seen.off_m:.1f} mm from where the sheet's ends are": not seen.off_m <= NEAR_M,
         f"one hand was {1000 * seen.uneven_m:.1f} mm over the other": not seen.uneven_m <= NEAR_M,
         f"the hands were {math.degrees(seen.crooked_rad):.1f} deg askew": not seen.crooked_rad <= STRAIGHT_RAD,
-        "the hands were not drawn back": not seen.end_apart_m >= APART_M + AWAY_M,
+        "the hands were not drawn back": not seen.end_apart_m >= APART_M + MIN_DRAWN_BACK_M,
         "the taker does not hold the sheet in the end": not seen.is_taken,
     }
-    return [fault for fault, is_so in found.items() if is_so]
+    return [fault for fault, is_found in found.items() if is_found]
 
 
 def is_shut(state: RobotState, side: Side) -> bool:
-    """Whether a gripper is."""
+    """Whether the gripper of a hand is shut."""
     return bool(state.joints[GRIP[side]] > SHUT_RAD - _SHUT_RAD)
 
 
-def _first(moments: Sequence[Moment], start: int, is_so: Callable[[Moment], bool]) -> int:
-    return next((number for number in range(start, len(moments)) if is_so(moments[number])), len(moments))
+def _first(moments: Sequence[Moment], start: int, is_met: Callable[[Moment], bool]) -> int:
+    return next((number for number in range(start, len(moments)) if is_met(moments[number])), len(moments))
 
 
 def _hands(body: Body, moment: Moment) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    """Of the giver's and the taker's hand: where its control point is (3,), m, and where it points (3,)."""
+    """Control point (3,) [m] and direction (3,) of the giver's and of the taker's hand."""
     return _hand(body, moment.giver, GIVING), _hand(body, moment.taker, TAKING)
 
 

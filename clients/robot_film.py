@@ -1,4 +1,4 @@
-"""A film of robots: all their links, from above and from the side."""
+"""Pictures of robots for a film: all their links, from above and from the side."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
 
 GROUND, FLOOR, INK, EDGE = "#ffffff", "#eef0f3", "#1f2430", "#5a6270"
-#: Pictures are drawn so many times as large, for smooth edges.
-FINE = 2
-HEAD_PX, LETTER_PX, GAP_PX = 26, 12, 6
-#: How high the side view reaches, m.
+#: Pictures are drawn larger by this factor and then reduced, for smooth edges.
+SUPERSAMPLING = 2
+HEAD_PX, FONT_PX, GAP_PX = 26, 12, 6
+#: Height of the side view.
 HEIGHT_M = 1.5
 Colour = tuple[int, int, int]
 
 
-class Cloud(NamedTuple):
-    """A convex thing by points of its surface (n, 3), m."""
+class ConvexShape(NamedTuple):
+    """The convex hull of points (n, 3) [m]."""
 
     points: Floats
     colour: Colour
 
 
-class Shapes:
-    """The shapes of a robot's links, where they are at given joints."""
+class RobotShapes:
+    """The shapes of a robot's links."""
 
     def __init__(self) -> None:
         self.body = Body()
@@ -43,76 +43,83 @@ class Shapes:
             (model.body(int(model.geom_bodyid[geom])).name, _shape(model, geom)) for geom in range(model.ngeom)
         ]
 
-    def clouds(self, state: RobotState) -> list[Cloud]:
-        """In the building's frame, with the floor at 0."""
+    def at(self, state: RobotState) -> list[ConvexShape]:
+        """The links at a state, in the building's frame with the floor at z = 0."""
         links = self.body.links(state.joints)
         found = []
-        for name, cloud in self._links:
+        for name, shape in self._links:
             position, attitude = links[name]
-            points = cloud.points @ _rotation(attitude).T + position
-            found.append(Cloud(in_building(points, state), cloud.colour))
+            points = shape.points @ _rotation(attitude).T + position
+            found.append(ConvexShape(in_building(points, state), shape.colour))
         return found
 
 
 class Views:
-    """Pictures of a place: from above, and below that from the side, from -y. west, south, east, north: of it, m."""
+    """Pictures of an area from the top, and below it from -y. west, south, east, north: bounds of
+    the area [m]."""
 
     def __init__(self, west: float, south: float, east: float, north: float, px_per_m: int = 150) -> None:
-        self._west, self._north, self._scale = west, north, px_per_m * FINE
+        self._west, self._north, self._scale = west, north, px_per_m * SUPERSAMPLING
         self._width = round((east - west) * px_per_m)
         self._above, self._beside = round((north - south) * px_per_m), round(HEIGHT_M * px_per_m)
-        self._font = ImageFont.truetype(findfont("DejaVu Sans"), LETTER_PX * FINE)
+        self._font = ImageFont.truetype(findfont("DejaVu Sans"), FONT_PX * SUPERSAMPLING)
         self.size = self._width + self._width % 2, _even(HEAD_PX + self._above + GAP_PX + self._beside)
 
-    def draw(self, clouds: Sequence[Cloud], words: Iterable[tuple[float, str]]) -> Image.Image:
-        """words: what to write at the top, each from a share of the width on."""
-        image = Image.new("RGB", (self.size[0] * FINE, self.size[1] * FINE), GROUND)
+    def draw(self, shapes: Sequence[ConvexShape], words: Iterable[tuple[float, str]]) -> Image.Image:
+        """Draw shapes and words. words: texts at the top, each with its left edge as a share of the width."""
+        image = Image.new("RGB", (self.size[0] * SUPERSAMPLING, self.size[1] * SUPERSAMPLING), GROUND)
         canvas = ImageDraw.Draw(image)
-        top = HEAD_PX * FINE
-        canvas.rectangle((0, top, image.width, top + self._above * FINE), FLOOR)
-        from_above = sorted(clouds, key=lambda cloud: float(cloud.points[:, 2].max()))
+        top = HEAD_PX * SUPERSAMPLING
+        canvas.rectangle((0, top, image.width, top + self._above * SUPERSAMPLING), FLOOR)
+        from_above = sorted(shapes, key=lambda shape: float(shape.points[:, 2].max()))
         self._fill(canvas, from_above, 1, (self._west, self._north), top)
-        # What is above runs over into what is beside.
-        below = top + self._above * FINE
+        # The top view overflows into the side view.
+        below = top + self._above * SUPERSAMPLING
         canvas.rectangle((0, below, image.width, image.height), GROUND)
-        from_beside = sorted(clouds, key=lambda cloud: -float(cloud.points[:, 1].min()))
-        self._fill(canvas, from_beside, 2, (self._west, HEIGHT_M), below + GAP_PX * FINE)
+        from_beside = sorted(shapes, key=lambda shape: -float(shape.points[:, 1].min()))
+        self._fill(canvas, from_beside, 2, (self._west, HEIGHT_M), below + GAP_PX * SUPERSAMPLING)
         canvas.rectangle((0, 0, image.width, top - 1), GROUND)
         for share, text in words:
-            canvas.text((share * image.width + 8 * FINE, 7 * FINE), text, INK, self._font)
-        return image.reduce(FINE)
+            canvas.text((share * image.width + 8 * SUPERSAMPLING, 7 * SUPERSAMPLING), text, INK, self._font)
+        return image.reduce(SUPERSAMPLING)
 
     def _fill(
-        self, canvas: ImageDraw.ImageDraw, clouds: Sequence[Cloud], upwards: int, corner: tuple[float, float], top: int
+        self,
+        canvas: ImageDraw.ImageDraw,
+        shapes: Sequence[ConvexShape],
+        upwards: int,
+        corner: tuple[float, float],
+        top: int,
     ) -> None:
-        """One over the other, seen along an axis: x to the right, the axis `upwards` up, from an upper left corner."""
-        points = np.vstack([cloud.points for cloud in clouds])
+        """Fill the shapes one over the other: x to the right, the axis `upwards` up. corner: the upper
+        left one."""
+        points = np.vstack([shape.points for shape in shapes])
         pixels = np.column_stack((points[:, 0] - corner[0], corner[1] - points[:, upwards])) * self._scale + (0, top)
-        owner = np.repeat(np.arange(len(clouds)), [len(cloud.points) for cloud in clouds])
+        owner = np.repeat(np.arange(len(shapes)), [len(shape.points) for shape in shapes])
         hulls = shapely.convex_hull(shapely.multipoints(pixels, indices=owner))
-        for cloud, hull in zip(clouds, hulls, strict=True):
+        for shape, hull in zip(shapes, hulls, strict=True):
             outline = shapely.get_coordinates(hull).ravel().tolist()
             if hull.area > hull.length / 2:
-                canvas.polygon(outline, cloud.colour, EDGE)
-            else:  # it is seen edge-on
-                canvas.line(outline, cloud.colour, 2 * FINE)
+                canvas.polygon(outline, shape.colour, EDGE)
+            else:  # seen edge-on
+                canvas.line(outline, shape.colour, 2 * SUPERSAMPLING)
 
 
-def sheet(hand: HandPose, state: RobotState, long_m: float, wide_m: float, held_m: float) -> Cloud:
-    """A sheet of paper that a hand of a robot holds by one end, so deep."""
+def sheet(hand: HandPose, state: RobotState, long_m: float, wide_m: float, held_m: float) -> ConvexShape:
+    """A sheet of paper held at one end. held_m: depth of the grip."""
     corners = [(ahead, aside, 0.0) for ahead in (-held_m, long_m - held_m) for aside in (-wide_m / 2, wide_m / 2)]
     points = np.array(corners) @ hand.rotation.T + hand.position
-    return Cloud(in_building(points, state), (214, 23, 110))
+    return ConvexShape(in_building(points, state), (214, 23, 110))
 
 
 def in_building(points: Floats, state: RobotState) -> Floats:
-    """Points (n, 3) of a robot's own frame in the building's, m."""
+    """Points (n, 3) [m] from a robot's frame to the building's frame."""
     c, s = math.cos(state.heading), math.sin(state.heading)
     return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + (state.x, state.y, 0.0)
 
 
-def _shape(model: mujoco.MjModel, geom: int) -> Cloud:
-    """In the frame of its link."""
+def _shape(model: mujoco.MjModel, geom: int) -> ConvexShape:
+    """The shape of a geom, in the frame of its link."""
     size, kind = model.geom_size[geom], model.geom_type[geom]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         points = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
@@ -125,11 +132,11 @@ def _shape(model: mujoco.MjModel, geom: int) -> Cloud:
         half = np.array([0.0, 0.0, size[1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0])
         points = np.vstack((ball - half, ball + half))
     red, green, blue = (round(255 * part) for part in model.geom_rgba[geom][:3])
-    return Cloud(points @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom], (red, green, blue))
+    return ConvexShape(points @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom], (red, green, blue))
 
 
 def _rotation(attitude: Floats) -> Floats:
-    """(3, 3) of a quaternion w, x, y, z."""
+    """The rotation matrix (3, 3) of a quaternion w, x, y, z."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, attitude)
     return matrix.reshape(3, 3)

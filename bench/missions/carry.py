@@ -1,12 +1,12 @@
-"""The paper's scene: three robots of two sub-networks carry a table through a room, from places that chance has chosen.
+"""The paper's scene: three robots of two sub-networks carry a table through a room, from random start poses.
 
     python -m bench.missions.carry --seeds 5 [--loaded] [--actual B,...]
 
-For each seed the crew first brings the table to where it starts, turned somehow, the robots go to places of their own,
-and carry it to the paper's destination. Both missions are measured. Grips are seen by the simulation server at the
-same step as the hands; how far carriers and barriers are apart in time is what the mission's report says. --loaded:
-something else keeps a core busy meanwhile. --actual: these robots are actual ones, of which servers/smartpal is the
-stand-in; it is their bodies in the building that are measured, which go where the robots go."""
+For each seed the robots first carry the table to a random start pose, drive to random places, and carry it to the
+paper's goal. Both missions are measured: grips by the simulation server, with table and robots after the same step; the
+time skew of carriers and of phases by the mission's report. --loaded: another process keeps a core busy. --actual:
+these robots are actual ones, simulated by servers/smartpal; their bodies in the building, which follow them, are
+measured."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ CREW = {
     "C": Start(11.3, 3.1, 0.0, "hall"),
 }
 GOAL = (6.7, 3.1, 0.0)
-#: Where the table starts: middle and half of each range, m and rad.
+#: Range of the table's start poses: middle and half width of x, y [m] and heading [rad].
 STARTS = ((2.9, 0.35), (3.2, 0.3), (0.0, math.pi / 6))
-#: Robots start at least so far from the middle of the table and from each other, m.
+#: Least distances of robots from the middle of the table and from each other at the start [m].
 ASIDE_M, APART_M = 1.9, 0.9
 MISSION_LIMIT_S, DRIVE_LIMIT_S = 240.0, 120.0
-#: What has to be reached: table, m and deg; grips, m; carriers at barriers and along their way, ms.
+#: Limits of the marks: table at its goal, grips, and time skew at barriers and between control cycles.
 TABLE_M, TABLE_DEG, GRIP_M, SKEW_MS = 0.05, 3.0, 0.02, 20.0
 
 
 class Outcome(NamedTuple):
-    """Of one mission; m, deg, s and ms. skews_ms: at each barrier."""
+    """The outcome of a mission. skews_ms: at each barrier."""
 
     seed: int
     way: str
@@ -98,7 +98,7 @@ class Outcome(NamedTuple):
 
 
 def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, float]) -> Outcome:
-    """One mission, and what the simulation server saw of it."""
+    """Run a mission and measure it through the simulation server."""
     before = place.collisions
     began = time.monotonic()
     touched: list[str] = []
@@ -133,7 +133,7 @@ def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, floa
 
 
 def spread_out(place: MissionPlace, building: Building, seed: int) -> None:
-    """Let the robots drive to free places, the table being where it is."""
+    """Drive the robots to free places away from the table."""
     table = place.body(TABLE)
     chosen: list[Place] = []
     for spot in random_places(building, RADIUS_M + 0.1, 400, seed):
@@ -143,12 +143,12 @@ def spread_out(place: MissionPlace, building: Building, seed: int) -> None:
         if len(chosen) == len(CREW):
             break
     rng = random.Random(seed)
-    for name, spot in zip(CREW, chosen, strict=True):  # one after the other: they don't see each other
+    for name, spot in zip(CREW, chosen, strict=True):  # one after another, so that they cannot block each other
         agent = place.agent(name)
         heading = rng.uniform(-math.pi, math.pi)
         eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is free")
         program = ProgramBuilder("there").mbase_path(FLOOR, spot.x, spot.y, heading=heading).program()
-        with contextlib.suppress(InvalidProgram):  # pushed to a wall it stays where it is
+        with contextlib.suppress(InvalidProgram):  # a robot that was pushed to a wall stays there
             agent.load(dumps(program))
             agent.run()
         eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is there")
@@ -156,7 +156,7 @@ def spread_out(place: MissionPlace, building: Building, seed: int) -> None:
 
 @contextlib.contextmanager
 def another_load(is_wanted: bool, folder: Path) -> Iterator[None]:
-    """Something that keeps one core busy."""
+    """A process that keeps one core busy."""
     if not is_wanted:
         yield
         return
@@ -166,7 +166,7 @@ def another_load(is_wanted: bool, folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stand_ins(place: MissionPlace, names: Sequence[str]) -> Iterator[dict[str, tuple[str, ...]]]:
-    """An actual robot for each of the names; the adaptors that lead to them."""
+    """A simulated actual robot for each name; yields their adaptors with arguments."""
     with contextlib.ExitStack() as stack:
         found = {}
         for seed, name in enumerate(names, 1):
@@ -180,10 +180,10 @@ def stand_ins(place: MissionPlace, names: Sequence[str]) -> Iterator[dict[str, t
 def marks(outcomes: Sequence[Outcome]) -> list[Mark]:
     skews = [skew for one in outcomes for skew in one.skews_ms]
     return [
-        at_least("missions done, with the table where it shall be", sum(o.is_right for o in outcomes), len(outcomes)),
-        at_most("table, farthest from its goal, m", max(one.off_m for one in outcomes), TABLE_M),
-        at_most("table, turned the farthest from its goal, deg", max(one.off_deg for one in outcomes), TABLE_DEG),
-        at_most("grips, farthest from their hands, m", max(one.grip_m for one in outcomes), GRIP_M),
+        at_least("missions done with the table at its goal", sum(o.is_right for o in outcomes), len(outcomes)),
+        at_most("table, largest distance from its goal, m", max(one.off_m for one in outcomes), TABLE_M),
+        at_most("table, largest turn from its goal, deg", max(one.off_deg for one in outcomes), TABLE_DEG),
+        at_most("grips, largest distance from the hands, m", max(one.grip_m for one in outcomes), GRIP_M),
         at_most("collisions", sum(one.collisions for one in outcomes), 0),
         at_most("p99 of the skew at barriers, ms", quantile(skews, 0.99) if skews else math.nan, SKEW_MS),
         at_most("worst p99 of the skew of ticks, ms", max(one.tick_ms for one in outcomes), SKEW_MS),
@@ -195,13 +195,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="default: %(default)s")
     parser.add_argument("--first", type=int, default=1, help="the first seed (default: %(default)s)")
-    parser.add_argument("--loaded", action="store_true", help="keep a core busy meanwhile")
+    parser.add_argument("--loaded", action="store_true", help="keep a core busy")
     parser.add_argument("--actual", default="", metavar="ROBOT,...", help="robots that are actual ones")
     options = parser.parse_args()
     building = load_sample(BUILDING)
     actual = [name for name in options.actual.split(",") if name]
     if unknown := sorted(set(actual) - CREW.keys()):
-        parser.error(f"--actual: there is no robot {', '.join(unknown)}; there are {', '.join(CREW)}")
+        parser.error(f"--actual: unknown robot {', '.join(unknown)}; known: {', '.join(CREW)}")
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)

@@ -1,11 +1,11 @@
-"""What becomes of missions in which something goes wrong: one random fault each.
+"""Missions with one random fault each.
 
     python -m bench.missions.chaos --missions 20
 
-Three robots of two sub-networks carry a table to and fro. In each mission one of them is killed, hangs or
-is stopped by emergency, a channel is killed, or something stands in the way. Every mission must end within its
-deadline: done, or with a reason that names what went wrong; afterwards nobody drives or holds anything, and the next
-mission has to get as far as its own fault. In the end one without any must be done."""
+Three robots of two sub-networks carry a table to and fro. In each mission a robot is killed, hangs or has an emergency
+stop, a channel is killed, or a robot blocks the goal. Every mission must end within its deadline: done, or with a
+reason that names the fault. Afterwards no robot moves or holds anything, and the next mission must reach its own fault.
+The last mission has no fault and must be done."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from robocorba.testing.report import PROGRESS, at_most, quantile, tell
 
 NAME = "mission_chaos"
 TABLE, GOALS = "table", ((3.8, 2.6), (2.2, 2.6))
-#: Where robots begin: far from both ends of the table's way.
+#: Start poses of robots, far from both ends of the table's path.
 STARTS = (
     Start(0.5, 0.5, 0.0, "lab"),
     Start(5.4, 4.5, math.pi, "lab"),
@@ -49,17 +49,17 @@ STARTS = (
     Start(8.5, 4.0, math.pi, "hall"),
 )
 PHASES = ("gathering", "gripping", "carrying", "putting down")
-#: A mission ends so long after its fault, s: members are silent for 4 s, and have 25 s for a safe end. What stands in
-#: the way may use up three times a carry and 20 s more before.
-DEADLINE_S, BLOCKED_DEADLINE_S = 45.0, 100.0
-#: Processes that hang, hang longer than anybody is waited for, s.
+#: Time limit from the fault to the end of a mission [s]: members time out after 4 s and have 25 s for a safe end.
+DEADLINE_S = 45.0
+#: The same if the goal is blocked [s]: the carry's limit is three times its duration plus 20 s.
+BLOCKED_DEADLINE_S = 100.0
+#: Duration of a hang [s], longer than every timeout of a mission's messages.
 HANG_S = 8.0
 PARKED_M = 0.3
 
 
 class Outcome(NamedTuple):
-    """Of one mission: the fault, how it ended, the reason, s from the fault to the end, and what was not as it must
-    be."""
+    """The outcome of a mission. end_s: time from the fault to the end. wrong: errors found."""
 
     fault: str
     result: str
@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
 
 
 class Chaos:
-    """One mission after the other, in one system."""
+    """Successive missions in one system."""
 
     def __init__(self, place: MissionPlace, seed: int) -> None:
         self.place, self._random = place, random.Random(seed)
@@ -79,7 +79,7 @@ class Chaos:
         self._restore()
 
     def names(self) -> list[str]:
-        """Of faults."""
+        """The names of the faults."""
         return [
             "helper killed before it accepts",
             *(f"helper killed while {phase}" for phase in PHASES),
@@ -93,7 +93,7 @@ class Chaos:
         ]
 
     def mission(self, fault: str) -> Outcome:
-        """With this fault, or with none where it is empty."""
+        """Run a mission with a fault, or without one if it is empty."""
         wrong: list[str] = []
         self._restore()
         lab = [name for name, at in self._crew.items() if at.channel == "lab"]
@@ -104,7 +104,7 @@ class Chaos:
         try:
             names = self._cause(fault, leader, others, user) if fault else ""
         except AssertionError as late:
-            wrong.append(f"did not get as far as its fault: {str(late)[:300]}")
+            wrong.append(f"did not reach its fault: {str(late)[:300]}")
         began = time.monotonic()
         limit_s = BLOCKED_DEADLINE_S if "way" in fault or not fault else DEADLINE_S
         try:
@@ -120,13 +120,13 @@ class Chaos:
         if "Traceback" in err:
             wrong.append(f"the user sees {err[-200:]}")
         if result != "done" and fault and not re.search(names, reason or last):
-            wrong.append(f"the reason names nothing of {names}: {reason!r}")
+            wrong.append(f"the reason does not match {names}: {reason!r}")
         if not fault and result != "done":
             wrong.append(f"without a fault: {reason}")
         wrong += self._aftermath()
         return Outcome(fault or "none", result if result == "done" else "ended", reason, end_s, tuple(wrong))
 
-    # ---- faults: each waits for its moment, and returns what the reason has to name ----
+    # ---- faults: each waits for its phase and returns the pattern that the reason must match ----
 
     def _cause(self, fault: str, leader: str, others: Sequence[str], user: subprocess.Popen[str]) -> str:
         helper = self._random.choice(others)
@@ -169,12 +169,12 @@ class Chaos:
         self._crew.pop(name)
 
     def _park(self, leader: str, user: subprocess.Popen[str]) -> str:
-        """A robot of nobody, where the table is going."""
+        """Register a foreign robot at a carrier's place at the goal."""
         self.place.at_phase(leader, "gripping", user)
         kept = self.place.kept(leader)
         assert kept is not None
         limits = RoboCorba.MotionLimits(1.0, 2.0, 2.0, 4.0)
-        for subplan in kept.plan.subplans:  # one of the places at the end is free, unless the way is short
+        for subplan in kept.plan.subplans:  # one of the places at the goal is free, unless the path is short
             carry = next(step for step in subplan.steps if isinstance(step, Carry))
             (x, y, heading), (ahead, left, _) = carry.rows[-1][1:4], carry.place
             c, s = math.cos(heading), math.sin(heading)
@@ -183,9 +183,9 @@ class Chaos:
                 about = RoboCorba.RobotDescription("parked", at, PARKED_M, 500.0, limits)
                 self._parked = self.place.server.registerRobot(about)
                 break
-        assert self._parked is not None, "there is no room to stand in the way"
+        assert self._parked is not None, "no room at the goal for a robot that blocks it"
         deadline = time.monotonic() + 15.0
-        while user.poll() is None and time.monotonic() < deadline:  # it stays there
+        while user.poll() is None and time.monotonic() < deadline:  # keep its lease
             self._parked.command(RoboCorba.Velocity(0.0, 0.0, 0.0), 0.5)
             time.sleep(0.2)
         return ""
@@ -201,7 +201,7 @@ class Chaos:
         return self.place.mission(leader, TABLE, f"{FLOOR}:{x},{y}")
 
     def _restore(self) -> None:
-        """Three robots, one of them in the other sub-network."""
+        """Start robots until there are three, one of them in the other sub-network."""
         while len(self._crew) < 3:
             channel = "hall" if all(at.channel != "hall" for at in self._crew.values()) else "lab"
             _, bodies = self.place.bodies()
@@ -213,7 +213,7 @@ class Chaos:
             self.place.start({name: self._crew[name]})
 
     def _aftermath(self) -> list[str]:
-        """What is not as it must be, after all have had their time."""
+        """Errors in the state of robots and table after the mission."""
         wrong: list[str] = []
         if self._parked is not None:
             with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # its lease is over
@@ -224,11 +224,11 @@ class Chaos:
             with contextlib.suppress(RoboCorbaError):
                 agent = self.place.agent(name)
                 if agent.state().condition is Condition.STOPPED and not _soon(partial(_reset, agent), 15.0):
-                    wrong.append(f"{name} can't be started again")
+                    wrong.append(f"the emergency stop of {name} cannot be reset")
         if not _soon(lambda: all(map(self.place.is_free, names)), 40.0):
             wrong.append(f"not free: {[name for name in names if not self.place.is_free(name)]}")
         if not _soon(lambda: self.place.names() == set(names), 10.0):
-            wrong.append(f"logged on are {self.place.names()}, not {names}")
+            wrong.append(f"logged on: {self.place.names()}, expected: {names}")
         if held := self.place.holding():
             wrong.append(f"still held: {held}")
         if not self.place.stands_still((*names, TABLE)):
@@ -270,10 +270,10 @@ def row(fault: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Exit code: 0 if every mission ended as it must."""
+    """Exit code: 0 if every mission ended correctly."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--missions", type=int, default=20, help="default: %(default)s")
-    parser.add_argument("--seed", type=int, default=1, help="of faults and moments (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of faults and times (default: %(default)s)")
     options = parser.parse_args()
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as temporary:
@@ -290,7 +290,7 @@ def main() -> int:
                 one = outcomes[-1]
                 print(f"{number}\t{one.fault}\t{one.result}\t{one.end_s:.1f} s\t{one.reason}\t{one.wrong}", flush=True)
     by_fault = {fault: [one for one in outcomes if one.fault == fault] for fault in sorted({o.fault for o in outcomes})}
-    marks = [at_most("missions that did not end as they must", sum(bool(one.wrong) for one in outcomes), 0)]
+    marks = [at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0)]
     title = f"{options.missions} missions of three robots, with a fault each, and one without"
     rows = [row(fault, those) for fault, those in by_fault.items()]
     return 0 if tell(NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1

@@ -1,16 +1,15 @@
-"""Ten missions at once: thirty robots of three sub-networks in one building.
+"""Ten simultaneous missions: thirty robots of three sub-networks in one building.
 
     python -m bench.missions.many [--missions 10] [--robots 30]
 
-Ten rooms lie along both sides of a corridor. In each something has to be carried: in every other one a table by three
-robots, in the others a box by two; some boxes go out through the door into the corridor that all share. A leader stands
-in each room, and one more robot; the others stand in the corridor, where leaders of several rooms want the same ones.
-All leaders begin within a second.
+Ten rooms lie along both sides of a shared corridor. In every other room three robots carry a table, in the others two
+robots carry a box; some boxes go out through the door into the corridor. Each room has a leader and one more robot; the
+other robots are in the corridor, where several leaders compete for them. All leaders begin within a second.
 
-Every mission must end within a deadline: done, or with a reason. From the plans and from what the leaders heard of
-their robots it is checked that nobody was in two missions at the same time. Then all robots that live are free, nobody
-holds anything, and nothing moves. The processes' time on the cores is counted, of robots that wait and of robots that
-work: on too few cores, what is late is late because of that, and the figures say so."""
+Every mission must end within a deadline: done, or with a reason. The plans and the status messages to the leaders show
+whether a robot was in two missions at the same time. Afterwards all robots must be free, hold nothing and be
+stationary. The CPU time of the processes is measured, idle and in missions: it shows whether delays are due to too few
+cores."""
 
 from __future__ import annotations
 
@@ -51,21 +50,23 @@ from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
 
 NAME = "many_missions"
 SUBNETS = ("west", "middle", "east")
-#: A room, the corridor between two rows of them, and a room's door in the middle of its wall, m.
+#: Size of a room, width of the corridor between the two rows, and width of a room's door [m].
 ROOM, CORRIDOR_M, DOOR_M = (6.0, 5.0), 3.4, 1.8
 TABLE, BOX = (1.2, 0.8), (0.6, 0.4)
-#: How far things are carried along their room, and how far from the door they stand in the corridor, m.
+#: Distance that objects are carried within a room, and from a door to a goal in the corridor [m].
 ALONG_M, OUTSIDE_M = 1.2, 1.1
-#: Which of the rooms with a box have it carried out.
+#: Rooms whose box goes out into the corridor.
 GOES_OUT = (3, 7)
-#: All missions have ended within, s; then all robots are free within.
+#: Time limits for all missions to end, and for all robots to be free afterwards [s].
 DEADLINE_S, FREE_S = 900.0, 120.0
-#: For how long it is counted what robots cost that wait, s; and how long one may take to start.
-IDLE_S, START_LIMIT_S = 10.0, 120.0
+#: Time over which the CPU time of idle robots is measured [s].
+IDLE_S = 10.0
+#: Time limit for the start of a robot [s].
+START_LIMIT_S = 120.0
 
 
 class Room(NamedTuple):
-    """Number, middle and the side of the corridor, 1 above and -1 below. thing: what is carried there, and where to."""
+    """x, y: its middle. side: of the corridor, 1 above and -1 below. thing, start, goal: of its object."""
 
     number: int
     x: float
@@ -96,7 +97,8 @@ class Room(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Of one mission; m, s. waited_s: until all robots had agreed. report: the leader's; empty where there is none."""
+    """The outcome of a mission. waited_s: until all robots had agreed. off_m: distance of the object from its goal.
+    report: the leader's, empty if there is none."""
 
     leader: str
     thing: str
@@ -134,7 +136,7 @@ class Outcome(NamedTuple):
 
 
 def rooms(count: int) -> list[Room]:
-    """In two rows, those above the corridor first."""
+    """Rooms in two rows, those above the corridor first."""
     above = (count + 1) // 2
     places = [(number % above, 1 if number < above else -1) for number in range(count)]
     half = CORRIDOR_M / 2 + ROOM[1] / 2
@@ -168,8 +170,8 @@ def building(of: Sequence[Room]) -> Building:
 
 
 def crew(of: Sequence[Room], count: int) -> dict[str, Start]:
-    """Leaders and as many others in the rooms, the rest in two rows along the corridor; sub-networks in turn, so that
-    neighbours are of different ones."""
+    """Leaders and as many other robots in the rooms, the rest in two rows along the corridor; neighbours are in
+    different sub-networks."""
     places = [(room.x - 2.3, room.y + 1.7 * room.side, 0.0) for room in of]
     places += [(room.x + 2.3, room.y + 1.7 * room.side, math.pi) for room in of]
     left = count - len(places)
@@ -184,11 +186,11 @@ def crew(of: Sequence[Room], count: int) -> dict[str, Start]:
     }
 
 
-# ---- all at once ----
+# ---- the missions ----
 
 
 def begin(place: MissionPlace, of: Sequence[Room]) -> float:
-    """All missions; how many s passed between the first and the last beginning."""
+    """Start all missions; return the time between the first and the last start [s]."""
     agents = [place.agent(f"l{room.number}") for room in of]
     for agent, room in zip(agents, of, strict=True):
         agent.load(dumps(ProgramBuilder("carry").move_table(room.thing, Destination(FLOOR, *room.goal)).program()))
@@ -203,8 +205,8 @@ def begin(place: MissionPlace, of: Sequence[Room]) -> float:
 
 
 def ended(place: MissionPlace, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[tuple[Room, Report]]:
-    """Each mission as it ends; what has not ended at the deadline is told as it is then. paces: gets the simulated
-    seconds in a second, now and then."""
+    """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in
+    a second."""
     running = list(of)
     while running:
         paces.append(float(place.server._get_state().achieved))
@@ -238,7 +240,7 @@ def outcome(place: MissionPlace, room: Room, report: Report) -> Outcome:
 
 
 def booked_twice(outcomes: Sequence[Outcome]) -> list[str]:
-    """Robots that were in a mission before the one before had ended, by the plans that were agreed on."""
+    """Robots that began a mission before their previous one had ended, by the accepted plans."""
     spans: dict[str, list[tuple[float, float, str]]] = {}
     for one in outcomes:
         if one.report.get("phases"):
@@ -256,8 +258,7 @@ def booked_twice(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def states_mixed(outcomes: Sequence[Outcome]) -> list[str]:
-    """Robots that spoke of one mission, of another one, and of the first one again, in the states that leaders
-    heard."""
+    """Robots whose status messages to the leaders name one mission, another one, and the first one again."""
     heard: dict[str, list[tuple[float, str]]] = {}
     for one in outcomes:
         for event in one.report.get("events", ()):
@@ -273,7 +274,7 @@ def states_mixed(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 class Costs:
-    """Time on the cores of kinds of processes, since the last look."""
+    """CPU time of robots and servers since the last call of `look`."""
 
     def __init__(self, place: MissionPlace) -> None:
         self._robots = [psutil.Process(process.pid) for process in place.robots.values()]
@@ -282,7 +283,7 @@ class Costs:
         self.look()
 
     def look(self) -> tuple[float, float, float]:
-        """Cores that a robot kept busy on average, and all servers together; MB that a robot has."""
+        """Mean CPU load of a robot and of all servers together [cores]; mean memory of a robot [MB]."""
         now = time.monotonic()
         spent = [sum(map(_cpu_s, group)) for group in (self._robots, self._servers)]
         passed = now - self._at
@@ -302,7 +303,7 @@ def _cpu_s(process: psutil.Process) -> float:
 
 @contextlib.contextmanager
 def robots(place: MissionPlace, starts: Mapping[str, Start]) -> Iterator[None]:
-    """A process for each, ready."""
+    """A ready process for each robot."""
     command = (sys.executable, "-m", "bench.missions.nursery")
     with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
         nursery.hear(START_LIMIT_S)
@@ -314,7 +315,7 @@ def robots(place: MissionPlace, starts: Mapping[str, Start]) -> Iterator[None]:
             place.robots[name] = cast(Any, psutil.Process(pid))
         try:
             for name in starts:
-                with PROGRESS.status(f"{len(starts)} robots start, {name} too"):
+                with PROGRESS.status(f"waiting for {name}, one of {len(starts)} robots"):
                     eventually(partial(_is_ready, place, name), START_LIMIT_S, f"{name} is ready")
             yield
         finally:
@@ -332,7 +333,7 @@ def _out(place: MissionPlace, name: str) -> Path:
 
 
 def aftermath(place: MissionPlace, names: Sequence[str], things: Sequence[str]) -> list[str]:
-    """What is not as it must be once all has ended."""
+    """Errors in the state of robots and objects after all missions have ended."""
     wrong: list[str] = []
 
     def others() -> list[str]:
@@ -359,8 +360,8 @@ def marks(outcomes: Sequence[Outcome], spread_s: float, wrong: Sequence[str]) ->
         at_most("leaders began within, s", spread_s, 1.0),
         at_least("missions that ended, done or with a reason", sum(_has_ended(one) for one in outcomes), len(outcomes)),
         at_most("robots booked twice, by plans", len(booked_twice(outcomes)), 0),
-        at_most("robots in two missions at once, by what they said", len(states_mixed(outcomes)), 0),
-        at_most("wrong afterwards", len(wrong), 0),
+        at_most("robots in two missions at the same time, by their status messages", len(states_mixed(outcomes)), 0),
+        at_most("errors afterwards", len(wrong), 0),
     ]
 
 
@@ -401,7 +402,7 @@ def main() -> int:
     for what, (robot, servers, memory_mb) in (("waiting", idle), ("missions", busy)):
         print(f"{what}: {100 * robot:.1f} % of a core a robot, {100 * servers:.0f} % all servers, {memory_mb:.0f} MB")
     print(f"simulated seconds in a second: {statistics.median(paces):.2f} at the median, {min(paces):.2f} at least")
-    title = f"{len(outcomes)} missions at once, {len(starts)} robots: {done} done, {collisions} collisions"
+    title = f"{len(outcomes)} simultaneous missions, {len(starts)} robots: {done} done, {collisions} collisions"
     is_reached = tell(
         NAME, title, [one.row() for one in outcomes], marks(outcomes, spread_s, wrong), partial(_draw, outcomes)
     )
@@ -409,12 +410,12 @@ def main() -> int:
 
 
 def _draw(outcomes: Sequence[Outcome], axes: Axes) -> None:
-    """From the first call to the agreement, and on to the end."""
+    """Draw the time from the first call to the agreement, and from there to the end."""
     names = [one.leader for one in outcomes]
     waited = [one.seconds if math.isnan(one.waited_s) else one.waited_s for one in outcomes]
     axes.barh(names, waited, label="looking for helpers")
     axes.barh(
-        names, [one.seconds - until for one, until in zip(outcomes, waited, strict=True)], left=waited, label="at it"
+        names, [one.seconds - until for one, until in zip(outcomes, waited, strict=True)], left=waited, label="mission"
     )
     axes.set(xlabel="s")
     axes.legend()

@@ -1,13 +1,12 @@
-"""The paper's scene over a real network: sub-networks lab and hall are computers of their own, with 5 ms between them.
+"""The paper's scene over a network: sub-networks lab and hall are separate hosts with a delay of 5 ms between them.
 
     python -m bench.missions.network [--seeds 1] [--delay 5]
 
-All servers, the channel of lab and the robots A and B run in one network namespace; the channel of hall and robot C,
-with all that it calls, in another. A router process between them delays each packet. The marks are those of
-bench/missions/carry.py. Only events that the other side has subscribed to may cross: while a camera floods the
-channel of lab, where somebody consumes its events, packets and bytes on the link are counted, and what the gateways
-report as passed on. It has to run as root, and says so where it can't make namespaces; nothing is measured
-then."""
+All servers, the channel of lab and robots A and B run in one network namespace, the channel of hall and robot C in
+another. A router process between them delays each packet. The marks are those of bench/missions/carry.py. Only events
+with a subscriber on the other side may cross: while a camera floods the channel of lab, which has a consumer for its
+events, the bytes on the link and the events passed on by the gateways are counted. It must run as root; without network
+namespaces it prints so and measures nothing."""
 
 from __future__ import annotations
 
@@ -43,18 +42,20 @@ from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
 
 NAME = "missions_network"
 HERE, THERE = "192.168.0.2", "192.168.8.2"
-#: One way, ms.
+#: One-way delay.
 DELAY_MS = 5.0
-#: The flood: events of so many bytes, so often, s. How long it is watched without a mission, s.
-FLOOD_BYTES, FLOOD_S, WATCH_S = 4000, 0.02, 5.0
+#: Size [bytes] and interval [s] of the flood's events.
+FLOOD_BYTES, FLOOD_S = 4000, 0.02
+#: Duration of a measurement without a mission [s].
+WATCH_S = 5.0
 START_LIMIT_S = 60.0
-#: More bytes that may cross while the flood lasts, as a share of the flood's: what a robot calls varies.
+#: Additional bytes on the link allowed during the flood, as a share of the flood: a robot's own traffic varies.
 CROSSING_SHARE = 0.05
 
 
 class Crossed(NamedTuple):
-    """What has crossed so far: bytes on the link, both ways; events from lab to hall and back by the gateways' own
-    accounts; and what a camera has said in lab, and how much of it was heard there."""
+    """Totals so far. bytes: on the link, both directions. forth, back: events from lab to hall and from hall to lab, by
+    the gateways' counters. said, heard: events that the camera published, and that its consumer in lab received."""
 
     bytes: int
     forth: int
@@ -67,7 +68,7 @@ class Crossed(NamedTuple):
 
 
 class TwoNetworks:
-    """`place` is in lab, as this process is; C is to be started `within` hall."""
+    """place: in lab, like this process. within: command prefix that starts C in hall."""
 
     def __init__(self, place: MissionPlace, within: tuple[str, ...], router: Process) -> None:
         self.place, self.within, self._router = place, within, router
@@ -76,7 +77,7 @@ class TwoNetworks:
 
     @contextlib.contextmanager
     def flood(self) -> Iterator[None]:
-        """A camera speaks in lab, and somebody there listens."""
+        """A camera publishes events in lab, and a consumer in lab receives them."""
 
         def hear(event: Event) -> None:
             self._heard += 1
@@ -100,7 +101,7 @@ class TwoNetworks:
         return Crossed(sum(counts["bytes"]), forth, back, self._said, self._heard)
 
     def _passed_on(self, channel: str, peer: str) -> int:
-        """Events that a channel has got from another."""
+        """Number of events that `peer` has received from `channel`."""
         other = self.place.orb.resolve(f"{CHANNELS}/{peer}", RoboCorba.EventChannel, call_timeout_s=5.0)
         links = [link for link in other.state().links if link.direction == RoboCorba.INCOMING]
         (link,) = [link for link in links if link.peer == channel]
@@ -109,7 +110,7 @@ class TwoNetworks:
 
 @contextlib.contextmanager
 def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
-    """From here on this process is in one of them. Raises OSError where that is not allowed."""
+    """Two namespaces with a running system; this process enters lab. Raises OSError if namespaces are not permitted."""
     with contextlib.ExitStack() as stack:
         lab, hall = (stack.enter_context(Namespace()) for _ in range(2))
         devices = []
@@ -150,8 +151,8 @@ def _is_linked(orb: Orb) -> bool:
 
 
 class Heard(NamedTuple):
-    """From the leader's report. number: of messages that came by way of hall's channel. clocks_ms: how far a robot was
-    wrong about the leader's clock, at most; all these computers have the same one."""
+    """From the leader's report. number: messages received from hall's channel. clocks_ms: largest error of a robot's
+    estimate of the leader's clock; all processes share one clock."""
 
     number: int
     clocks_ms: float
@@ -167,19 +168,21 @@ def crossing_marks(quiet: Crossed, flooded: Crossed, missions: Sequence[Crossed]
     more = max(0, flooded.bytes - quiet.bytes)
     unwanted = [abs(over.back - one.number) / max(1, one.number) for over, one in zip(missions, heard, strict=True)]
     return [
-        at_least("the flood, heard in its own sub-network", flooded.heard / max(1, flooded.said), 0.9),
-        at_most("events that crossed while only the flood spoke", flooded.forth + flooded.back, 0),
-        at_most("more bytes on the link than without, of the flood's", more / flood_bytes, CROSSING_SHARE),
-        at_most("events from hall to lab that were not for the leader, a share", max(unwanted), 0.02),
-        at_most("clocks, ms", max(one.clocks_ms for one in heard), SKEW_MS),
+        at_least("share of the flood received in its own sub-network", flooded.heard / max(1, flooded.said), 0.9),
+        at_most("events that crossed during the flood without a mission", flooded.forth + flooded.back, 0),
+        at_most("additional bytes on the link, as a share of the flood", more / flood_bytes, CROSSING_SHARE),
+        at_most("share of events from hall to lab that were not for the leader", max(unwanted), 0.02),
+        at_most("error of the clock estimates, ms", max(one.clocks_ms for one in heard), SKEW_MS),
     ]
 
 
 def main() -> int:
-    """Exit code: 0 if every mark was reached, or nothing can be measured here."""
+    """Exit code: 0 if every mark was reached, or if network namespaces are not available."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=1, help="default: %(default)s")
-    parser.add_argument("--delay", type=float, default=DELAY_MS, metavar="MS", help="one way (default: %(default)s)")
+    parser.add_argument(
+        "--delay", type=float, default=DELAY_MS, metavar="MS", help="one-way delay (default: %(default)s)"
+    )
     options = parser.parse_args()
     outcomes: list[Outcome] = []
     crossed: list[Crossed] = []
@@ -188,7 +191,7 @@ def main() -> int:
         try:
             both = stack.enter_context(two_networks(Path(temporary), options.delay))
         except OSError as wrong:
-            print(f"{NAME}: no network namespaces here ({wrong}): left out", file=sys.stderr)
+            print(f"{NAME}: skipped: network namespaces are not available ({wrong}); run it as root", file=sys.stderr)
             return 0
         place = both.place
         place.start({name: at._replace(within=both.within) if name == "C" else at for name, at in CREW.items()})

@@ -1,8 +1,8 @@
-"""Robot processes that have everything loaded before they begin: forked from one that has, thirty start in seconds.
+"""Robot processes forked from one that has loaded all modules and kernels: thirty start in seconds.
 
-python -m bench.missions.nursery: says "loaded"; then reads lines of JSON on stdin, [FILE, ARGUMENT, ...], answers each
-with the id of a process that is `robocorba robot ARGUMENT ...` and prints to FILE, and ends with its stdin. The robots
-end with it."""
+python -m bench.missions.nursery prints "loaded". For each line of JSON on stdin, [FILE, ARGUMENT, ...], it forks a
+process that runs `robocorba robot ARGUMENT ...` with its output in FILE, and prints the process id. It ends with its
+stdin, and the robots end with it."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def main() -> None:
     InverseKinematics()
     gc.freeze()
     if len(list(Path("/proc/self/task").iterdir())) > 1:
-        sys.exit("robot_nursery: there are threads already, which a fork would lose; set OPENBLAS_NUM_THREADS=1")
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for them but by their ids
+        sys.exit("robot_nursery: a fork would lose the threads that run already; set OPENBLAS_NUM_THREADS=1")
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children are reaped automatically
     print(json.dumps("loaded"), flush=True)
     for line in sys.stdin:
         out, *arguments = json.loads(line)
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def _be_robot(out: str, arguments: Sequence[str]) -> None:
-    """Does not return."""
+    """Run a robot in the forked process. Does not return."""
     code = 1
     try:
         _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -51,7 +51,7 @@ def _be_robot(out: str, arguments: Sequence[str]) -> None:
         for descriptor, file, flags in ((0, os.devnull, os.O_RDONLY), (1, out, os.O_CREAT | os.O_WRONLY)):
             os.dup2(os.open(file, flags, 0o600), descriptor)
         os.dup2(1, 2)
-        faulthandler.register(signal.SIGUSR1)  # tells where all its threads are
+        faulthandler.register(signal.SIGUSR1)  # prints the stacks of all threads
         robot.main(arguments)
         code = 0
     except BaseException as wrong:

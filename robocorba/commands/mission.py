@@ -1,4 +1,4 @@
-"""robocorba mission: start a mission, see how it gets on, end it, and read its report."""
+"""robocorba mission: start a mission, show its status, abort it, and print its report."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ from robocorba.settings import Settings
 if TYPE_CHECKING:
     from robocorba.corba.remote.agents import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.missions.record import KeptPlan
+    from robocorba.missions.record import StoredPlan
     from robocorba.programs.icons import Destination
 
-LOOK_S, AWAY_LIMIT_S = 0.2, 10.0
+#: Interval between queries of the leader [s].
+POLL_S = 0.2
+#: The command fails if the leader is not reachable for this time [s].
+UNREACHABLE_LIMIT_S = 10.0
 
-app = typer.Typer(help="What robots do together.", no_args_is_help=True)
+app = typer.Typer(help="Missions of several robots.", no_args_is_help=True)
 start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
 app.add_typer(start_app, name="start")
 Naming = Annotated[
@@ -42,11 +45,13 @@ LeaderName = Annotated[str, typer.Option("--leader", metavar="ROBOT", help="The 
 @start_app.command("move-table")
 def move_table(
     table: Annotated[str, typer.Option(metavar="NAME", help="The object to carry.")],
-    to: Annotated[str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Where its middle shall be, m and rad.")],
+    to: Annotated[
+        str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
+    ],
     leader: LeaderName,
     naming: Naming = None,
 ) -> None:
-    """Carry a table somewhere. The leader looks for helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
+    """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
     from robocorba.corba.remote.agents import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.programs.builder import ProgramBuilder
@@ -57,7 +62,7 @@ def move_table(
         agent = RemoteAgent(orb, leader)
         agent.load(dumps(ProgramBuilder(f"move {table}").move_table(table, parse_destination(to)).program()))
         agent.run()
-        result, reason, seconds = _follow(agent, RemotePool.of_robot(orb, leader), stop)
+        result, reason, seconds = _print_progress(agent, RemotePool.of_robot(orb, leader), stop)
     typer.echo(f"{result}\t{seconds:.1f} s\t{reason}".rstrip())
     if result != "done":
         raise typer.Exit(1)
@@ -65,7 +70,7 @@ def move_table(
 
 @app.command()
 def status(leader: LeaderName, naming: Naming = None) -> None:
-    """The mission that a robot leads, or led last: its phase, and who does what."""
+    """Show the plan and the phase of the mission that a robot leads, or led last."""
     from robocorba.corba.remote.data_pool import RemotePool
 
     with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
@@ -86,7 +91,7 @@ def status(leader: LeaderName, naming: Naming = None) -> None:
 
 @app.command()
 def abort(leader: LeaderName, naming: Naming = None) -> None:
-    """End the mission that a robot leads: all put down what they hold, and are free."""
+    """Abort the mission that a robot leads: all robots put down what they hold, and are free."""
     from robocorba.corba.remote.agents import RemoteAgent
 
     with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
@@ -95,12 +100,12 @@ def abort(leader: LeaderName, naming: Naming = None) -> None:
 
 @app.command()
 def report(
-    mission: Annotated[str, typer.Argument(help="Its name, or the beginning of it; the latest if left out.")] = "",
+    mission: Annotated[str, typer.Argument(help="Its name, or the beginning of it (default: the latest).")] = "",
     state: Annotated[
         Path | None, typer.Option(metavar="DIR", help="The state folder of the leader [ROBOCORBA_STATE].")
     ] = None,
 ) -> None:
-    """Print what is known of a mission that has ended, and write it as a web page beside its JSON."""
+    """Print the report of a mission that has ended, and write it as a web page beside its JSON."""
     from robocorba.missions import page, timeline
     from robocorba.missions.record import REPORT_FILE
 
@@ -112,7 +117,7 @@ def report(
         file = found[-1]
         content = json.loads(file.read_text())
         timeline.draw(content, file.parent / timeline.PICTURE)
-        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.SHOWS)])
+        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.CAPTION)])
         for table in tables(content):
             Console().print(table)
         if content["reason"]:
@@ -121,13 +126,13 @@ def report(
 
 
 def tables(report: dict[str, Any]) -> list[Table]:
-    """A mission's phases, and how late its messages came. report: as `record.as_json` makes it."""
+    """Tables of the phases and of the message latencies. report: of `record.as_json`."""
     from robocorba.missions import page
 
     phases = Table(*map(escape, page.PHASES), title=f"{report['mission']}: {report['result']}", title_justify="left")
     for phase in page.phases(report):
         phases.add_row(*phase)
-    messages = Table(*map(escape, page.LATENCIES), title=page.LATENCIES_SHOW, title_justify="left")
+    messages = Table(*map(escape, page.LATENCIES), title=page.LATENCIES_TITLE, title_justify="left")
     for latency in page.latencies(report):
         messages.add_row(*latency)
     return [phases, messages]
@@ -146,9 +151,9 @@ def parse_destination(text: str) -> Destination:
     raise InvalidRequest("to", f"{text[:80]!r} is not of the form FLOOR:X,Y or FLOOR:X,Y,HEADING, such as L1:12,3")
 
 
-class News(NamedTuple):
-    """How a mission gets on. phase: empty before there is a plan. share: of its phases that are done. result: empty
-    while it goes on; reason: why it is not done."""
+class MissionStatus(NamedTuple):
+    """The progress of a mission. phase: empty before there is a plan. share: of the phases that are done. result: empty
+    while the mission runs; reason: of a failure."""
 
     phase: str
     robots: tuple[str, ...]
@@ -158,18 +163,18 @@ class News(NamedTuple):
     reason: str
 
 
-def news(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) -> Iterator[News]:
-    """Of the mission that a robot has begun to lead, until it has ended; `wait` is called with the seconds between.
+def follow_mission(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) -> Iterator[MissionStatus]:
+    """The progress of the mission that a robot leads, until its end; `wait` is called with the seconds in between.
 
-    Raises NotReachable where the robot was away for long."""
-    away_s = 0.0
+    Raises NotReachable if the robot is not reachable for UNREACHABLE_LIMIT_S."""
+    unreachable_s = 0.0
     while True:
         try:
             report, kept = agent.state().program, _latest(pool)
-            away_s = 0.0
+            unreachable_s = 0.0
         except NotReachable:
-            away_s += LOOK_S
-            if away_s > AWAY_LIMIT_S:
+            unreachable_s += POLL_S
+            if unreachable_s > UNREACHABLE_LIMIT_S:
                 raise
         else:
             phase = kept.phase if kept else ""
@@ -177,36 +182,36 @@ def news(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) 
             robots = tuple(subplan.robot for subplan in kept.plan.subplans) if kept else ()
             share = phases.index(phase) / len(phases) if phase in phases else 0.0
             result = "" if report.result.name == "NO_RESULT" else report.result.name.lower()
-            yield News(phase, robots, share, report.seconds, result, report.reason)
+            yield MissionStatus(phase, robots, share, report.seconds, result, report.reason)
             if result:
                 return
-        wait(LOOK_S)
+        wait(POLL_S)
 
 
-def _follow(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[str, str, float]:
-    """Until it has ended: result, reason, seconds. Tells each phase that begins."""
-    told, is_ending = "", False
+def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[str, str, float]:
+    """Print each phase that begins, until the mission has ended; return result, reason and seconds."""
+    printed, is_ending = "", False
 
     def wait(seconds: float) -> None:
-        if stop.wait(seconds):  # which does not wait any more
+        if stop.wait(seconds):  # returns immediately after a Ctrl-C
             time.sleep(seconds)
 
     with progress(1.0) as bar:
-        for now in news(agent, pool, wait):
+        for now in follow_mission(agent, pool, wait):
             if now.result:
                 return now.result, now.reason, now.seconds
-            if now.phase != told:
-                told = now.phase
-                typer.echo(f"{told}\t{', '.join(now.robots)}\t{now.seconds:.1f} s")
-            bar(now.share, told)
+            if now.phase != printed:
+                printed = now.phase
+                typer.echo(f"{printed}\t{', '.join(now.robots)}\t{now.seconds:.1f} s")
+            bar(now.share, printed)
             if stop.is_asked and not is_ending:
                 is_ending = True
                 agent.abort()
-    raise NotReachable(f"robot {agent.name} tells no result")  # news ends with one
+    raise NotReachable(f"robot {agent.name} reports no result")  # not reached: follow_mission ends with one
 
 
-def _latest(pool: RemotePool) -> KeptPlan | None:
-    from robocorba.missions.record import plan_of
+def _latest(pool: RemotePool) -> StoredPlan | None:
+    from robocorba.missions.record import decode_plan
 
     plans = pool.plans()
-    return plan_of(plans[-1].content) if plans else None
+    return decode_plan(plans[-1].content) if plans else None

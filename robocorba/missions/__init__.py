@@ -1,1 +1,1 @@
-"""Missions: what robots do together. Mission layer, transport layer and execution layer."""
+"""Cooperative missions: mission layer, transport layer and execution layer."""

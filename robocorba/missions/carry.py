@@ -1,7 +1,7 @@
-"""Plans how robots carry an object together: as one body, its outline with all carriers around it.
+"""Plans a carry: the path of an object and its carriers as one body.
 
-Each formation of the carriers is tried in turn. On every floor of the way the whole body is led among walls and
-objects, through doors; where it rides, all of it stands in the cabin.
+The formations of the carriers are tried in turn. On each floor the whole body passes walls, objects and doors; in an
+elevator it must fit into the cabin.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.maps.model import Building, Elevator, Floor
 from robocorba.maps.movable import movables
 from robocorba.maps.movable import outline as outline_of
-from robocorba.missions.blocked_carry import Attempt, Searched, why_impossible, why_not_free
+from robocorba.missions.blocked_carry import Attempt, SearchResult, why_impossible, why_not_free
 from robocorba.missions.formation import ARMS_WIDTH_M, HAND_M, Formation, Pose, formations
-from robocorba.missions.surroundings import Blocked, Surroundings, placed
+from robocorba.missions.obstacles import Blocked, BuildingObstacles, placed
 from robocorba.planning.body import body_of
 from robocorba.planning.body_search import (
     HEADINGS,
@@ -35,16 +35,18 @@ from robocorba.planning.body_search import (
 from robocorba.planning.request import FARTHEST_M, SMARTPAL_RADIUS_M
 from robocorba.spatial.grids import Floats
 
-#: What stays free around the body, m; and what shall, where there is room.
-MARGIN_M, WISHED_M = 0.05, 0.15
-#: So far carriers come straight to their places, and back off from them, m.
+#: Least clearance of the body [m].
+MARGIN_M = 0.05
+#: Clearance that shortened paths keep if there is room [m].
+PREFERRED_MARGIN_M = 0.15
+#: Length of the straight line on which a carrier approaches its place and backs off [m].
 BACK_M = 0.3
-#: An object may be taken by so many elevators one after another.
-MOST_RIDES = 2
+#: Largest number of elevator rides of a carry.
+MAX_RIDES = 2
 
 
-class Stand(NamedTuple):
-    """Where an object stands: m, rad."""
+class ObjectPose(NamedTuple):
+    """The pose of an object on a floor [m, rad]."""
 
     floor: str
     x: float
@@ -56,9 +58,9 @@ class Stand(NamedTuple):
         return self.x, self.y, self.heading
 
 
-class Leg(NamedTuple):
-    """On one floor: poses (k, 3) of the object, x and y in m, headings in rad that never jump, with straight ways in
-    between. elevator_after: in which it stands at the end, empty at the goal."""
+class CarryLeg(NamedTuple):
+    """The path on one floor: poses (k, 3) of the object, x, y [m], unwrapped heading [rad], joined by straight
+    segments. elevator_after: the elevator in which the leg ends, empty at the goal."""
 
     floor: str
     poses: Floats
@@ -69,197 +71,199 @@ class CarryPlan(NamedTuple):
     """outline: of the object in its own frame."""
 
     formation: Formation
-    legs: tuple[Leg, ...]
+    legs: tuple[CarryLeg, ...]
     outline: Polygon
     radius_m: float
 
     def footprint(self) -> BaseGeometry:
-        """Object, carriers and arms, in the object's frame."""
+        """The outline of object, carriers and arms, in the object's frame."""
         return self.formation.footprint(self.outline, self.radius_m)
 
 
 def plan_carry(
     building: Building,
-    thing: str | Polygon,
-    start: Stand | tuple[str, float, float, float] | None,
-    goal: Stand | tuple[str, float, float, float],
+    carried: str | Polygon,
+    start: ObjectPose | tuple[str, float, float, float] | None,
+    goal: ObjectPose | tuple[str, float, float, float],
     count: int,
     radius_m: float = SMARTPAL_RADIUS_M,
     hand_m: float = HAND_M,
     blocked: Blocked | None = None,
     margin_m: float = MARGIN_M,
 ) -> CarryPlan:
-    """How `count` robots carry `thing` from start to goal, both met exactly.
+    """Plan how `count` robots carry an object exactly from start to goal.
 
-    thing: a movable object's name (that of `maps.movable.movables`), or an outline in its own frame. start: None for
-    where the map has it. blocked: what stands on the floors besides; see Surroundings. The robots' places at the start
-    can be come to, and those at the goal left, straight for BACK_M. Raises InvalidCarry, ImpossibleCarry."""
-    name = thing if isinstance(thing, str) else ""
-    outline, known = _object(building, thing)
+    carried: name of a movable object (see `maps.movable.movables`), or an outline in its own frame. start: None for the
+    pose of the map. blocked: additional obstacles; see BuildingObstacles. Carriers have room to approach their places
+    at the start, and to back off at the goal, on straight lines of BACK_M. Raises InvalidCarry, ImpossibleCarry."""
+    name = carried if isinstance(carried, str) else ""
+    outline, known = _outline_and_pose(building, carried)
     if start is None and known is None:
-        raise InvalidCarry("start", "the map does not know where the object stands")
-    start, goal = Stand(*(start or known or ())), Stand(*goal)
-    for field, stand in (("start", start), ("goal", goal)):
-        if stand.floor not in building.floors:
-            raise InvalidCarry(field, f"there is no floor {stand.floor[:80]!r}")
-        if not all(map(math.isfinite, stand.pose)) or max(abs(stand.x), abs(stand.y)) > FARTHEST_M:
-            raise InvalidCarry(field, f"{stand.pose} is not a pose within {FARTHEST_M:g} m")
-    surroundings = Surroundings(building, name, blocked or {})
-    routes = list(_routes(building, start, goal))
+        raise InvalidCarry("start", "required for an object that is not on the map")
+    start, goal = ObjectPose(*(start or known or ())), ObjectPose(*goal)
+    for field, at in (("start", start), ("goal", goal)):
+        if at.floor not in building.floors:
+            raise InvalidCarry(field, f"there is no floor {at.floor[:80]!r}")
+        if not all(map(math.isfinite, at.pose)) or max(abs(at.x), abs(at.y)) > FARTHEST_M:
+            raise InvalidCarry(field, f"{at.pose} is not finite or beyond {FARTHEST_M:g} m")
+    obstacles = BuildingObstacles(building, name, blocked or {})
+    routes = list(_elevator_routes(building, start, goal))
     if not routes:
         raise ImpossibleCarry(f"no elevator leads from {start.floor} to {goal.floor}")
 
     attempts: list[Attempt] = []
     not_free: list[ImpossibleCarry] = []
     for formation in formations(outline, count, radius_m, hand_m):
-        bodies = _Bodies(formation, outline, radius_m, margin_m)
-        taken = _taken(surroundings, bodies, start, goal)
+        body = _CarriedBody(formation, outline, radius_m, margin_m)
+        taken = _occupied_end(obstacles, body, start, goal)
         if taken:
             not_free.append(taken)
             continue
         for route in routes:
-            legs = _follow(surroundings, bodies, route, start, goal, attempts)
+            legs = _plan_legs(obstacles, body, route, start, goal, attempts)
             if legs:
                 return CarryPlan(formation, tuple(legs), outline, radius_m)
     if not attempts:
         raise not_free[0]
-    raise why_impossible(surroundings, outline, attempts, margin_m)
+    raise why_impossible(obstacles, outline, attempts, margin_m)
 
 
 def warm_up() -> None:
-    """Compile what planning needs, or load it."""
+    """Compile or load the kernels of the planner."""
     outline = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (0.0, 6.0))
     room = Building("none").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
     plan_carry(room, shapely.box(-0.3, -0.2, 0.3, 0.2), ("L1", 2.0, 3.0, 0.0), ("L1", 4.0, 3.0, 1.0), 2)
 
 
-class _Bodies:
-    """A formation as the search sees it, and as shapes. room: with what the carriers need to come and go."""
+class _CarriedBody:
+    """A formation as shapes, and as a body for the search. carriers: the areas in which they approach and back off."""
 
     def __init__(self, formation: Formation, outline: Polygon, radius_m: float, margin_m: float) -> None:
         self.formation, self.outline, self.margin_m = formation, outline, margin_m
         self.footprint = formation.footprint(outline, radius_m)
-        ways = zip(formation.places(), formation.places(BACK_M), strict=True)
-        self.carriers = [LineString([here[:2], back[:2]]).buffer(radius_m, quad_segs=16) for here, back in ways]
+        lines = zip(formation.places(), formation.places(BACK_M), strict=True)
+        self.carriers = [LineString([here[:2], back[:2]]).buffer(radius_m, quad_segs=16) for here, back in lines]
         rounded = []
         for (x, y, _), grip in zip(formation.places(), formation.grips, strict=True):
             rounded.append((x, y, x, y, radius_m))
-            # The arms' two sides: what comes between carrier and object crosses one of them.
+            # Both sides of the arms: an obstacle between carrier and object crosses one of them.
             across = ARMS_WIDTH_M / 2 * -math.sin(grip.facing), ARMS_WIDTH_M / 2 * math.cos(grip.facing)
             for side in (-1, 1):
                 dx, dy = side * across[0], side * across[1]
                 rounded.append((x + dx, y + dy, grip.x + dx, grip.y + dy, 0.0))
-        self.body = body_of(outline, rounded)
+        self.search_body = body_of(outline, rounded)
         middle = Point(0.0, 0.0)
-        #: Of a disc around the origin that is part of the object; none where the origin is not.
+        #: Radius of the largest disc around the origin within the object [m]; -inf if the origin is outside.
         self.core_m = outline.exterior.distance(middle) if outline.contains(middle) else -math.inf
 
 
-def _object(building: Building, thing: str | Polygon) -> tuple[Polygon, Stand | None]:
-    if isinstance(thing, Polygon):
-        return thing, None
+def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polygon, ObjectPose | None]:
+    if isinstance(carried, Polygon):
+        return carried, None
     known = movables(building)
-    if thing not in known:
-        raise InvalidCarry("object", f"there is no movable {thing[:80]!r}; there are {', '.join(known) or 'none'}")
-    entry, floor = known[thing]
-    return outline_of(entry), Stand(floor, *entry.at, entry.heading)
+    if carried not in known:
+        raise InvalidCarry("object", f"there is no movable {carried[:80]!r}; there are {', '.join(known) or 'none'}")
+    entry, floor = known[carried]
+    return outline_of(entry), ObjectPose(floor, *entry.at, entry.heading)
 
 
-def _taken(surroundings: Surroundings, bodies: _Bodies, start: Stand, goal: Stand) -> ImpossibleCarry | None:
-    """Why the object, or a carrier beside it, can't be at the start or at the goal."""
-    for which, stand in (("start", start), ("goal", goal)):
-        ground = surroundings.ground(stand.floor)
-        parts = [("the object", bodies.outline, bodies.margin_m), ("its carriers", bodies.footprint, bodies.margin_m)]
-        parts += [("a carrier that comes or goes", carrier, 0.0) for carrier in bodies.carriers]
+def _occupied_end(
+    obstacles: BuildingObstacles, body: _CarriedBody, start: ObjectPose, goal: ObjectPose
+) -> ImpossibleCarry | None:
+    """The error if the object or a carrier collides at the start or at the goal, else None."""
+    for which, at in (("start", start), ("goal", goal)):
+        floor_obstacles = obstacles.on_floor(at.floor)
+        parts = [("the object", body.outline, body.margin_m), ("its carriers", body.footprint, body.margin_m)]
+        parts += [("an approaching or leaving carrier", carrier, 0.0) for carrier in body.carriers]
         for part, shape, margin_m in parts:
-            near = ground.nearest(placed(shape, stand.pose), margin_m)
+            near = floor_obstacles.nearest(placed(shape, at.pose), margin_m)
             if near:
-                return why_not_free(which, stand.floor, stand.pose, part, near, margin_m)
+                return why_not_free(which, at.floor, at.pose, part, near, margin_m)
     return None
 
 
-# ---- over the floors ----
+# ---- across floors ----
 
 
-def _routes(building: Building, start: Stand, goal: Stand) -> Iterator[tuple[tuple[str, str], ...]]:
-    """Elevators to take and where to, one after another: few rides first, then near ones."""
+def _elevator_routes(building: Building, start: ObjectPose, goal: ObjectPose) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Sequences of rides (elevator, destination floor): the fewest rides first, then the nearest first elevator."""
     if start.floor == goal.floor:
         yield ()
         return
-    ways: list[tuple[tuple[str, str], ...]] = [()]
-    for _ in range(MOST_RIDES):
+    routes: list[tuple[tuple[str, str], ...]] = [()]
+    for _ in range(MAX_RIDES):
         longer = []
-        for way in ways:
-            floors = [start.floor, *(floor for _, floor in way)]
+        for route in routes:
+            floors = [start.floor, *(floor for _, floor in route)]
             for name, elevator in building.elevators.items():
                 served = elevator.floors()
-                if floors[-1] in served and all(name != ridden for ridden, _ in way):
-                    longer += [(*way, (name, floor)) for floor in served if floor not in floors]
-        ways = longer
-        at_goal = [way for way in ways if way[-1][1] == goal.floor]
-        yield from sorted(at_goal, key=lambda way: math.dist(building.elevators[way[0][0]].at, (start.x, start.y)))
+                if floors[-1] in served and all(name != ridden for ridden, _ in route):
+                    longer += [(*route, (name, floor)) for floor in served if floor not in floors]
+        routes = longer
+        at_goal = [route for route in routes if route[-1][1] == goal.floor]
+        yield from sorted(at_goal, key=lambda route: math.dist(building.elevators[route[0][0]].at, (start.x, start.y)))
 
 
-def _follow(
-    surroundings: Surroundings,
-    bodies: _Bodies,
+def _plan_legs(
+    obstacles: BuildingObstacles,
+    body: _CarriedBody,
     route: Sequence[tuple[str, str]],
-    start: Stand,
-    goal: Stand,
+    start: ObjectPose,
+    goal: ObjectPose,
     attempts: list[Attempt],
-) -> list[Leg] | None:
-    """The legs along a route; None where there is no way, which is told to `attempts`."""
-    elevators = [surroundings.building.elevators[name] for name, _ in route]
+) -> list[CarryLeg] | None:
+    """The legs along a route; None if there is no path: then the failure is appended to `attempts`."""
+    elevators = [obstacles.building.elevators[name] for name, _ in route]
     floors = [start.floor, *(floor for _, floor in route)]
     sources = np.array([[*start.pose, 0.0]])
     done: list[list[Found]] = []
     for i, floor in enumerate(floors):
         is_last = i == len(floors) - 1
-        goals = np.array([goal.pose]) if is_last else _cabin_poses(elevators[i], bodies)
+        goals = np.array([goal.pose]) if is_last else _cabin_poses(elevators[i], body)
         ridden = frozenset(elevator.name for elevator in elevators[max(i - 1, 0) : i + 1])
-        ground = surroundings.ground(floor, ridden)
+        floor_obstacles = obstacles.on_floor(floor, ridden)
         cabin = None if is_last else elevators[i]
         if not len(goals):
-            attempts.append(Attempt(i, bodies.formation, bodies.footprint, ground, cabin, None))
+            attempts.append(Attempt(i, body.formation, body.footprint, floor_obstacles, cabin, None))
             return None
         anchor = goals[0] if is_last else np.array([*elevators[i].at, elevators[i].heading])
-        box = ground.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
-        lattice = lay_lattice(ground.grid, box, anchor, bodies.body.reach + 1.0)
-        core_m = bodies.core_m + bodies.margin_m
+        box = floor_obstacles.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
+        lattice = lay_lattice(floor_obstacles.grid, box, anchor, body.search_body.reach + 1.0)
+        core_m = body.core_m + body.margin_m
         left = remaining(lattice, goals, core_m)
-        found, reached = find_ways(ground.grid, bodies.body, lattice, left, sources, goals, bodies.margin_m)
+        found, reached = find_ways(floor_obstacles.grid, body.search_body, lattice, left, sources, goals, body.margin_m)
         if not found:
-            searched = Searched(lattice, left, core_m, reached, (float(sources[0, 0]), float(sources[0, 1])), goals)
-            attempts.append(Attempt(i, bodies.formation, bodies.footprint, ground, cabin, searched))
+            searched = SearchResult(lattice, left, core_m, reached, (float(sources[0, 0]), float(sources[0, 1])), goals)
+            attempts.append(Attempt(i, body.formation, body.footprint, floor_obstacles, cabin, searched))
             return None
         done.append(found)
-        sources = np.array([[*goals[way.goal], way.cost] for way in found])
-    return _legs(bodies, done, elevators, floors, surroundings)
+        sources = np.array([[*goals[path.goal], path.cost] for path in found])
+    return _cheapest_legs(body, done, elevators, floors, obstacles)
 
 
-def _legs(
-    bodies: _Bodies,
+def _cheapest_legs(
+    body: _CarriedBody,
     done: list[list[Found]],
     elevators: Sequence[Elevator],
     floors: Sequence[str],
-    surroundings: Surroundings,
-) -> list[Leg]:
-    """The cheapest ways, one a floor, from the goal back; shortened."""
-    legs: list[Leg] = []
+    obstacles: BuildingObstacles,
+) -> list[CarryLeg]:
+    """The cheapest paths, one a floor, traced back from the goal and shortened."""
+    legs: list[CarryLeg] = []
     index = 0
     for i in reversed(range(len(floors))):
-        way = done[i][index]
+        path = done[i][index]
         ridden = frozenset(elevator.name for elevator in elevators[max(i - 1, 0) : i + 1])
-        grid = surroundings.ground(floors[i], ridden).grid
-        poses = shorten(grid, bodies.body, way.way, bodies.margin_m, max(WISHED_M, bodies.margin_m))
-        legs.insert(0, Leg(floors[i], poses, elevators[i].name if i < len(elevators) else ""))
-        index = way.source
+        grid = obstacles.on_floor(floors[i], ridden).grid
+        poses = shorten(grid, body.search_body, path.way, body.margin_m, max(PREFERRED_MARGIN_M, body.margin_m))
+        legs.insert(0, CarryLeg(floors[i], poses, elevators[i].name if i < len(elevators) else ""))
+        index = path.source
     return legs
 
 
-def _cabin_poses(elevator: Elevator, bodies: _Bodies) -> Floats:
-    """Where the whole body stands in a cabin: for each heading of the lattice through its middle the best pose."""
-    corners = shapely.get_coordinates(bodies.footprint.convex_hull)
+def _cabin_poses(elevator: Elevator, body: _CarriedBody) -> Floats:
+    """Poses (n, 3) at which the whole body fits into a cabin, one for each heading of the lattice, roomiest first."""
+    corners = shapely.get_coordinates(body.footprint.convex_hull)
     half = np.array(elevator.size) / 2
     found = []
     for layer in range(HEADINGS):
@@ -269,7 +273,7 @@ def _cabin_poses(elevator: Elevator, bodies: _Bodies) -> Floats:
         off = -(box.min(axis=0) + box.max(axis=0)) / 2
         off = np.round(off / STEP_M) * STEP_M
         room = (half - np.abs(box + off)).min()
-        if room < bodies.margin_m:
+        if room < body.margin_m:
             continue
         c, s = math.cos(elevator.heading), math.sin(elevator.heading)
         pose = (

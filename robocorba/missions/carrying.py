@@ -1,4 +1,4 @@
-"""The motion of a robot that carries something with others: where the leader's rhythm says that it shall be, now."""
+"""The motion of a robot that carries an object with others: it follows the trajectory at the leader's progress."""
 
 from __future__ import annotations
 
@@ -14,47 +14,49 @@ from robocorba.motion.motion import Wish
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.frames import turned
 
-#: How much of what is missing is made up for in a second, 1/s.
-GAIN = 4.0
-#: How near is there at the end, m and rad; and how far from its place a carrier gives up, m.
-THERE_M, THERE_RAD, LOST_M = 0.01, math.radians(1.0), 0.25
-#: Ticks that are kept.
-MOST_TICKS = 20_000
+#: Proportional gain of the position controller [1/s].
+POSITION_GAIN = 4.0
+#: Tolerance at the goal [m, rad].
+GOAL_M, GOAL_RAD = 0.01, math.radians(1.0)
+#: The carry fails if the position error exceeds this [m].
+MAX_ERROR_M = 0.25
+#: Control cycles recorded.
+MAX_TICKS = 20_000
 
 
 class CarryMotion:
-    """place: of the base in the frame of the body. slipped_m: how far the grip is from the hand, now; it raises
-    MotionFailed where nothing is held any more.
+    """Keeps the base at `place`, its pose in the frame of the carried body. slipped_m: current distance of the grip
+    point from the hand; it raises MotionFailed if the hold is lost.
 
-    What it measures may be read by any thread."""
+    Its measurements may be read by any thread."""
 
     def __init__(
         self,
         trajectory: Trajectory,
         place: tuple[float, float, float],
-        rhythm: Rhythm,
+        progress: Rhythm,
         clock: LeaderClock,
         slipped_m: Callable[[], float],
     ) -> None:
-        self._trajectory, self._place, self._rhythm, self._clock = trajectory, place, rhythm, clock
+        self._trajectory, self._place, self._progress, self._clock = trajectory, place, progress, clock
         self._slipped_m = slipped_m
         self.error_m = 0.0
         self.farthest_m = 0.0
-        #: Leader's time, and seconds along the trajectory, of each tick.
-        self.ticks: deque[tuple[float, float]] = deque(maxlen=MOST_TICKS)
+        #: Leader's time and trajectory time [s] of each control cycle.
+        self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
         now = self._clock.now()
-        along_s, rate = self._rhythm.along_s(now)
+        along_s, rate = self._progress.along_s(now)
         self.ticks.append((now, along_s))
         (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(along_s, self._place)
         dx, dy = x - state.x, y - state.y
-        beside = math.remainder(heading - state.heading, math.tau)
+        heading_error = math.remainder(heading - state.heading, math.tau)
         self.error_m = math.hypot(dx, dy)
         self.farthest_m = max(self.farthest_m, self._slipped_m())
-        if along_s >= self._trajectory.duration and self.error_m <= THERE_M and abs(beside) <= THERE_RAD:
+        if along_s >= self._trajectory.duration and self.error_m <= GOAL_M and abs(heading_error) <= GOAL_RAD:
             return None
-        if self.error_m > LOST_M:
-            raise MotionFailed(f"{self.error_m:.2f} m away from its place beside what it carries")
-        vx, vy = vx * rate + GAIN * dx, vy * rate + GAIN * dy
-        return Wish((*turned(vx, vy, -state.heading), turn * rate + GAIN * beside))
+        if self.error_m > MAX_ERROR_M:
+            raise MotionFailed(f"{self.error_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
+        vx, vy = vx * rate + POSITION_GAIN * dx, vy * rate + POSITION_GAIN * dy
+        return Wish((*turned(vx, vy, -state.heading), turn * rate + POSITION_GAIN * heading_error))

@@ -1,4 +1,4 @@
-"""The execution layer: how a robot does each step of its SubPlan."""
+"""The execution layer: carries out the steps of a SubPlan on a robot."""
 
 from __future__ import annotations
 
@@ -24,69 +24,71 @@ from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import Phase
 from robocorba.spatial.frames import Frame, into, out_of
 
-#: Slow near others, m/s; and how far apart two hands hold an edge, m.
-NEAR_SPEED, HANDS_APART_M = 0.2, 0.4
-#: An object that is farther from where it was when the plan was made has to be planned for anew, m and rad.
+#: Speed limit near the object and other robots.
+NEAR_SPEED_M_S = 0.2
+#: Distance between the two hands on an edge [m].
+HAND_SPACING_M = 0.4
+#: Tolerance between an object's pose and its pose in the plan [m, rad]; beyond it the plan is invalid.
 MOVED_M, MOVED_RAD = 0.03, math.radians(3)
-#: Where an object is in the frame of the robot, x, y and heading; None where nobody knows it.
-Places = Callable[[str], Frame | None]
+#: The pose of an object in the robot's frame (x, y, heading), None if unknown.
+ObjectLocator = Callable[[str], Frame | None]
 
 _log = logging.getLogger(__name__)
 
 
 class Performer:
-    """Does steps on a robot. where: as far as it is known, what is as old of both."""
+    """Does steps on a robot. locate: must take robot and object from the same simulation step."""
 
-    def __init__(self, robot: Robot, rhythm: Rhythm, clock: LeaderClock, where: Places) -> None:
-        self._robot, self._rhythm, self._clock, self._where = robot, rhythm, clock, where
+    def __init__(self, robot: Robot, progress: Rhythm, clock: LeaderClock, locate: ObjectLocator) -> None:
+        self._robot, self._progress, self._clock, self._locate = robot, progress, clock, locate
         self.carry: CarryMotion | None = None
-        #: Where the grip is in the frame of the object, and ahead of the base, m.
-        self._grip_in_thing: tuple[float, float] | None = None
+        #: The grip point in the frames of the object and of the robot [m].
+        self._grip_in_object: tuple[float, float] | None = None
         self._hand_m: tuple[float, float] = (0.0, 0.0)
-        self._thing = ""
-        #: Areas that we have reserved, one a floor of the way.
+        self._held = ""
+        #: Reserved areas, one for each remaining floor of the path.
         self._areas: tuple[FloorArea, ...] = ()
 
     @property
     def error_m(self) -> float:
-        """How far the robot is from where it shall be while it carries."""
+        """Distance of the base from its setpoint while carrying."""
         return self.carry.error_m if self.carry else 0.0
 
     @singledispatchmethod
-    def do(self, step: Any) -> None:
-        """A step, to its end. Raises RobotError, SimulationError, PathError."""
+    def execute(self, step: Any) -> None:
+        """Do a step to its end. Raises RobotError, SimulationError, PathError."""
         raise NotImplementedError(type(step).__name__)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Wait) -> None:
         pass
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Reserve) -> None:
         session = self._robot.session
-        session.release_areas()  # of a mission before
+        session.release_areas()  # of an earlier mission
         self._areas = step.areas
         session.reserve(step.areas, step.hold_s)
 
-        def is_ours() -> bool:
+        def is_granted() -> bool:
             found = session.reservation()
             if found is None:
-                raise MotionFailed("the areas of the way were reserved, and are not any more")
+                raise MotionFailed("the reservation of the path's areas was lost")
             return found.granted
 
-        if not self._robot.wait(step.limit_s, is_ours):
-            raise MotionFailed(f"others had not gone by after {step.limit_s:g} s")
+        if not self._robot.wait(step.limit_s, is_granted):
+            raise MotionFailed(f"the path's areas were not granted within {step.limit_s:g} s")
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Gather) -> None:
         self._posture("tuck")
         self._robot.drive_path(step.floor, step.x, step.y, step.heading, looks_around=True)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Approach) -> None:
-        self._robot.drive_to(step.x, step.y, step.heading, NEAR_SPEED)
+        self._robot.drive_to(step.x, step.y, step.heading, NEAR_SPEED_M_S)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.TakeHold) -> None:
         self._check_place(step)
         state = self._robot.controller.state
@@ -94,20 +96,20 @@ class Performer:
         self._hands_at(ahead_m, step.height_m)
         self._robot.grip(tuple(Side), SHUT_RAD, 5.0)
         self._robot.hold(step.thing, step.x, step.y)
-        self._thing = step.thing
+        self._held = step.thing
         self._remember_grip(step)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Carry) -> None:
         trajectory = Trajectory.from_rows(step.rows)
-        self.carry = CarryMotion(trajectory, step.place, self._rhythm, self._clock, self._slipped_m)
+        self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slipped_m)
         self._robot.move(self.carry)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.CallCabin) -> None:
         self._robot.call_elevator(step.elevator, step.destination, step.party, step.size)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Ride) -> None:
         otherwise = f"{step.elevator} did not arrive at {step.destination}"
         self._robot.wait_for_ride(Phase.ALIGHTING, otherwise, self._check_hold)
@@ -115,40 +117,40 @@ class Performer:
             self._areas = self._areas[1:]
             self._robot.session.keep_areas(self._areas)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.PutDown) -> None:
         self.let_go()
         self._robot.grip(tuple(Side), OPEN_RAD)
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.BackOff) -> None:
-        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED, as_far_as_free=True)
+        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED_M_S, as_far_as_free=True)
         self._posture("tuck")
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Reach) -> None:
         side = Side(step.hand)
         joints = self._robot.kinematics.solve(side, HandPose(*step.pose), self._robot.joints, lumbar_helps=True)
         self._robot.joints_along([joints])
 
-    @do.register
+    @execute.register
     def _(self, step: subplan.Grip) -> None:
         self._robot.grip((Side(step.hand),), SHUT_RAD if step.closes else OPEN_RAD)
 
     def let_go(self) -> None:
-        """Of what is held in the building; also of a robot that is stopped."""
-        self._thing = ""
+        """Release the held object in the simulation; works on a stopped robot, too."""
+        self._held = ""
         self._robot.session.release()
 
-    def give_back(self) -> None:
-        """What we have reserved of the building, however the mission ended."""
+    def release_reservations(self) -> None:
+        """Release all reserved areas, however the mission ended."""
         if self._areas:
             self._areas = ()
             with contextlib.suppress(RoboCorbaError):
                 self._robot.session.release_areas()
 
     def end_safely(self) -> None:
-        """After a mission that was broken off: put down, step back, take the arms in, as far as it can be done."""
+        """After an abort: put down the object, back off and tuck the arms, as far as possible."""
         with contextlib.suppress(RoboCorbaError):
             was_holding = bool(self._robot.session.state().holding)
             self.let_go()
@@ -156,7 +158,7 @@ class Performer:
             if was_holding:
                 self._robot.grip(tuple(Side), OPEN_RAD)
                 with contextlib.suppress(MotionFailed):
-                    self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED, as_far_as_free=True)
+                    self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED_M_S, as_far_as_free=True)
             self._posture("tuck")
 
     def _posture(self, name: str) -> None:
@@ -167,48 +169,48 @@ class Performer:
         self._robot.joints_along([joints])
 
     def _hands_at(self, ahead_m: float, height_m: float) -> None:
-        """Both hands level at an edge; as near to it as they get where they can't reach it so."""
+        """Bring both hands level to an edge; if it is out of reach, into the posture `reach`."""
         joints = self._robot.joints
         joints[[GRIP[side] for side in Side]] = OPEN_RAD
-        hands = grip_table(height_m, ahead_m, HANDS_APART_M)
+        hands = grip_table(height_m, ahead_m, HAND_SPACING_M)
         try:
             joints = self._robot.kinematics.solve_both(*hands, joints, lumbar_helps=True)
         except Unreachable as too_far:
-            _log.warning("the hands don't reach the edge at %.2f m: %s", height_m, too_far)
+            _log.warning("the hands cannot reach the edge at height %.2f m: %s", height_m, too_far)
             for side in Side:
                 joints[ARM[side]] = POSTURES["reach"]
         self._robot.joints_along([joints])
 
     def _remember_grip(self, step: subplan.TakeHold) -> None:
-        """Where the object is held, in its own frame and in the robot's: they must stay together."""
-        at, state = self._where(step.thing), self._robot.controller.state
+        """Store the grip point in the frames of the object and of the robot; the two must stay together."""
+        at, state = self._locate(step.thing), self._robot.controller.state
         self._hand_m = into(step.x, step.y, (state.x, state.y, state.heading))
-        self._grip_in_thing = into(*self._hand_m, at) if at else None
+        self._grip_in_object = into(*self._hand_m, at) if at else None
 
     def _check_place(self, step: subplan.TakeHold) -> None:
-        """Raise MotionFailed where the object is known not to stand where the plan has it any more."""
-        seen, state = self._where(step.thing), self._robot.controller.state
+        """Raise MotionFailed if the object has moved from its pose in the plan."""
+        seen, state = self._locate(step.thing), self._robot.controller.state
         if seen is None:
             return
         x, y = out_of(seen[0], seen[1], (state.x, state.y, state.heading))
         turned = math.remainder(seen[2] + state.heading - step.at[2], math.tau)
         if math.dist((x, y), step.at[:2]) > MOVED_M or abs(turned) > MOVED_RAD:
-            raise MotionFailed(f"{step.thing} was moved to ({x:.2f}, {y:.2f}) meanwhile")
+            raise MotionFailed(f"{step.thing} was moved to ({x:.2f}, {y:.2f}) after planning")
 
     def _slipped_m(self) -> float:
-        """How far the object is from the hand that holds it, by what is known of it now. Raises MotionFailed."""
+        """Current distance of the grip point from the hand [m]. Raises MotionFailed."""
         self._check_hold()
-        at = self._where(self._thing) if self._thing else None
-        if at is None or self._grip_in_thing is None:
+        at = self._locate(self._held) if self._held else None
+        if at is None or self._grip_in_object is None:
             return 0.0
-        return math.dist(out_of(*self._grip_in_thing, at), self._hand_m)
+        return math.dist(out_of(*self._grip_in_object, at), self._hand_m)
 
     def _check_hold(self) -> None:
-        """Raise MotionFailed where the building knows better what the hands hold."""
-        if self._thing and self._robot.session.latest.holding != self._thing:
-            raise MotionFailed(f"lost its hold of {self._thing}")
+        """Raise MotionFailed if the simulation no longer has the robot hold the object."""
+        if self._held and self._robot.session.latest.holding != self._held:
+            raise MotionFailed(f"lost its hold of {self._held}")
 
 
-def seen_from(thing: Frame, robot: Frame) -> Frame:
-    """A pose of the building in the frame of a robot."""
-    return *into(thing[0], thing[1], robot), math.remainder(thing[2] - robot[2], math.tau)
+def pose_in_robot_frame(pose: Frame, robot: Frame) -> Frame:
+    """A pose of the building's frame in the frame of a robot."""
+    return *into(pose[0], pose[1], robot), math.remainder(pose[2] - robot[2], math.tau)

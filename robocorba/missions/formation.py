@@ -1,4 +1,4 @@
-"""Where robots stand around an object that they carry together, and what room all of them need."""
+"""Formations of the carriers around an object, and their footprints."""
 
 from __future__ import annotations
 
@@ -20,31 +20,35 @@ from robocorba.spatial.grids import Floats
 
 Pose = tuple[float, float, float]
 
-#: From the middle of a carrier's base to its hands, m.
+#: Distance from the centre of a carrier's base to its hands [m].
 HAND_M = 0.62
-#: Two arms that hold something, m: nothing gets between a carrier and what it holds.
+#: Width of both arms of a carrier in its footprint [m]: no obstacle fits between a carrier and the object.
 ARMS_WIDTH_M = 0.4
-MOST_CARRIERS = 6
-#: Carriers stay so far apart, m.
+MAX_CARRIERS = 6
+#: Least gap between carriers [m].
 GAP_M = 0.02
-#: A grip is so far from the corner of an edge, or a quarter of the edge where that is less, m.
-FROM_CORNER_M = 0.15
-#: Shorter edges offer no grips of their own, m; nor are two grips nearer to each other.
-SHORTEST_EDGE_M, APART_M = 0.25, 0.1
-#: Where edges offer too few, grips lie all around.
-DIRECTIONS = 12
-#: The middle of what is held lies at most so far from the line or polygon of its grips, m; from the only one, m.
-OFF_MIDDLE_M, OFF_ONE_M = 0.15, 0.6
-#: Held well is what has its middle at least this share of the best so far within the polygon of its grips.
-ALMOST_BEST = 0.6
-#: Sets of grips that are looked at.
-MOST_SETS = 1000
-#: More would be much alike.
-MOST_FORMATIONS = 10
+#: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
+CORNER_DISTANCE_M = 0.15
+#: Shorter edges get no grip points [m].
+SHORTEST_EDGE_M = 0.25
+#: Least distance between the grip points of one edge [m].
+GRIP_SPACING_M = 0.1
+#: Rays from the centroid that give grip points if the edges give too few.
+RAYS = 12
+#: Largest distance of the centroid from the line or polygon of the grip points [m].
+MAX_OFFSET_M = 0.15
+#: Largest distance of the centroid from a single grip point [m].
+MAX_OFFSET_ONE_GRIP_M = 0.6
+#: A formation is safe if its safety (see _safety) is at least this share of the best one.
+SAFE_SHARE = 0.6
+#: Sets of grip points that are examined.
+MAX_GRIP_SETS = 1000
+#: Formations that are returned; more would be similar.
+MAX_FORMATIONS = 10
 
 
-class Grip(NamedTuple):
-    """A point on an object's edge, m, and where its carrier faces, rad: into the object; in the object's frame."""
+class GripPoint(NamedTuple):
+    """A point on an object's edge [m] and the heading of its carrier, into the object [rad]; in the object's frame."""
 
     x: float
     y: float
@@ -52,13 +56,13 @@ class Grip(NamedTuple):
 
 
 class Formation(NamedTuple):
-    """Carriers of an object. hand_m: from the middle of a carrier's base to its hands, which are straight ahead."""
+    """Carriers of an object. hand_m: from the centre of a carrier's base to its hands, straight ahead."""
 
-    grips: tuple[Grip, ...]
+    grips: tuple[GripPoint, ...]
     hand_m: float = HAND_M
 
     def places(self, back_m: float = 0.0) -> tuple[Pose, ...]:
-        """Of the bases in the object's frame, x and y in m and heading in rad, each backed off by `back_m`."""
+        """Poses of the bases in the object's frame [m, rad], each backed off by `back_m`."""
         away = self.hand_m + back_m
         return tuple(
             (grip.x - away * math.cos(grip.facing), grip.y - away * math.sin(grip.facing), grip.facing)
@@ -77,40 +81,41 @@ class Formation(NamedTuple):
 def formations(
     outline: Polygon, count: int, radius_m: float = SMARTPAL_RADIUS_M, hand_m: float = HAND_M
 ) -> list[Formation]:
-    """Ways in which `count` robots can hold an object whose outline is in its own frame: first those that hold it
-    well, the most compact first, then those that just hold it, the narrowest first, for doors. No two of them overlap,
-    nor does one and the object.
+    """Formations of `count` robots around an object, whose outline is in its own frame: first the safe ones, by
+    compactness, then the less safe ones, by width, for doors. Carriers overlap neither each other nor the object.
 
     Raises InvalidCarry."""
-    if not 1 <= count <= MOST_CARRIERS:
-        raise InvalidCarry("count", f"{count} robots are not between 1 and {MOST_CARRIERS}")
+    if not 1 <= count <= MAX_CARRIERS:
+        raise InvalidCarry("count", f"{count} robots; must be 1 to {MAX_CARRIERS}")
     if not hand_m > 0.0 or not radius_m > 0.0:
-        raise InvalidCarry("radius", f"a base of {radius_m} m with hands {hand_m} m ahead")
+        raise InvalidCarry("radius", f"radius {radius_m} m and hand distance {hand_m} m must be greater than 0")
     if outline.is_empty or not outline.is_valid or not outline.area > 0.0:
-        raise InvalidCarry("outline", "the object has no area")
+        raise InvalidCarry("outline", "the object's outline is invalid or has no area")
     grips = _grips_on_edges(outline, radius_m)
     if len(grips) < max(count, 4):
         grips += _grips_around(outline)
     grips = [grip for grip in grips if _is_clear_of(outline, Formation((grip,), hand_m), radius_m)]
-    grips = _thinned(grips, count, hand_m)
-    sets = list(_apart(grips, count, radius_m, hand_m))
+    grips = _thinned_out(grips, count, hand_m)
+    sets = list(_non_overlapping(grips, count, radius_m, hand_m))
     safety = _safety(outline, sets)
-    least = -(OFF_ONE_M if count == 1 else OFF_MIDDLE_M)
+    least = -(MAX_OFFSET_ONE_GRIP_M if count == 1 else MAX_OFFSET_M)
     sets = [chosen for chosen, margin in zip(sets, safety, strict=True) if margin >= least]
     if not sets:
-        raise InvalidCarry("count", f"{count} robots of {radius_m:g} m can't stand around it and hold it")
+        raise InvalidCarry(
+            "count", f"{count} robots of {radius_m:g} m find no places around it from which they can hold it"
+        )
     safety = safety[safety >= least]
-    is_safe = safety >= ALMOST_BEST * max(safety.max(), 0.0) - 1e-6
+    is_safe = safety >= SAFE_SHARE * max(safety.max(), 0.0) - 1e-6
     found = [Formation(chosen, hand_m) for chosen in sets]
-    areas, widths = _room(outline, found, radius_m)
+    areas, widths = _area_and_width(outline, found, radius_m)
     well = [found[i] for i in np.argsort(areas, kind="stable") if is_safe[i]]
     just = [found[i] for i in np.argsort(widths, kind="stable") if not is_safe[i]]
-    kept = _unlike(well, [], MOST_FORMATIONS // 2 if just else MOST_FORMATIONS)
-    return _unlike(just, kept, MOST_FORMATIONS)
+    kept = _distinct(well, [], MAX_FORMATIONS // 2 if just else MAX_FORMATIONS)
+    return _distinct(just, kept, MAX_FORMATIONS)
 
 
-def _grips_on_edges(outline: Polygon, radius_m: float) -> list[Grip]:
-    """In the middle of each edge; where two robots fit in side by side, also there and near its ends."""
+def _grips_on_edges(outline: Polygon, radius_m: float) -> list[GripPoint]:
+    """Grip points in the middle of each edge and, if two robots fit side by side, beside it and near both ends."""
     found = []
     corners = shapely.get_coordinates(shapely.geometry.polygon.orient(outline).exterior)
     for (ax, ay), (bx, by) in pairwise(corners.tolist()):
@@ -118,29 +123,29 @@ def _grips_on_edges(outline: Polygon, radius_m: float) -> list[Grip]:
         if length < SHORTEST_EDGE_M:
             continue
         facing = math.atan2(by - ay, bx - ax) + math.pi / 2  # counter-clockwise: the inside is on the left
-        far = length / 2 - min(FROM_CORNER_M, length / 4)
+        far = length / 2 - min(CORNER_DISTANCE_M, length / 4)
         beside = radius_m + GAP_M / 2
         offsets = [0.0]
         for offset in (far, beside) if beside <= length / 2 else ():
-            if all(abs(offset - other) >= APART_M for other in offsets):
+            if all(abs(offset - other) >= GRIP_SPACING_M for other in offsets):
                 offsets += [offset, -offset]
         for offset in sorted(offsets):
             share = 0.5 + offset / length
-            found.append(Grip(ax + share * (bx - ax), ay + share * (by - ay), math.remainder(facing, math.tau)))
+            found.append(GripPoint(ax + share * (bx - ax), ay + share * (by - ay), math.remainder(facing, math.tau)))
     return found
 
 
-def _grips_around(outline: Polygon) -> list[Grip]:
-    """Where rays from the middle leave the object."""
+def _grips_around(outline: Polygon) -> list[GripPoint]:
+    """Grip points where rays from the centroid leave the object."""
     middle, size = outline.centroid, math.hypot(*np.subtract(outline.bounds[2:], outline.bounds[:2]))
     found = []
-    for i in range(DIRECTIONS):
-        turn = math.tau * i / DIRECTIONS
+    for i in range(RAYS):
+        turn = math.tau * i / RAYS
         ray = LineString([middle, (middle.x + 2 * size * math.cos(turn), middle.y + 2 * size * math.sin(turn))])
         points = shapely.get_coordinates(ray.intersection(outline.exterior))
         if len(points):
             x, y = max(points.tolist(), key=lambda point: math.dist(point, (middle.x, middle.y)))
-            found.append(Grip(x, y, math.remainder(turn + math.pi, math.tau)))
+            found.append(GripPoint(x, y, math.remainder(turn + math.pi, math.tau)))
     return found
 
 
@@ -149,10 +154,11 @@ def _is_clear_of(outline: Polygon, formation: Formation, radius_m: float) -> boo
     return bool(outline.distance(Point(x, y)) >= radius_m)
 
 
-def _thinned(grips: list[Grip], count: int, hand_m: float) -> list[Grip]:
-    """As many as there is time for: of the two whose carriers are nearest to each other, the later one goes."""
+def _thinned_out(grips: list[GripPoint], count: int, hand_m: float) -> list[GripPoint]:
+    """Grip points that form at most MAX_GRIP_SETS sets: of the two carriers nearest to each other, the later is removed
+    repeatedly."""
     grips = list(grips)
-    while math.comb(len(grips), count) > MOST_SETS:
+    while math.comb(len(grips), count) > MAX_GRIP_SETS:
         places = np.array(Formation(tuple(grips), hand_m).places())[:, :2]
         away = np.hypot(*(places[:, None] - places[None]).T).round(6)
         away[np.tril_indices(len(grips))] = math.inf
@@ -160,8 +166,10 @@ def _thinned(grips: list[Grip], count: int, hand_m: float) -> list[Grip]:
     return grips
 
 
-def _apart(grips: list[Grip], count: int, radius_m: float, hand_m: float) -> Iterator[tuple[Grip, ...]]:
-    """Sets of grips whose carriers don't overlap."""
+def _non_overlapping(
+    grips: list[GripPoint], count: int, radius_m: float, hand_m: float
+) -> Iterator[tuple[GripPoint, ...]]:
+    """Sets of grip points whose carriers do not overlap."""
     places = np.array(Formation(tuple(grips), hand_m).places()).reshape(-1, 3)[:, :2]
     away = np.hypot(*(places[:, None] - places[None]).T)
     beside = away >= 2 * radius_m + GAP_M - 1e-9
@@ -170,8 +178,9 @@ def _apart(grips: list[Grip], count: int, radius_m: float, hand_m: float) -> Ite
             yield tuple(grips[i] for i in chosen)
 
 
-def _safety(outline: Polygon, sets: list[tuple[Grip, ...]]) -> Floats:
-    """How far the middle of the object is within the polygon of the grips, m; outside, or for two grips: negative."""
+def _safety(outline: Polygon, sets: list[tuple[GripPoint, ...]]) -> Floats:
+    """Distance of the centroid from the boundary of the grip points' polygon [m]; negative outside of it and for two
+    grip points."""
     hulls = _hulls(np.array(sets)[:, :, :2]) if sets else np.empty(0, object)
     off = shapely.distance(hulls, outline.centroid)
     within = shapely.distance(shapely.boundary(hulls), outline.centroid)
@@ -184,41 +193,40 @@ def _hulls(points: Floats) -> NDArray[np.object_]:
     return shapely.convex_hull(shapely.multipoints(points.reshape(-1, 2), indices=which))
 
 
-def _room(outline: Polygon, found: list[Formation], radius_m: float) -> tuple[Floats, Floats]:
-    """The area that each formation takes, m², and how narrow it is, m; rounded, so that the order of the edges decides
-    between those that are alike."""
+def _area_and_width(outline: Polygon, found: list[Formation], radius_m: float) -> tuple[Floats, Floats]:
+    """Area [m²] and width [m] of each formation; rounded, so that the order of the edges decides between equal ones."""
     corners = shapely.get_coordinates(outline)
     turns = np.linspace(0.0, math.tau, 16, endpoint=False)
     disc = radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
     middles = np.array([formation.places() for formation in found])[:, :, :2]
     discs = (middles[:, :, None] + disc).reshape(len(found), -1, 2)
     every = np.concatenate([discs, np.broadcast_to(corners, (len(found), *corners.shape))], axis=1)
-    widths = np.ptp(every @ _across(), axis=1).min(axis=1)
+    widths = np.ptp(every @ _directions(), axis=1).min(axis=1)
     return shapely.area(_hulls(every)).round(6), widths.round(6)
 
 
 def width_of(shape: BaseGeometry) -> float:
-    """Of the narrowest straight gap that it passes without turning, m."""
-    return float(np.ptp(shapely.get_coordinates(shape.convex_hull) @ _across(), axis=0).min())
+    """Width of the narrowest straight gap that a shape passes without turning [m]."""
+    return float(np.ptp(shapely.get_coordinates(shape.convex_hull) @ _directions(), axis=0).min())
 
 
-def _across() -> Floats:
+def _directions() -> Floats:
     turns = np.linspace(0.0, math.pi, 72, endpoint=False)
     return np.array([np.cos(turns), np.sin(turns)])
 
 
-def _unlike(found: list[Formation], kept: list[Formation], most: int) -> list[Formation]:
-    """`kept` and the first of those found, without any that is nearly the same as an earlier one."""
+def _distinct(found: list[Formation], kept: list[Formation], most: int) -> list[Formation]:
+    """`kept` and the first of `found`, without formations similar to an earlier one; at most `most` in all."""
     kept = list(kept)
     for formation in found:
         if len(kept) == most:
             break
-        if all(_difference(formation, other) >= 2 * FROM_CORNER_M for other in kept):
+        if all(_difference(formation, other) >= 2 * CORNER_DISTANCE_M for other in kept):
             kept.append(formation)
     return kept
 
 
 def _difference(one: Formation, other: Formation) -> float:
-    """How far the carrier that differs most is from any of the other formation, m."""
+    """Largest distance of a carrier of `one` from the nearest carrier of `other` [m]."""
     here, there = np.array(one.places())[:, :2], np.array(other.places())[:, :2]
     return float(np.hypot(*(here[:, None] - there[None]).T).min(axis=0).max())

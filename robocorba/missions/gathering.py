@@ -1,4 +1,4 @@
-"""How robots come together around an object: how far they have to go, and where they wait beside each other."""
+"""Gathering of robots around an object: their paths, their places, and the order in which they drive."""
 
 from __future__ import annotations
 
@@ -12,35 +12,40 @@ import shapely
 from robocorba.errors.paths import PathError
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.missions.formation import Pose
-from robocorba.missions.surroundings import placed
-from robocorba.missions.world import Thing, World
+from robocorba.missions.obstacles import placed
+from robocorba.missions.world import MovableObject, World
 from robocorba.planning.request import MOST_AREAS, Path, PathRequest, Place, RouteMode
 from robocorba.spatial.pose import XY
 
-#: Who gathers stays so far from the others, m, where there is room.
-ASIDE_M = 0.12
-#: Who comes nearer to another one than this has to go around it, m.
-PASS_M = 0.06
-_ROUNDS = 50
+#: Wanted gap between gathering robots [m].
+SPACING_M = 0.12
+#: A path that leaves a smaller gap to another robot is blocked by it [m].
+PASSING_CLEARANCE_M = 0.06
+#: Iterations of `spread_apart`.
+_ITERATIONS = 50
 
 
-class Ways:
-    """From place to place as everything stands now, also what the map has somewhere else; thing: what is to be carried.
+class GatheringPaths:
+    """Paths around the `carried` object and all other movable objects at their current poses, which may differ from the
+    map. If there are more than MOST_AREAS of them, at the poses of the map.
 
     Raises NotReachable."""
 
-    def __init__(self, world: World, thing: Thing | None = None) -> None:
+    def __init__(self, world: World, carried: MovableObject | None = None) -> None:
         self._world = world
-        shapes = [(thing.floor, placed(thing.outline, (thing.x, thing.y, thing.heading)))] if thing else []
-        others = world.others(thing.name if thing else "")
+        shapes = []
+        if carried:
+            pose = (carried.x, carried.y, carried.heading)
+            shapes.append((carried.floor, placed(carried.outline, pose)))
+        others = world.others(carried.name if carried else "")
         shapes += [(floor, item.geometry) for floor, items in others.items() for item in items]
         areas = [(floor, _corners(part)) for floor, shape in shapes for part in shapely.get_parts(shape)]
-        knows_all = len(areas) <= MOST_AREAS
-        self._areas = tuple(areas) if knows_all else ()
-        self._without = tuple(world.building().floors) if knows_all else ()
+        fits = len(areas) <= MOST_AREAS
+        self._areas = tuple(areas) if fits else ()
+        self._without = tuple(world.building().floors) if fits else ()
 
     def path(self, start: Place, goal: Place) -> Path:
-        """Along the map, or across free ground where that leads nowhere. Raises PathError, NotReachable."""
+        """A path on the roadmap, or else a geometric one. Raises PathError, NotReachable."""
         request = PathRequest(start, goal, RADIUS_M, forbidden_areas=self._areas, without_movables=self._without)
         try:
             return self._world.paths(request._replace(mode=RouteMode.SMOOTHED))[0]
@@ -48,22 +53,22 @@ class Ways:
             return self._world.paths(request._replace(mode=RouteMode.GEOMETRIC))[0]
 
     def length_m(self, start: Place, goal: Place) -> float | None:
-        """None where there is no way. Raises NotReachable."""
+        """The length of the path, None if there is none. Raises NotReachable."""
         with contextlib.suppress(PathError):
             return self.path(start, goal).distance
         return None
 
     def points(self, start: Place, goal: Place) -> list[XY]:
-        """Of a way, on the floor of its goal; nothing where there is none. Raises NotReachable."""
+        """The points of the path on the goal's floor, empty if there is no path. Raises NotReachable."""
         with contextlib.suppress(PathError):
             return [(point.x, point.y) for point in self.path(start, goal).points if point.floor == goal.floor]
         return []
 
 
-def loosened(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + ASIDE_M) -> list[Pose]:
-    """The same places, those that are nearer to each other than `apart_m` moved apart."""
+def spread_apart(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + SPACING_M) -> list[Pose]:
+    """The same places; those nearer to each other than `apart_m` are moved apart."""
     found = [(x, y) for x, y, _ in places]
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         for i, k in combinations(range(len(found)), 2):
             (ax, ay), (bx, by) = found[i], found[k]
             distance = math.dist(found[i], found[k])
@@ -74,19 +79,20 @@ def loosened(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + ASIDE_M) ->
     return [(x, y, heading) for (x, y), (_, _, heading) in zip(found, places, strict=True)]
 
 
-def waves(starts: Sequence[Place], goals: Sequence[Place], ways: Sequence[Sequence[XY]]) -> list[frozenset[int]]:
-    """Who goes at the same time, by number, one after another: first whose way leads past where another one will stand,
-    and who stands in another one's way. All who are left, where each of them had to wait for another one."""
-    everybody = range(len(goals))
+def waves(starts: Sequence[Place], goals: Sequence[Place], paths: Sequence[Sequence[XY]]) -> list[frozenset[int]]:
+    """Groups of robots, by index, that drive simultaneously, one group after another. A robot drives later than another
+    one whose path leads past its goal, or whose start blocks its path. Robots in a cycle drive together."""
+    indices = range(len(goals))
     before = {
         number: {
             other
-            for other in everybody
-            if other != number and (_passes(ways[other], goals[number]) or _is_in(starts[other], ways[number], goals))
+            for other in indices
+            if other != number
+            and (_passes(paths[other], goals[number]) or _blocks(starts[other], paths[number], goals))
         }
-        for number in everybody
+        for number in indices
     }
-    left, found = set(everybody), []
+    left, found = set(indices), []
     while left:
         now = frozenset(number for number in left if not before[number] & left) or frozenset(left)
         found.append(now)
@@ -94,13 +100,13 @@ def waves(starts: Sequence[Place], goals: Sequence[Place], ways: Sequence[Sequen
     return found
 
 
-def _passes(way: Sequence[XY], place: Place) -> bool:
-    line = shapely.LineString(way) if len(way) > 1 else shapely.MultiPoint(way)
-    return bool(line.distance(shapely.Point(place.x, place.y)) < 2 * RADIUS_M + PASS_M)
+def _passes(path: Sequence[XY], place: Place) -> bool:
+    line = shapely.LineString(path) if len(path) > 1 else shapely.MultiPoint(path)
+    return bool(line.distance(shapely.Point(place.x, place.y)) < 2 * RADIUS_M + PASSING_CLEARANCE_M)
 
 
-def _is_in(start: Place, way: Sequence[XY], goals: Sequence[Place]) -> bool:
-    return start.floor == goals[0].floor and _passes(way, start)
+def _blocks(start: Place, path: Sequence[XY], goals: Sequence[Place]) -> bool:
+    return start.floor == goals[0].floor and _passes(path, start)
 
 
 def _corners(part: shapely.Polygon) -> tuple[XY, ...]:

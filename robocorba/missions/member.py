@@ -1,4 +1,4 @@
-"""A robot's part in a mission: its SubPlan, each step at the leader's word, and what the leader is told of it."""
+"""A robot's part in a mission: it does its SubPlan, a step at a time on the leader's orders, and reports its state."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from robocorba.control.runner import Begun, Report, Result
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.execution import Performer, Places
+from robocorba.missions.execution import ObjectLocator, Performer
 from robocorba.missions.messages import Order, Proposal, Record, State
 from robocorba.missions.rhythm import Rhythm
 
-#: A leader that was not heard for so long is gone, s.
-SILENT_S = 4.0
-#: The leader has so long to end a mission in which we failed, s.
-WORD_LIMIT_S = 5.0
-_LOOK_S = 0.005
+#: The member ends the mission after this time without orders from its leader [s].
+LEADER_TIMEOUT_S = 4.0
+#: A member that failed waits this long for the leader to end the mission [s].
+END_ORDER_TIMEOUT_S = 5.0
+#: Remaining times up to this are slept in one piece before a step [s].
+_FINE_WAIT_S = 0.005
 
 
 class Member:
-    """One robot in one mission. `run` does the steps, in one thread; everything else is safe from any other.
+    """One robot in one mission. `run` does the steps in its own thread; all other methods are thread-safe.
 
-    A task of a control agent: it has a report, and icons that began, which are the steps here."""
+    It is a task of a control agent: it has a report, and its steps appear as the icons that have begun."""
 
-    def __init__(self, proposal: Proposal, robot: Robot, where: Places) -> None:
+    def __init__(self, proposal: Proposal, robot: Robot, locate: ObjectLocator) -> None:
         self.mission, self.leader = proposal.mission, proposal.leader
         self._subplan, self._phases = proposal.subplan, proposal.phases
         self._robot = robot
-        self.clock, self._rhythm = LeaderClock(), Rhythm()
-        self._performer = Performer(robot, self._rhythm, self.clock, where)
+        self.clock, self._progress = LeaderClock(), Rhythm()
+        self._executor = Performer(robot, self._progress, self.clock, locate)
         self._changed = threading.Condition()
         self._order = Order(mission=proposal.mission, leader=proposal.leader)
-        self._heard_at = self._began = time.monotonic()
+        self._order_received_at = self._began = time.monotonic()
         self._step, self._is_done, self._began_at = -1, False, 0.0
         self._failed, self._ended = "", False
         self._late_at = float("inf")
@@ -46,19 +47,19 @@ class Member:
     def has_ended(self) -> bool:
         return self._ended
 
-    # ---- what others say ----
+    # ---- called by the mission agent ----
 
-    def follow(self, order: Order, came: float) -> None:
-        """An order of the leader, which came then by our clock."""
+    def follow(self, order: Order, received_at: float) -> None:
+        """Take over an order of the leader. received_at: by the local clock."""
         if order.leader != self.leader or order.mission != self.mission:
             return
-        self._heard_at = time.monotonic()
+        self._order_received_at = time.monotonic()
         if self._subplan.robot in order.heard:
-            sent, heard = order.heard[self._subplan.robot]
-            self.clock.measure(sent, heard, order.sent, came)
+            sent, leader_received_at = order.heard[self._subplan.robot]
+            self.clock.measure(sent, leader_received_at, order.sent, received_at)
         if order.step > self._order.step:
-            self._rhythm.reset()  # here, not when the step begins: its first orders come before that
-        self._rhythm.follow(order.since, order.along_s, order.rate, order.sent)
+            self._progress.reset()  # not when the step begins: its first orders arrive earlier
+        self._progress.follow(order.since, order.along_s, order.rate, order.sent)
         with self._changed:
             is_end = bool(order.end and not self._order.end)
             if order.sent >= self._order.sent:
@@ -67,20 +68,20 @@ class Member:
         if is_end and order.end != "done":
             self._robot.course.abort(order.reason)
 
-    def look(self) -> None:
-        """Now and then: is the leader still there, and are we in time."""
+    def check_timeouts(self) -> None:
+        """To be called periodically: check the leader's timeout and the step's time limit."""
         now = time.monotonic()
         if self._ended or self._order.end:
             return
-        if now - self._heard_at > SILENT_S:
-            self._break_off(f"the leader {self.leader} is silent")
+        if now - self._order_received_at > LEADER_TIMEOUT_S:
+            self._abort(f"the leader {self.leader} is silent")
         elif now > self._late_at:
             self._late_at = float("inf")
             limit_s = self._subplan.steps[self._step].limit_s
             self._robot.course.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
 
     def state(self) -> State:
-        """For the leader."""
+        """The status message for the leader."""
         session = self._robot.session.latest
         return State(
             mission=self.mission,
@@ -88,7 +89,7 @@ class Member:
             leader=self.leader,
             step=self._step,
             is_done=self._is_done,
-            error_m=self._performer.error_m,
+            error_m=self._executor.error_m,
             began_at=self._began_at,
             failed=self._failed,
             ended=self._ended,
@@ -99,51 +100,51 @@ class Member:
         )
 
     def begun(self, first: int) -> list[Begun]:
-        """Steps that have begun, from a number on."""
+        """Steps that have begun, from number `first` on."""
         return self._begun[first:]
 
-    # ---- what we do ----
+    # ---- the task ----
 
     def run(self) -> None:
-        """All steps, or a safe end."""
+        """Do all steps; after a failure or an abort, end safely."""
         try:
             for number in range(len(self._subplan.steps)):
                 self._wait_for(number)
-                self._perform(number)
+                self._do_step(number)
             self._wait_for_end()
-            self._tell(Result.DONE)
+            self._update_report(Result.DONE)
         except RoboCorbaError as wrong:
             self._fail(wrong)
         except Exception as wrong:
             self._fail(MissionFailed(f"{type(wrong).__name__}: {wrong}"))
             raise
         finally:
-            self._performer.give_back()
+            self._executor.release_reservations()
             self._ended = True
 
     def _wait_for(self, number: int) -> None:
-        """Until the leader's time for a step has come. Raises what ends the mission."""
+        """Wait until the leader's start time of a step. Raises Aborted, or the robot's interruption."""
         while True:
             self._robot.course.check()
             with self._changed:
                 order = self._order
                 if order.end:
-                    raise Aborted(order.reason or "it ended before its time")
+                    raise Aborted(order.reason or "the mission ended early")
                 if order.step < number:
                     self._changed.wait(0.1)
                     continue
             early_s = order.at - self.clock.now()
             if early_s <= 0.0:
                 return
-            time.sleep(min(early_s, 0.05) if early_s > _LOOK_S else early_s)
+            time.sleep(min(early_s, 0.05) if early_s > _FINE_WAIT_S else early_s)
 
-    def _perform(self, number: int) -> None:
+    def _do_step(self, number: int) -> None:
         step = self._subplan.steps[number]
         self._step, self._is_done, self._began_at = number, False, self.clock.now()
         self._late_at = time.monotonic() + step.limit_s
         self._begun.append(Begun(number, f"steps[{number}]", self._phase(), time.monotonic() - self._began))
-        self._tell()
-        self._performer.do(step)
+        self._update_report()
+        self._executor.execute(step)
         self._late_at = float("inf")
         self._is_done = True
 
@@ -158,20 +159,20 @@ class Member:
                 self._changed.wait(0.1)
 
     def _fail(self, wrong: RoboCorbaError) -> None:
-        """Stand where we are until the leader says the end to all, then end safely."""
+        """Stay stopped until the leader ends the mission for all robots, then end safely."""
         self._late_at = float("inf")
-        was_told_to = isinstance(wrong, Aborted) and bool(self._order.end)
-        self._failed = "" if was_told_to else str(wrong)
-        if not was_told_to:
-            deadline = time.monotonic() + WORD_LIMIT_S
+        was_ordered = isinstance(wrong, Aborted) and bool(self._order.end)
+        self._failed = "" if was_ordered else str(wrong)
+        if not was_ordered:
+            deadline = time.monotonic() + END_ORDER_TIMEOUT_S
             with self._changed:
                 self._changed.wait_for(lambda: bool(self._order.end), max(0.0, deadline - time.monotonic()))
         self._robot.course.settle(lambda why: True)
-        self._performer.end_safely()
-        reason = self._order.reason if was_told_to else str(wrong)
-        self._tell(Result.ABORTED if was_told_to else Result.FAILED, reason)
+        self._executor.end_safely()
+        reason = self._order.reason if was_ordered else str(wrong)
+        self._update_report(Result.ABORTED if was_ordered else Result.FAILED, reason)
 
-    def _break_off(self, reason: str) -> None:
+    def _abort(self, reason: str) -> None:
         with self._changed:
             self._order = Order(
                 mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=time.time()
@@ -182,7 +183,7 @@ class Member:
     def _phase(self) -> str:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""
 
-    def _tell(self, result: Result = Result.NO_RESULT, reason: str = "") -> None:
+    def _update_report(self, result: Result = Result.NO_RESULT, reason: str = "") -> None:
         self.report = Report(
             self.report.name,
             result,
@@ -194,7 +195,7 @@ class Member:
         )
 
     def _record(self) -> Record:
-        carry = self._performer.carry
+        carry = self._executor.carry
         return Record(
             self.clock.offset_s,
             self.clock.delay_s,

@@ -1,11 +1,11 @@
-"""What the robots of a mission tell each other: one event type a message, msgpack maps with a version.
+"""Messages between the robots of a mission: one event type a message, msgpack maps with a version.
 
-While a mission runs, leader and members say over and over how things are, rather than once what has changed: an event
-that is lost, comes twice or late does no harm."""
+While a mission runs, leader and members publish their full state periodically instead of changes: a lost, repeated or
+late event does no harm."""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 from msgspec import Struct
@@ -17,15 +17,15 @@ _TYPE = "mission."
 
 
 class _Message(Struct, frozen=True, kw_only=True):
-    """mission: its id. sent: by the clock of who says it, s since 1970."""
+    """mission: its id. sent: time of sending by the sender's clock [s since 1970]."""
 
     mission: str
     sent: float = 0.0
 
 
 class Call(_Message, frozen=True, kw_only=True):
-    """A leader looks for helpers near a place, and how many. Robots answer that are free, or will be some time; not
-    those that it has heard."""
+    """A leader looks for a number of helpers near a place. Robots that are free or busy answer with an Offer, except
+    those in `heard`, whose offers the leader has received."""
 
     leader: str
     floor: str
@@ -36,7 +36,7 @@ class Call(_Message, frozen=True, kw_only=True):
 
 
 class Offer(_Message, frozen=True, kw_only=True):
-    """A robot is free, and stands there. busy: what it does meanwhile where it is not free."""
+    """A robot offers its help and reports its position. busy: what occupies it; empty if it is free."""
 
     robot: str
     leader: str
@@ -47,7 +47,7 @@ class Offer(_Message, frozen=True, kw_only=True):
 
 
 class Proposal(_Message, frozen=True, kw_only=True):
-    """A leader asks a robot to do a SubPlan; it is said again until the robot answers."""
+    """A leader asks a robot to do a SubPlan. Repeated until the robot answers."""
 
     leader: str
     phases: tuple[str, ...]
@@ -55,7 +55,7 @@ class Proposal(_Message, frozen=True, kw_only=True):
 
 
 class Answer(_Message, frozen=True, kw_only=True):
-    """Whether a robot accepts; if not, why."""
+    """A robot accepts a proposal, or refuses it with a reason."""
 
     robot: str
     leader: str
@@ -64,11 +64,12 @@ class Answer(_Message, frozen=True, kw_only=True):
 
 
 class Order(_Message, frozen=True, kw_only=True):
-    """How the leader wants things: all in its time.
+    """The setpoints of the leader. All times are by the leader's clock.
 
-    step, at: the step that everybody does from a time on; -1: none yet. along_s, rate, since: how far the body that is
-    carried is along its trajectory, and how fast it goes on, from a time on. end: "" while it goes on, "done" or
-    "aborted", with the reason. heard: of each robot, when it sent the last state that came, and when that came."""
+    step, at: the current step of all robots and its start time; step is -1 before the first one. along_s, rate, since:
+    position of the carried body on its trajectory [s] at time `since`, and its rate from then on. end: empty while the
+    mission runs, then "done" or "aborted"; reason: of the abort. heard: for each robot, when it sent its latest state
+    (by its own clock) and when the leader received it."""
 
     leader: str
     step: int = -1
@@ -82,8 +83,9 @@ class Order(_Message, frozen=True, kw_only=True):
 
 
 class State(_Message, frozen=True, kw_only=True):
-    """How a member gets on: the step that it is at, whether it is done with it, how far it is from where it shall be,
-    m, when it began it by the leader's clock, and why it can't go on. ended: it takes no part any more."""
+    """The status of a member: its current step, whether it has finished it, its distance from its setpoint [m], when it
+    began the step by the leader's clock. failed: why it cannot continue; empty if it can. ended: it has left the
+    mission."""
 
     robot: str
     leader: str
@@ -100,8 +102,9 @@ class State(_Message, frozen=True, kw_only=True):
 
 
 class Record(Struct, frozen=True):
-    """What a member measured, told at its end. offset_s: of the leader's clock. ticks: leader's time and seconds along
-    the trajectory, of each control tick of the last carry. farthest_m: of the grip from the hand while carrying."""
+    """Measurements of a member, sent when it ends. offset_s: of the leader's clock. delay_s: shortest round trip.
+    ticks: leader's time and trajectory time [s] of each control cycle of the last carry. farthest_m: largest distance
+    of the grip point from the hand while carrying."""
 
     offset_s: float
     delay_s: float
@@ -114,27 +117,26 @@ KINDS: dict[str, type[Message]] = {
     _TYPE + kind.__name__.lower(): kind for kind in (Call, Offer, Proposal, Answer, Order, State)
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
-Any_ = TypeVar("Any_", bound=Struct)
 
 
 def type_of(message: Message | type[Message]) -> str:
-    """The type of its event, such as mission.order."""
+    """The event type of a message, such as mission.order."""
     return _NAMES[message if isinstance(message, type) else type(message)]
 
 
 def payload(message: Message) -> dict[str, Any]:
-    """For an event."""
+    """The message as the payload of an event."""
     found: dict[str, Any] = msgspec.to_builtins(message)
     return {"version": VERSION, **found}
 
 
 def message_of(type: str, content: Any) -> Message:
-    """The message in an event. Raises InvalidMission for what is none."""
+    """The message in an event. Raises InvalidMission if type, version or form is wrong."""
     kind = KINDS.get(type)
     if kind is None:
-        raise InvalidMission("type", f"{type[:80]!r} is no message of a mission")
+        raise InvalidMission("type", f"{type[:80]!r} is not a mission message; known types: {', '.join(KINDS)}")
     if not isinstance(content, dict) or content.get("version") != VERSION:
-        raise InvalidMission("version", f"not {VERSION}")
+        raise InvalidMission("version", f"must be {VERSION}")
     rest = {key: value for key, value in content.items() if key != "version"}
     try:
         return msgspec.convert(rest, kind)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 PAGE = "report.html"
-#: Heads of the tables, and what the second one shows.
-PHASES = ("phase", "from [s]", "took [s]", "waited for", "skew at its start [ms]")
-LATENCIES = ("from sub-network", "messages", "median [ms]", "p99 [ms]", "most [ms]")
-LATENCIES_SHOW = "Messages to the leader, from saying to hearing"
+#: Column heads.
+PHASES = ("phase", "from [s]", "duration [s]", "waited for", "skew at its start [ms]")
+LATENCIES = ("from sub-network", "messages", "median [ms]", "p99 [ms]", "max [ms]")
+LATENCIES_TITLE = "Latency of messages to the leader"
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; }
@@ -28,9 +28,9 @@ def write(
     film: str = "",
     facts: Sequence[tuple[str, str]] = (),
 ) -> Path:
-    """Into `folder`; returns the page. report: as `record.as_json` makes it.
+    """Write the page into `folder` and return it. report: of `record.as_json`.
 
-    pictures: files in the folder, and what they show. film: a file there. facts: what else is known, and how it is."""
+    pictures: files in the folder, with captions. film: a file in the folder. facts: more rows of name and value."""
     title = f"{report['kind']}: {report['thing']}"
     parts = [
         f"<h1>{_text(title)}</h1>",
@@ -45,10 +45,10 @@ def write(
         caption = _text(what)
         parts.append(f"<figure><h2>{caption}</h2><img src='{_text(file)}' alt='{caption}'></figure>")
     parts += ["<h2>Phases</h2>", _table(PHASES, phases(report))]
-    parts += [f"<h2>{LATENCIES_SHOW}</h2>", _table(LATENCIES, latencies(report))]
-    parts += ["<h2>While carrying</h2>", _table(("", "median", "p99", "most"), _carrying(report))]
-    heard = report["events"]
-    parts.append(f"<details><summary>{len(heard)} messages that the leader heard, in order</summary>")
+    parts += [f"<h2>{LATENCIES_TITLE}</h2>", _table(LATENCIES, latencies(report))]
+    parts += ["<h2>While carrying</h2>", _table(("", "median", "p99", "max"), _carrying(report))]
+    count = len(report["events"])
+    parts.append(f"<details><summary>{count} messages that the leader received, in order of receipt</summary>")
     parts += [_table(("at [s]", "type", "from", "sub-network", "latency [ms]"), _events(report)), "</details>"]
     page = folder / PAGE
     head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{_text(title)}</title><style>{_STYLE}</style>"
@@ -57,7 +57,7 @@ def write(
 
 
 def phases(report: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """A row for each, as PHASES says."""
+    """The rows of the table PHASES."""
     for phase in report["phases"]:
         took = max(phase["done_s"].values(), default=phase["began_s"]) - phase["began_s"]
         skew = "" if phase["skew_ms"] is None else f"{phase['skew_ms']:.1f}"
@@ -65,12 +65,12 @@ def phases(report: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def latencies(report: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """A row for each sub-network that messages came from, the leader's own first; as LATENCIES says."""
+    """The rows of the table LATENCIES: one for each sub-network of origin, the leader's own first."""
     own = {event["origin"] for event in report["events"] if event["source"] == report["leader"]}
     for origin, found in sorted(report["latency_ms"].items(), key=lambda item: (item[0] not in own, item[0])):
-        way = "the leader's own" if origin in own else "through its gateway"
+        route = "the leader's own" if origin in own else "through its gateway"
         figures = (f"{found[key]:.2f}" for key in ("median", "p99", "max"))
-        yield f"{origin}, {way}", str(found["count"]), *figures
+        yield f"{origin}, {route}", str(found["count"]), *figures
 
 
 def _carrying(report: dict[str, Any]) -> Iterator[tuple[str, ...]]:

@@ -1,4 +1,4 @@
-"""What is known of a mission: its plan for others to read, and a report with figures for people."""
+"""Records of a mission: its plan in the data pool, and its report as JSON."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from robocorba.missions.leader import MissionReport, Phase
+from robocorba.missions.leader import MissionReport, PhaseRecord
 from robocorba.missions.messages import Record, type_of
 from robocorba.missions.subplan import CooperativePlan
-from robocorba.missions.transport import Came
+from robocorba.missions.transport import Received
 from robocorba.spatial.grids import Floats
 
 REPORT_FILE = "report.json"
 
 
-class KeptPlan(msgspec.Struct, frozen=True):
-    """What a leader's data pool holds of a mission."""
+class StoredPlan(msgspec.Struct, frozen=True):
+    """A mission in its leader's data pool. phase: the current one."""
 
     plan: CooperativePlan
     phase: str
 
 
-def as_content(plan: CooperativePlan, phase: str) -> bytes:
-    """For the data pool."""
-    return msgspec.msgpack.encode(KeptPlan(plan, phase))
+def encode_plan(plan: CooperativePlan, phase: str) -> bytes:
+    """The content of a StoredPlan for the data pool."""
+    return msgspec.msgpack.encode(StoredPlan(plan, phase))
 
 
-def plan_of(content: bytes) -> KeptPlan:
-    """Raises msgspec.ValidationError for what `as_content` did not make."""
-    return msgspec.msgpack.decode(content, type=KeptPlan)
+def decode_plan(content: bytes) -> StoredPlan:
+    """The inverse of `encode_plan`. Raises msgspec.ValidationError for invalid content."""
+    return msgspec.msgpack.decode(content, type=StoredPlan)
 
 
 def save(report: MissionReport, folder: Path) -> Path:
-    """Write the report as JSON; the file."""
+    """Write the report as JSON; return its file."""
     file = folder / report.mission / REPORT_FILE
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(as_json(report), indent=1))
@@ -45,7 +45,7 @@ def save(report: MissionReport, folder: Path) -> Path:
 
 
 def as_json(report: MissionReport) -> dict[str, Any]:
-    """Times in s since the mission began, by the leader's clock."""
+    """The report as JSON. Times are in s since the mission began, by the leader's clock."""
     began = report.began
     phases = [
         {
@@ -53,7 +53,7 @@ def as_json(report: MissionReport) -> dict[str, Any]:
             "began_s": phase.began - began,
             "started_s": {name: time - began for name, time in phase.started.items()},
             "done_s": {name: time - began for name, time in phase.done.items()},
-            "waited_for": waited_for(phase),
+            "waited_for": slowest_robot(phase),
             "skew_ms": 1000 * (max(phase.started.values()) - min(phase.started.values())) if phase.started else None,
         }
         for phase in report.phases
@@ -70,38 +70,38 @@ def as_json(report: MissionReport) -> dict[str, Any]:
         "began": began,
         "seconds": report.ended - began,
         "phases": phases,
-        "tick_skew_ms": spread(skews),
+        "tick_skew_ms": distribution(skews),
         "farthest_grip_m": max((record.farthest_m for record in report.records.values()), default=None),
         "clocks": {
             name: {"offset_ms": 1000 * record.offset_s, "delay_ms": 1000 * record.delay_s}
             for name, record in report.records.items()
         },
         "latency_ms": {
-            origin: spread(np.array(latencies) * 1000)
-            for origin, latencies in latencies_s(report.heard, report.records).items()
+            origin: distribution(np.array(latencies) * 1000)
+            for origin, latencies in latencies_s(report.received, report.records).items()
         },
         "events": [
             {
-                "at_s": came.came - began,
-                "type": type_of(came.message),
-                "mission": came.message.mission,
-                "sent": came.message.sent,
-                "source": came.source,
-                "origin": came.origin,
-                "latency_ms": 1000 * latency_s(came, report.records),
+                "at_s": received.received_at - began,
+                "type": type_of(received.message),
+                "mission": received.message.mission,
+                "sent": received.message.sent,
+                "source": received.source,
+                "origin": received.origin,
+                "latency_ms": 1000 * latency_s(received, report.records),
             }
-            for came in report.heard
+            for received in report.received
         ],
     }
 
 
-def waited_for(phase: Phase) -> str:
-    """Who was done last, empty where not all were."""
+def slowest_robot(phase: PhaseRecord) -> str:
+    """The robot that finished last; empty if none finished."""
     return max(phase.done, key=lambda name: phase.done[name]) if phase.done else ""
 
 
-def spread(values: Floats) -> dict[str, float] | None:
-    """Median, p99 and maximum; None of nothing."""
+def distribution(values: Floats) -> dict[str, float] | None:
+    """Median, p99, maximum and count; None without values."""
     if not len(values):
         return None
     return {
@@ -113,7 +113,7 @@ def spread(values: Floats) -> dict[str, float] | None:
 
 
 def tick_skews_s(records: Mapping[str, Record]) -> Floats:
-    """How far apart the carriers were along their trajectory at the same time, s, at each tick of one of them."""
+    """Differences between the carriers' trajectory times [s] at each control cycle of one of them."""
     tracks = [np.array(record.ticks) for record in records.values() if len(record.ticks) > 1]
     if len(tracks) < 2:
         return np.zeros(0)
@@ -124,15 +124,15 @@ def tick_skews_s(records: Mapping[str, Record]) -> Floats:
     return skews
 
 
-def latency_s(came: Came, records: Mapping[str, Record]) -> float:
-    """From saying to hearing, with the clocks' difference taken off where it is known."""
-    record = records.get(came.source)
-    return came.came - (came.message.sent + (record.offset_s if record else 0.0))
+def latency_s(received: Received, records: Mapping[str, Record]) -> float:
+    """From sending to receipt, corrected by the offset of the sender's clock if it is known."""
+    record = records.get(received.source)
+    return received.received_at - (received.message.sent + (record.offset_s if record else 0.0))
 
 
-def latencies_s(heard: Sequence[Came], records: Mapping[str, Record]) -> dict[str, list[float]]:
-    """Of the messages that the leader got, by the channel where each came in."""
+def latencies_s(messages: Sequence[Received], records: Mapping[str, Record]) -> dict[str, list[float]]:
+    """Latencies of the messages that the leader received, by the channel that each came from."""
     found: dict[str, list[float]] = {}
-    for came in heard:
-        found.setdefault(came.origin, []).append(latency_s(came, records))
+    for received in messages:
+        found.setdefault(received.origin, []).append(latency_s(received, records))
     return found

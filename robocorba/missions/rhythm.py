@@ -1,37 +1,40 @@
-"""The leader's rhythm: how far along its trajectory a body that is carried shall be, now."""
+"""Progress of a carry: the position of the carried body on its trajectory, as the leader sets it."""
 
 from __future__ import annotations
 
 import threading
 
-#: Without news from the leader the rhythm goes on for so long, then it stands still, s.
-ALONE_S = 0.3
+#: The body stops after this time without orders from the leader [s].
+LEADER_TIMEOUT_S = 0.3
 
 
 class Rhythm:
-    """Follows orders: from a time on, so far along and so fast. Times are the leader's. Safe from any thread."""
+    """Extrapolates the leader's orders: from `since` on, at `along_s` with `rate`. Times are the leader's.
+
+    Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        #: (since, along_s, rate) in force, and what will be in force; and when the leader was heard last.
+        #: (since, along_s, rate) in force, and the next one.
         self._now, self._next = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        self._heard = 0.0
+        #: When the leader sent its latest order.
+        self._last_sent = 0.0
 
     def reset(self) -> None:
-        """Another trajectory begins: what was said of the last one counts no more."""
+        """Discard the orders of the previous trajectory."""
         with self._lock:
             self._now = self._next = (0.0, 0.0, 0.0)
 
     def follow(self, since: float, along_s: float, rate: float, sent: float) -> None:
-        """An order that was sent then."""
+        """Take over an order that the leader sent at `sent`."""
         with self._lock:
-            self._heard = max(self._heard, sent)
+            self._last_sent = max(self._last_sent, sent)
             if since > self._next[0]:
                 self._now, self._next = self._next, (since, along_s, rate)
 
     def along_s(self, now: float) -> tuple[float, float]:
-        """How far along at a time, s, and how fast it goes on."""
+        """Trajectory time at `now` [s], and its rate; the rate is 0 after LEADER_TIMEOUT_S without orders."""
         with self._lock:
             since, along, rate = self._next if now >= self._next[0] else self._now
-            until = min(now, self._heard + ALONE_S)
+            until = min(now, self._last_sent + LEADER_TIMEOUT_S)
             return along + rate * max(0.0, until - since), rate if now <= until else 0.0

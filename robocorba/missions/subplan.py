@@ -1,7 +1,7 @@
-"""Cooperative plans: what each robot of a mission does, step by step, in step with the others.
+"""Cooperative plans: the synchronized steps of all robots of a mission.
 
-A plan is divided into SubPlans, one a robot. The n-th step of all of them begins at the same time, when every robot has
-done the one before."""
+A plan is divided into SubPlans, one a robot. All robots begin their n-th step simultaneously, after every robot has
+finished the step before."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-#: Of the form of plans and messages; others are refused.
+#: Version of the format of plans and messages; other versions are refused.
 VERSION = 1
-MOST_STEPS = 100
+MAX_STEPS = 100
 Row = tuple[float, ...]
 
 
@@ -21,20 +21,22 @@ def _tag(name: str) -> str:
 
 
 class _Step(Struct, frozen=True, kw_only=True, tag_field="step", tag=_tag):
-    """`limit_s`: how long the robot may take for it."""
+    """limit_s: time limit of the step."""
 
     limit_s: float = 60.0
 
 
 class Reserve(_Step, frozen=True, kw_only=True):
-    """Wait until areas are ours, polygons of floors, m, one for each floor of the way; for so long at most, s."""
+    """Reserve areas (floor, polygon [m]), one for each floor of the path, and wait until they are granted.
+
+    hold_s: duration of the reservation."""
 
     areas: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
     hold_s: float
 
 
 class Gather(_Step, frozen=True, kw_only=True):
-    """Drive to the meeting point, across floors where it must: m and rad."""
+    """Drive to the meeting point [m, rad], by elevator if it is on another floor."""
 
     floor: str
     x: float
@@ -43,7 +45,7 @@ class Gather(_Step, frozen=True, kw_only=True):
 
 
 class Approach(_Step, frozen=True, kw_only=True):
-    """Go straight to a place that is near."""
+    """Drive straight to a pose nearby."""
 
     x: float
     y: float
@@ -51,8 +53,9 @@ class Approach(_Step, frozen=True, kw_only=True):
 
 
 class TakeHold(_Step, frozen=True, kw_only=True):
-    """Bring the hands to an object's edge `height_m` over the floor, and grip it at a place of the floor. at: where the
-    object has to stand, m and rad."""
+    """Bring the hands to the edge of an object, `height_m` above the floor, and grip it at (x, y).
+
+    at: expected pose of the object [m, rad]; the step fails if the object has moved."""
 
     thing: str
     at: tuple[float, float, float]
@@ -62,22 +65,22 @@ class TakeHold(_Step, frozen=True, kw_only=True):
 
 
 class Carry(_Step, frozen=True, kw_only=True):
-    """Hold on to a body that goes along a trajectory (rows as Trajectory.to_rows makes them), at `place` of it: where
-    the base is in the frame of the body, m and rad."""
+    """Move with the carried body along its trajectory. rows: see Trajectory.to_rows. place: pose of the robot's base in
+    the frame of the body [m, rad]."""
 
     rows: list[Row]
     place: tuple[float, float, float]
 
 
 class Ride(_Step, frozen=True, kw_only=True):
-    """Stand in a cabin together, and let it take you to another floor: whoever reserved gives back the one behind."""
+    """Ride to another floor. The robot with the area reservation releases the area of the floor that it leaves."""
 
     elevator: str
     destination: str
 
 
 class CallCabin(_Step, frozen=True, kw_only=True):
-    """Reserve the ride for a party of so many robots, and wait until the doors are open."""
+    """Call an elevator for a party of `size` robots and wait until its doors are open."""
 
     elevator: str
     destination: str
@@ -86,17 +89,17 @@ class CallCabin(_Step, frozen=True, kw_only=True):
 
 
 class PutDown(_Step, frozen=True, kw_only=True):
-    """Let go."""
+    """Release the object and open the grippers."""
 
 
 class BackOff(_Step, frozen=True, kw_only=True):
-    """Drive away from the object, m, and take the arms in."""
+    """Drive back from the object and tuck the arms."""
 
     distance_m: float
 
 
 class Reach(_Step, frozen=True, kw_only=True):
-    """Bring one hand to a pose in the robot's frame (x, y, z, roll, pitch, yaw: m and rad)."""
+    """Bring one hand to a pose in the robot's frame: x, y, z [m], roll, pitch, yaw [rad]."""
 
     hand: str
     pose: tuple[float, float, float, float, float, float]
@@ -113,14 +116,14 @@ Step = Reserve | Gather | Approach | TakeHold | Carry | Ride | CallCabin | PutDo
 
 
 class Wait(_Step, frozen=True, kw_only=True):
-    """Let others do theirs."""
+    """Do nothing while other robots do their step."""
 
 
-Steps = Annotated[tuple[Step | Wait, ...], Meta(min_length=1, max_length=MOST_STEPS)]
+Steps = Annotated[tuple[Step | Wait, ...], Meta(min_length=1, max_length=MAX_STEPS)]
 
 
 class SubPlan(Struct, frozen=True):
-    """What one robot does. role: such as leader or helper, for people."""
+    """The steps of one robot. role: such as leader or helper, for display."""
 
     robot: str
     role: str
@@ -128,7 +131,7 @@ class SubPlan(Struct, frozen=True):
 
 
 class CooperativePlan(Struct, frozen=True):
-    """Of a mission; phases: what each step is for, for people."""
+    """All SubPlans of a mission. phases: names of the steps, for display. thing: name of the object."""
 
     mission: str
     kind: str

@@ -1,4 +1,4 @@
-"""What a carry takes of the floors: where the object and its carriers come by, for their leader to reserve."""
+"""The areas of the floors that an object and its carriers sweep, for the leader to reserve."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.polygons import FloorArea
-from robocorba.missions.carry import Leg
+from robocorba.missions.carry import CarryLeg
 from robocorba.missions.formation import Formation, Pose
-from robocorba.missions.surroundings import placed
+from robocorba.missions.obstacles import placed
 from robocorba.spatial.pose import XY
 
-#: The body is looked at so near along its way, m and rad.
-_LOOK_M, _LOOK_RAD = 0.25, 0.2
-#: How coarse an area may be, m: the first that has few enough corners.
-_COARSE_M = (0.05, 0.15, 0.5)
-_MOST_CORNERS = 100
+#: Distance between samples of the path [m, rad].
+_SAMPLE_M, _SAMPLE_RAD = 0.25, 0.2
+#: Tolerances of the simplified outline [m]; the first with at most _MAX_CORNERS corners is used.
+_TOLERANCES_M = (0.05, 0.15, 0.5)
+_MAX_CORNERS = 100
 
 
-def taken(legs: Sequence[Leg], formation: Formation, outline: Polygon, aside_m: float) -> tuple[FloorArea, ...]:
-    """An area (floor, corners in m) for each leg: all that the body comes by on its way, and where it is taken up and
-    put down the room in which its carriers gather, `aside_m` farther away from it.
+def swept_areas(
+    legs: Sequence[CarryLeg], formation: Formation, outline: Polygon, back_m: float
+) -> tuple[FloorArea, ...]:
+    """An area (floor, corners [m]) for each leg: the area that object and carriers sweep, and at start and goal the
+    room in which the carriers gather, backed off by `back_m`.
 
     outline: of the object, in its own frame."""
     body = formation.footprint(outline)
-    gathered = Formation(formation.grips, formation.hand_m + aside_m).footprint(outline)
+    gathered = Formation(formation.grips, formation.hand_m + back_m).footprint(outline)
     found = []
     for number, leg in enumerate(legs):
         poses = [(x, y, heading) for x, y, heading in np.asarray(leg.poses, float).tolist()]
@@ -44,15 +46,15 @@ def taken(legs: Sequence[Leg], formation: Formation, outline: Polygon, aside_m: 
 
 
 def _swept(body: BaseGeometry, poses: Sequence[Pose]) -> list[BaseGeometry]:
-    """Hulls of the body between places that are near to each other."""
-    hulls = [placed(body, pose).convex_hull for pose in _between(poses)]
+    """Convex hulls of the body between successive samples of its path."""
+    hulls = [placed(body, pose).convex_hull for pose in _sampled(poses)]
     return [shapely.union_all(pair).convex_hull for pair in pairwise(hulls)] or hulls
 
 
-def _between(poses: Sequence[Pose]) -> list[Pose]:
+def _sampled(poses: Sequence[Pose]) -> list[Pose]:
     found = [poses[0]]
     for here, there in pairwise(poses):
-        parts = 1 + int(max(math.dist(here[:2], there[:2]) / _LOOK_M, abs(there[2] - here[2]) / _LOOK_RAD))
+        parts = 1 + int(max(math.dist(here[:2], there[:2]) / _SAMPLE_M, abs(there[2] - here[2]) / _SAMPLE_RAD))
         for part in range(1, parts + 1):
             x, y, heading = (a + part / parts * (b - a) for a, b in zip(here, there, strict=True))
             found.append((x, y, heading))
@@ -60,10 +62,10 @@ def _between(poses: Sequence[Pose]) -> list[Pose]:
 
 
 def _corners(shape: BaseGeometry) -> tuple[XY, ...]:
-    """Of a polygon with few corners around a shape that is in one piece."""
-    for coarse_m in _COARSE_M:
-        around = Polygon(shape.buffer(coarse_m, quad_segs=2).exterior).simplify(coarse_m)
-        if len(around.exterior.coords) <= _MOST_CORNERS:
+    """The corners of a simplified polygon around a connected shape."""
+    for tolerance_m in _TOLERANCES_M:
+        around = Polygon(shape.buffer(tolerance_m, quad_segs=2).exterior).simplify(tolerance_m)
+        if len(around.exterior.coords) <= _MAX_CORNERS:
             break
     else:
         around = shape.convex_hull

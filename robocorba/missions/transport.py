@@ -1,6 +1,6 @@
 """The transport layer: a robot's messages to the other robots of a mission, as events on its channel.
 
-Events come in the threads of the ORB; they wait in a bounded queue for the thread that follows the mission."""
+The ORB's threads deliver events into a bounded queue, from which the thread of the mission takes them."""
 
 from __future__ import annotations
 
@@ -18,8 +18,11 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.messages import Message, message_of, payload, type_of
 
-#: Messages that wait; the newest are dropped where there are more. Of those that came, so many are remembered.
-MOST_WAITING, MOST_REMEMBERED = 1000, 5000
+#: Messages in the queue; newer ones are dropped when it is full.
+MAX_QUEUED = 1000
+#: Latest messages kept for the report.
+MAX_KEPT = 5000
+
 _log = logging.getLogger(__name__)
 
 
@@ -27,60 +30,63 @@ class Channel(Protocol):
     """The event channel of the robot's sub-network."""
 
     def say(self, type: str, payload: Any, retry_s: float) -> None:
-        """An event to everybody who listens to it. Raises EventError, NotReachable after `retry_s`."""
+        """Publish an event. Raises EventError, NotReachable after `retry_s`."""
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[str, str, Any, str], None]) -> None:
-        """Call `hear` with type, source, payload and origin of events of these types and sources, from now on only of
-        these. Raises EventError, NotReachable."""
+    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
+        """Subscribe to events by patterns of type and source, in place of earlier patterns; `receive` gets the
+        type, source, payload and origin of each event. Raises EventError, NotReachable."""
 
 
-class Came(NamedTuple):
-    """A message that has come: who says so, when it came by our clock, and by way of which channel."""
+class Received(NamedTuple):
+    """A received message: its sender, when it was received by the local clock, and the channel that it came from."""
 
     source: str
     message: Message
-    came: float
+    received_at: float
     origin: str
 
 
 class Transport:
-    """`name`: the robot's. `heard` remembers what came, for a report. One thread gets, any thread says."""
+    """name: of the robot. received: the latest messages, for the report. Only one thread may call `receive`; any thread
+    may publish."""
 
     def __init__(self, channel: Channel, name: str) -> None:
         self._channel, self.name = channel, name
-        self._waiting: queue.Queue[Came] = queue.Queue(MOST_WAITING)
-        self.heard: deque[Came] = deque(maxlen=MOST_REMEMBERED)
+        self._queue: queue.Queue[Received] = queue.Queue(MAX_QUEUED)
+        self.received: deque[Received] = deque(maxlen=MAX_KEPT)
 
-    def listen(self, patterns: Sequence[tuple[type[Message], str]]) -> None:
-        """To these messages from these robots, * for all. Raises EventError, NotReachable."""
-        self._channel.listen([(type_of(kind), source) for kind, source in patterns], self._hear)
+    def subscribe(self, patterns: Sequence[tuple[type[Message], str]]) -> None:
+        """Subscribe to these messages from these robots, * for all, in place of earlier subscriptions.
 
-    def say(self, message: Message, retry_s: float = 0.0) -> bool:
-        """Tell the others; whether the channel has taken it."""
+        Raises EventError, NotReachable."""
+        self._channel.listen([(type_of(kind), source) for kind, source in patterns], self._receive)
+
+    def publish(self, message: Message, retry_s: float = 0.0) -> bool:
+        """Publish a message, stamped with the time; return whether the channel accepted it."""
         message = msgspec.structs.replace(message, sent=time.time())
         try:
             self._channel.say(type_of(message), payload(message), retry_s)
         except (NotReachable, EventError) as wrong:
-            _log.info("%s was not told: %s", type_of(message), wrong)
+            _log.info("%s was not published: %s", type_of(message), wrong)
             return False
         return True
 
-    def get(self, timeout_s: float) -> Came | None:
-        """The next message, None after a time without any."""
+    def receive(self, timeout_s: float) -> Received | None:
+        """The next message, None after a timeout."""
         try:
-            return self._waiting.get(timeout=max(0.0, timeout_s))
+            return self._queue.get(timeout=max(0.0, timeout_s))
         except queue.Empty:
             return None
 
-    def _hear(self, type: str, source: str, content: Any, origin: str) -> None:
+    def _receive(self, type: str, source: str, content: Any, origin: str) -> None:
         now = time.time()
         try:
-            came = Came(source, message_of(type, content), now, origin)
+            received = Received(source, message_of(type, content), now, origin)
         except InvalidMission as wrong:
-            _log.warning("%s says what can't be read: %s", source, wrong)
+            _log.warning("invalid message from %s dropped: %s", source, wrong)
             return
-        self.heard.append(came)
+        self.received.append(received)
         try:
-            self._waiting.put_nowait(came)
+            self._queue.put_nowait(received)
         except queue.Full:
-            _log.warning("%d messages wait already: %s of %s is dropped", MOST_WAITING, type, source)
+            _log.warning("queue of %d messages is full: %s from %s dropped", MAX_QUEUED, type, source)

@@ -1,4 +1,4 @@
-"""What a leader knows of the building when it plans."""
+"""The state of the building that a leader plans with."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from robocorba.maps.model import Building
 from robocorba.planning.request import Path, PathRequest
 
 
-class Thing(NamedTuple):
-    """A movable object: where it is, m and rad; outline (a polygon in its own frame), mass and height."""
+class MovableObject(NamedTuple):
+    """A movable object. x, y [m], heading [rad]: its pose now. outline: polygon in its own frame."""
 
     name: str
     floor: str
@@ -26,16 +26,16 @@ class Thing(NamedTuple):
 
 
 class World(Protocol):
-    """As it is now. Everything raises NotReachable."""
+    """The current state. All methods raise NotReachable."""
 
     def building(self) -> Building:
         """The map."""
 
-    def thing(self, name: str) -> Thing:
-        """A movable object by its name. Raises MissionFailed where there is none."""
+    def movable(self, name: str) -> MovableObject:
+        """A movable object by its name. Raises MissionFailed if it does not exist."""
 
-    def others(self, thing: str) -> dict[str, list[Obstacle]]:
-        """By floor: movable objects other than this one, where they are now."""
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
+        """All movable objects except `carried`, by floor, at their current poses."""
 
     def paths(self, request: PathRequest) -> Sequence[Path]:
-        """The path planning agent. Raises PathError."""
+        """Paths from the path planning agent. Raises PathError."""

@@ -1,4 +1,4 @@
-"""Robots of real processes in a running system that do missions, and what the simulation server knows of it all."""
+"""Missions of real robot processes in a running system, and their observation through the simulation server."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
-from robocorba.missions.record import KeptPlan, plan_of
+from robocorba.missions.record import StoredPlan, decode_plan
 from robocorba.names import MISSIONS
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
@@ -38,13 +38,13 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system
 
 FLOOR = "L1"
-#: A robot is ready within; a mission here has ended within, s.
+#: Time limits for the start of a robot and for a mission [s].
 START_LIMIT_S, MISSION_LIMIT_S = 120.0, 120.0
 
 
 def three_rooms() -> Building:
-    """In the west a room of 6 x 5 m with a table for three, in the east one of 4 x 5 m with a door to it, in the north
-    one of 6 x 5 m for itself with a desk for two."""
+    """West: a room of 6 x 5 m with a table for three robots. East: one of 4 x 5 m with a door to it. North: a separate
+    one of 6 x 5 m with a desk for two robots."""
     outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (6.0, 5.0), (6.0, 10.0), (0.0, 10.0))
     walls = [
         Wall(f"wall-{number}", a, b)
@@ -52,13 +52,13 @@ def three_rooms() -> Building:
     ]
     walls.append(Wall("wall-between", (6.0, 0.0), (6.0, 5.0)))
     walls.append(Wall("wall-north", (0.0, 5.0), (6.0, 5.0)))
-    things = [
+    objects = [
         MapObject("table", BoxShape((1.2, 0.8)), (2.2, 2.6), height=0.7, movable=True),
         MapObject("desk", BoxShape((1.0, 0.8)), (2.2, 7.6), height=0.7, movable=True),
     ]
     plan = GeometricalMap(
         {wall.name: wall for wall in walls},
-        {thing.name: thing for thing in things},
+        {each.name: each for each in objects},
         {"door": Door("door", (6.0, 1.9), (6.0, 3.3))},
     )
     building = Building("three rooms", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
@@ -68,8 +68,8 @@ def three_rooms() -> Building:
 
 
 class Start(NamedTuple):
-    """Where a robot begins, on the only floor, its sub-network, and its adaptor with its arguments, empty for a virtual
-    robot. within: what a command line begins with that runs it on another computer."""
+    """Start pose of a robot [m, rad], and its sub-network. adaptor: its name and arguments, empty for a virtual robot.
+    within: prefix of the command line, such as one that runs it in another network namespace."""
 
     x: float
     y: float
@@ -79,8 +79,8 @@ class Start(NamedTuple):
     within: tuple[str, ...] = ()
 
 
-class Body(NamedTuple):
-    """Of the simulation, at one moment, m and rad."""
+class BodyPose(NamedTuple):
+    """A body of the simulation at one time [m, rad]."""
 
     x: float
     y: float
@@ -89,7 +89,7 @@ class Body(NamedTuple):
 
 @contextlib.contextmanager
 def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionPlace]:
-    """`robocorba up` on a building, and whatever robots are started there; one at a time in a process."""
+    """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
     with claimed_ports() as port, Launcher(folder) as launch:
         running = real_system(launch, folder / "state", port, "--building", str(building), "--subnets", subnets)
         running.wait_ready()
@@ -103,7 +103,7 @@ def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterato
 
 
 class MissionPlace:
-    """`robots`: the processes, by name."""
+    """A running system. robots: their processes, by name."""
 
     def __init__(self, folder: Path, running: Running, orb: Orb, launch: Launcher) -> None:
         self.folder, self.running, self.orb, self._launch = folder, running, orb, launch
@@ -114,7 +114,7 @@ class MissionPlace:
     # ---- robots ----
 
     def start(self, starts: Mapping[str, Start]) -> None:
-        """All at once, until each is ready."""
+        """Start robots simultaneously and wait until all are ready."""
         for name, at in starts.items():
             where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
             adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
@@ -127,14 +127,14 @@ class MissionPlace:
             threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
 
     def kill(self, name: str) -> None:
-        """kill -9, and wait until its name and its place are free."""
+        """kill -9 a robot, and wait until it is logged off."""
         process = self.robots.pop(name)
         process.kill()
         process.communicate()
         eventually(lambda: name not in self.names(), 15.0, f"{name} is logged off")
 
     def end(self) -> None:
-        """SIGTERM to all robots; fails where one does not end."""
+        """End all robots with SIGTERM; fails if one does not end."""
         for process in self.robots.values():
             process.send_signal(signal.SIGCONT)
             process.send_signal(signal.SIGTERM)
@@ -146,14 +146,14 @@ class MissionPlace:
         self.robots.clear()
 
     def names(self) -> set[str]:
-        """Of the robots that are logged on."""
+        """The names of the robots that are logged on."""
         return {client.name for client in self.server.clients()}
 
     def agent(self, name: str) -> RemoteAgent:
         return RemoteAgent(self.orb, name)
 
     def is_free(self, name: str) -> bool:
-        """Whether it could begin something, and stands."""
+        """Whether a robot is idle and stationary."""
         try:
             state = self.agent(name).state()
         except NotReachable:
@@ -163,29 +163,29 @@ class MissionPlace:
     # ---- missions ----
 
     def mission(self, leader: str, table: str, to: str) -> subprocess.Popen[str]:
-        """`robocorba mission start move-table`."""
+        """Start `robocorba mission start move-table`."""
         arguments = ("--table", table, "--to", to, "--leader", leader)
         return self._robocorba("user", "mission", "start", "move-table", *arguments)
 
     def outcome(self, user: subprocess.Popen[str]) -> tuple[int, str, str]:
-        """Its exit code and all that it printed, when it has ended."""
+        """Wait for the end of a mission's command: its exit code, stdout and stderr."""
         out, err = user.communicate(timeout=MISSION_LIMIT_S)
         return user.returncode, out, err
 
     def command(self, leader: str, *arguments: str) -> str:
-        """`robocorba mission ...`, which must succeed; what it prints."""
+        """Run `robocorba mission ...`, which must succeed; return its output."""
         process = self._robocorba(leader, "mission", *arguments)
         out, err = process.communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out
 
-    def kept(self, leader: str) -> KeptPlan | None:
-        """Of the mission that it leads, or led last."""
+    def kept(self, leader: str) -> StoredPlan | None:
+        """The plan of the mission that a robot leads, or led last."""
         plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
-        return plan_of(plans[-1].content) if plans else None
+        return decode_plan(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
-        """Wait for it; fails where the mission ends before."""
+        """Wait for a phase; fails if the mission ends before."""
 
         def is_there() -> bool:
             assert user.poll() is None, f"it ended before {phase}: {user.communicate()}"
@@ -195,35 +195,34 @@ class MissionPlace:
         eventually(is_there, MISSION_LIMIT_S, phase)
 
     def carrying(self, leader: str, table: str, user: subprocess.Popen[str], moved_m: float = 0.1) -> None:
-        """Until the table is on its way."""
+        """Wait until the table has moved by `moved_m` in the phase `carrying`."""
         self.at_phase(leader, "carrying", user)
         before = self.body(table)
         eventually(lambda: math.dist(before[:2], self.body(table)[:2]) > moved_m, 30.0, "the table moves")
 
     def report(self, leader: str) -> dict[str, Any]:
-        """Of the mission that it led last."""
+        """The report of the mission that a robot led last."""
         files = sorted((self.folder / leader / MISSIONS).glob("*/report.json"), key=lambda file: file.stat().st_mtime)
         found: dict[str, Any] = json.loads(files[-1].read_text())
         return found
 
     # ---- the simulation ----
 
-    def bodies(self) -> tuple[float, dict[str, Body]]:
-        """All of the floor after the same step, and its time, s."""
+    def bodies(self) -> tuple[float, dict[str, BodyPose]]:
+        """All bodies of the floor after the same simulation step, and its time [s]."""
         update = self._database.changes(FLOOR, WHOLE)
         names = {body.number: body.name for body in update.came}
         return update.time, {
-            names[int(row["number"])]: Body(float(row["x"]), float(row["y"]), float(row["heading"]))
+            names[int(row["number"])]: BodyPose(float(row["x"]), float(row["y"]), float(row["heading"]))
             for row in update.motions
             if int(row["number"]) in names
         }
 
-    def body(self, name: str) -> Body:
+    def body(self, name: str) -> BodyPose:
         return self.bodies()[1][name]
 
     def holding(self) -> dict[str, str]:
-        """What each robot holds that holds something, by what the server has on disk: it keeps grips before it answers
-        a call."""
+        """The held object of each robot that holds one, by the server's store: it stores grips before it replies."""
         with tempfile.TemporaryDirectory() as copy:
             for file in self.running.state.glob("simulation.sqlite*"):
                 with contextlib.suppress(FileNotFoundError):
@@ -234,11 +233,11 @@ class MissionPlace:
 
     @property
     def collisions(self) -> int:
-        """That have begun since the server was started."""
+        """Number of collisions since the server was started."""
         return int(self.server._get_state().collisions)
 
     def kill_server(self, name: str) -> int:
-        """kill -9 of a process of `robocorba up`; the process id that it had."""
+        """kill -9 a process of `robocorba up`; return its process id."""
         pid = eventually(lambda: self.running.pid(name), what=f"the process {name}")
         os.kill(pid, signal.SIGKILL)
         return int(pid)
@@ -247,7 +246,7 @@ class MissionPlace:
         return self.running.pid(name) not in (0, before)
 
     def stands_still(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
-        """Whether nothing of it moves within some time."""
+        """Whether none of the bodies moves within some time."""
         _, before = self.bodies()
         time.sleep(seconds)
         _, after = self.bodies()
@@ -255,19 +254,19 @@ class MissionPlace:
 
     # ---- inside ----
 
-    def _robocorba(self, who: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / who)}
+    def _robocorba(self, user: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / user)}
         return self._launch(*within, ROBOCORBA, *arguments, **environment)
 
 
 class Watch:
-    """Follows the floor while it lasts, as `MissionPlace.bodies` has it: how far carriers' grips were from their hands.
+    """Samples the bodies of the floor inside a `with`: the distances of grip points from hands, and between robots.
 
-    Where a hand was on the table when the table began to move is where it must stay."""
+    A grip point is where a hand was on the table when the table began to move."""
 
     def __init__(self, place: MissionPlace, table: str, every_s: float = 0.04) -> None:
         self._place, self._table, self._every_s = place, table, every_s
-        self.seen: list[tuple[float, dict[str, Body]]] = []
+        self.seen: list[tuple[float, dict[str, BodyPose]]] = []
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -280,7 +279,7 @@ class Watch:
         self._thread.join()
 
     def farthest_m(self, carriers: tuple[str, ...]) -> float:
-        """While the table moved: of a carrier's hands from where they held it, m."""
+        """Largest distance of a carrier's hands from their grip points while the table moved [m]."""
         moves = [self._speed(before, now) > 0.01 for before, now in zip(self.seen, self.seen[1:], strict=False)]
         if not any(moves):
             return math.nan
@@ -293,7 +292,7 @@ class Watch:
         return worst
 
     def nearest_m(self, radius_m: float) -> float:
-        """That two robots of a radius came to each other, from rim to rim; NaN where nothing was seen."""
+        """Smallest gap between two robots of a radius [m]; NaN without samples."""
         near = (
             math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m
             for _, bodies in self.seen
@@ -301,7 +300,7 @@ class Watch:
         )
         return min(near, default=math.nan)
 
-    def _speed(self, before: tuple[float, dict[str, Body]], now: tuple[float, dict[str, Body]]) -> float:
+    def _speed(self, before: tuple[float, dict[str, BodyPose]], now: tuple[float, dict[str, BodyPose]]) -> float:
         there, here = before[1][self._table], now[1][self._table]
         return math.dist(there[:2], here[:2]) / max(now[0] - before[0], 0.02)
 
@@ -311,8 +310,8 @@ class Watch:
                 self.seen.append(self._place.bodies())
 
 
-def _hand_on(table: Body, robot: Body, ahead_m: float = 0.62) -> tuple[float, float]:
-    """Where a robot's hands are in the table's frame."""
+def _hand_on(table: BodyPose, robot: BodyPose, ahead_m: float = 0.62) -> tuple[float, float]:
+    """Position of a robot's hands in the table's frame."""
     x, y = robot.x + ahead_m * math.cos(robot.heading), robot.y + ahead_m * math.sin(robot.heading)
     c, s, dx, dy = math.cos(table.heading), math.sin(table.heading), x - table.x, y - table.y
     return c * dx + s * dy, c * dy - s * dx

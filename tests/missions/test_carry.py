@@ -16,7 +16,7 @@ from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import BoxShape, Building, Door, Element, Elevator, ElevatorDoor, Floor, MapObject, Side, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.missions.carry import MARGIN_M, CarryPlan, plan_carry, warm_up
-from robocorba.missions.surroundings import placed
+from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
 
 BOX = shapely.box(-0.3, -0.2, 0.3, 0.2)

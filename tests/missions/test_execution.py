@@ -36,11 +36,11 @@ def test_a_grip_that_is_lost_ends_the_step(step: Carry | Ride) -> None:
 
     def carry(robot: Robot) -> None:
         part = performer(robot)
-        part.do(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        part.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
         assert robot.session.latest.holding == "box"
         robot.session.release()
         robot.session.state()
-        part.do(step)
+        part.execute(step)
 
     assert crowd.run(60.0, A=carry) == {"A": "lost its hold of box"}
 
@@ -53,11 +53,11 @@ def test_who_reserves_waits_until_others_are_by_and_gives_back() -> None:
         part = performer(robot)
         west, east = (2.0, 5.0) if name == "A" else (3.0, 6.0)
         area = ((west, 0.1), (east, 0.1), (east, 1.9), (west, 1.9))
-        part.do(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=60.0))
+        part.execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=60.0))
         begun = crowd.time
         robot.drive_by(ahead_m, 0.0, 0.0, 0.3)
         ours[name] = begun, crowd.time
-        part.give_back()
+        part.release_reservations()
 
     assert crowd.run(60.0, A=partial(pass_by, name="A", ahead_m=0.5), B=partial(pass_by, name="B", ahead_m=0.6)) == {}
     first, second = sorted(ours.values())
@@ -71,9 +71,9 @@ def test_who_waits_for_too_long_says_so() -> None:
     crowd.robots["B"].session.reserve([("L1", area)], 60.0)
 
     def reserve(robot: Robot) -> None:
-        performer(robot).do(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
+        performer(robot).execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
 
-    assert crowd.run(20.0, A=reserve) == {"A": "others had not gone by after 2 s"}
+    assert crowd.run(20.0, A=reserve) == {"A": "the path's areas were not granted within 2 s"}
 
 
 def test_what_was_moved_meanwhile_is_not_gripped() -> None:
@@ -81,16 +81,16 @@ def test_what_was_moved_meanwhile_is_not_gripped() -> None:
 
     def grip(robot: Robot) -> None:
         part = Performer(robot, Rhythm(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0))
-        part.do(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        part.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
 
-    assert crowd.run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) meanwhile"}
+    assert crowd.run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}
 
 
 def test_who_has_no_room_behind_backs_off_as_far_as_there_is() -> None:
     crowd = Crowd(room(6.0, 2.0), {"A": (0.55, 1.0, 0.0)})
 
     def back_off(robot: Robot, distance_m: float) -> None:
-        performer(robot).do(BackOff(distance_m=distance_m))
+        performer(robot).execute(BackOff(distance_m=distance_m))
 
     assert crowd.run(60.0, A=partial(back_off, distance_m=0.3)) == {}
     assert crowd.touched == []

@@ -14,7 +14,7 @@ from shapely import MultiPoint, Point, Polygon
 from robocorba.errors.robots import InvalidCarry
 from robocorba.maps.model import CircleShape, MapObject
 from robocorba.maps.movable import outline as outline_of
-from robocorba.missions.formation import Formation, Grip, formations
+from robocorba.missions.formation import Formation, GripPoint, formations
 
 TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
 
@@ -86,7 +86,7 @@ def test_four_take_a_round_table_from_all_sides() -> None:
 
 
 def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
-    formation = Formation((Grip(0.8, 0.0, math.pi), Grip(-0.8, 0.0, 0.0)))
+    formation = Formation((GripPoint(0.8, 0.0, math.pi), GripPoint(-0.8, 0.0, 0.0)))
     footprint = formation.footprint(TABLE, 0.4)
     assert footprint.geom_type == "Polygon"
     assert footprint.bounds == pytest.approx((-1.82, -0.4, 1.82, 0.4))

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from robocorba.missions.formation import Pose
-from robocorba.missions.gathering import ASIDE_M, Ways, loosened, waves
+from robocorba.missions.gathering import SPACING_M, GatheringPaths, spread_apart, waves
 from robocorba.missions.move_table import MoveTable
-from robocorba.missions.world import Thing
+from robocorba.missions.world import MovableObject
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from tests.missions.worlds import MapWorld, two_storeys
@@ -20,17 +20,17 @@ from tests.missions.worlds import MapWorld, two_storeys
 class MovedWorld(MapWorld):
     """The box is not where the map has it."""
 
-    def thing(self, name: str) -> Thing:
-        return super().thing(name)._replace(x=2.4, y=3.5, heading=0.0)
+    def movable(self, name: str) -> MovableObject:
+        return super().movable(name)._replace(x=2.4, y=3.5, heading=0.0)
 
 
 def test_ways_lead_through_where_the_map_has_it_and_around_where_it_is() -> None:
     world = MovedWorld(two_storeys())
-    ways = Ways(world, world.thing("box"))
+    ways = GatheringPaths(world, world.movable("box"))
     assert ways.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
     assert ways.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
     on_map = MapWorld(two_storeys())
-    assert Ways(on_map, on_map.thing("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+    assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
 def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
@@ -42,7 +42,7 @@ def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
 def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.missions.gathering.MOST_AREAS", 0)
     world = MovedWorld(two_storeys())
-    assert Ways(world, world.thing("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+    assert GatheringPaths(world, world.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
 @settings(deadline=None)
@@ -52,7 +52,7 @@ def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: p
 )
 def test_loosened_places_are_apart(at: list[tuple[float, float]], apart_m: float) -> None:
     places: list[Pose] = [(x, y, 0.5) for x, y in at]
-    found = loosened(places, apart_m)
+    found = spread_apart(places, apart_m)
     assert [heading for *_, heading in found] == [0.5] * len(at)
     for i, one in enumerate(found):
         for k in range(i):
@@ -62,8 +62,8 @@ def test_loosened_places_are_apart(at: list[tuple[float, float]], apart_m: float
 
 
 def test_carriers_side_by_side_gather_apart() -> None:
-    first, second = loosened([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
-    assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + ASIDE_M)
+    first, second = spread_apart([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
+    assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + SPACING_M)
     assert first[0] == second[0] == 0.0
 
 

@@ -68,7 +68,7 @@ def test_they_meet_half_way(world: MapWorld) -> None:
 class Moved(MapWorld):
     """The box is a long one now, right between A and B: who goes from one to the other has to go around it."""
 
-    def others(self, thing: str) -> dict[str, list[Obstacle]]:
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
         return {"L1": [Obstacle("object", "box", BOARD)]}
 
 
@@ -121,7 +121,7 @@ def test_rooms_that_are_too_small_for_both_are_told() -> None:
     building = Building("box room").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
     building.floors["L1"] = msgspec.structs.replace(building.floors["L1"], topological=topological_map(building, "L1"))
     here, there = Spot("L1", 0.6, 1.0), Spot("L1", 1.6, 1.0)
-    with pytest.raises(MissionFailed, match=r"nowhere on the way from A to B is room for both, face to face: 2\.6 m"):
+    with pytest.raises(MissionFailed, match=r"no room for both face to face on the path from A to B: 2\.6 m"):
         HandOver(MapWorld(building), "sheet", "A", "B", "A", here).plan("m", "A", {"A": here, "B": there})
 
 

@@ -31,16 +31,16 @@ FAR = Approach(x=9.0, y=2.0, heading=0.0)
 #: What the tests wait for is as it is, but shorter, s.
 SHORTER = {
     leader: {
-        "AGREE_S": 6.0,
-        "LONGEST_PAUSE_S": 0.5,
-        "OFFER_S": 1.0,
-        "ENOUGH_S": 0.3,
-        "SILENT_S": 1.5,
-        "GRACE_S": 1.0,
-        "END_S": 12.0,
+        "AGREEMENT_TIMEOUT_S": 6.0,
+        "MAX_RETRY_PAUSE_S": 0.5,
+        "OFFER_TIMEOUT_S": 1.0,
+        "SURPLUS_OFFER_TIMEOUT_S": 0.3,
+        "MEMBER_TIMEOUT_S": 1.5,
+        "STEP_GRACE_S": 1.0,
+        "END_TIMEOUT_S": 12.0,
     },
-    member: {"SILENT_S": 1.5, "WORD_LIMIT_S": 3.0},
-    mission_agent: {"FAREWELL_S": 0.5},
+    member: {"LEADER_TIMEOUT_S": 1.5, "END_ORDER_TIMEOUT_S": 3.0},
+    mission_agent: {"FINAL_STATE_S": 0.5},
     robot: {"LONGEST_PAUSE_S": 2.0},
     giving_way: {"GIVE_UP_PARKED_S": 0.2, "GIVE_UP_LAST_S": 1.0},
     driving: {"STUCK_S": 1.0},
@@ -144,7 +144,7 @@ def test_nobody_is_booked_twice(crew: Crew) -> None:
     report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()]))
     assert report.result == "failed"
     assert report.reason == "2 helpers are needed; C offered to help; B runs a program"
-    assert time.monotonic() - begun > leader.AGREE_S
+    assert time.monotonic() - begun > leader.AGREEMENT_TIMEOUT_S
     crew.agents["B"].abort()
     assert crew.agents["A"].place == pytest.approx(ROBOTS["A"])
 
@@ -153,11 +153,11 @@ def test_who_is_not_there_is_not_waited_for(crew: Crew) -> None:
     begun = time.monotonic()
     report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()], [Wait()]))
     assert report.reason == "3 helpers are needed; B, C offered to help"
-    assert time.monotonic() - begun < leader.AGREE_S
+    assert time.monotonic() - begun < leader.AGREEMENT_TIMEOUT_S
 
 
 def test_only_the_nearest_are_looked_at(crew: Crew, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leader, "MORE_THAN_NEEDED", 0)
+    monkeypatch.setattr(leader, "SPARE_CANDIDATES", 0)
     near_c = Given([Wait()], [Wait()])
     near_c.meeting_point = Spot(*ROBOTS["C"][:3])
     report = crew.leader("A").lead("test", near_c)

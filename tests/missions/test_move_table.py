@@ -12,7 +12,7 @@ from shapely.affinity import rotate, translate
 from robocorba.errors.robots import ImpossibleCarry, MissionFailed
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.missions.move_table import BACK_M, SPARE_S, MoveTable
+from robocorba.missions.move_table import BACK_M, DOOR_RESERVE_S, MoveTable
 from robocorba.missions.subplan import (
     Approach,
     CallCabin,
@@ -99,7 +99,7 @@ def test_all_are_clear_of_the_doors_before_and_in_time_through_them(world: MapWo
     assert isinstance(way_in, Carry) and isinstance(way_out, Carry)
     for step in (way_in, way_out):
         trajectory = Trajectory.from_rows(step.rows)
-        assert trajectory.duration <= BOARDING_LIMIT_S - SPARE_S
+        assert trajectory.duration <= BOARDING_LIMIT_S - DOOR_RESERVE_S
         ends = trajectory.start, trajectory.goal
         inside, outside = ends if step is way_out else ends[::-1]
         assert at(inside) and not at(outside)
@@ -112,7 +112,7 @@ def test_elevators_that_are_too_small_are_named() -> None:
 
 def test_doors_that_can_not_be_passed_in_time_are_told(world: MapWorld, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.missions.move_table.BOARDING_LIMIT_S", 8.0)
-    with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 8 s; 1\d s are needed for driving in"):
+    with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 8 s; driving in needs 1\d s"):
         MoveTable(world, "box", GOAL).plan("m", "A", ROBOTS)
 
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from shapely import Polygon
 
-from robocorba.missions.carry import Leg
+from robocorba.missions.carry import CarryLeg
 from robocorba.missions.formation import Formation, formations
-from robocorba.missions.surroundings import placed
-from robocorba.missions.swept_area import taken
+from robocorba.missions.obstacles import placed
+from robocorba.missions.swept_area import swept_areas
 from robocorba.simulation.reservations import MOST_CORNERS
 
 TABLE = shapely.box(-0.6, -0.4, 0.6, 0.4)
@@ -30,7 +30,7 @@ def body(aside_m: float = 0.0) -> tuple[Formation, Polygon]:
 @given(POSES, some.integers(0, 60))
 def test_the_body_stays_within_it(poses: list[tuple[float, float, float]], share: int) -> None:
     formation, shape = body()
-    ((floor, corners),) = taken([Leg("L1", np.array(poses), "")], formation, TABLE, ASIDE_M)
+    ((floor, corners),) = swept_areas([CarryLeg("L1", np.array(poses), "")], formation, TABLE, ASIDE_M)
     area = Polygon(corners)
     assert floor == "L1"
     assert area.is_valid
@@ -45,7 +45,7 @@ def test_carriers_gather_within_it_and_nobody_else_is_kept_away() -> None:
     formation, _ = body()
     _, gathered = body(ASIDE_M)
     way = np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]])
-    (area,) = (Polygon(corners) for _, corners in taken([Leg("L1", way, "")], formation, TABLE, ASIDE_M))
+    (area,) = (Polygon(corners) for _, corners in swept_areas([CarryLeg("L1", way, "")], formation, TABLE, ASIDE_M))
     for end in way.tolist():
         assert area.covers(placed(gathered, (end[0], end[1], end[2])))
     assert (
@@ -58,8 +58,8 @@ def test_carriers_gather_within_it_and_nobody_else_is_kept_away() -> None:
 def test_each_leg_has_its_own() -> None:
     formation, _ = body()
     legs = [
-        Leg("L1", np.array([[0.0, 0.0, 0.0], [2.0, 0.0, math.pi]]), "E1"),
-        Leg("L2", np.array([[2.0, 0.0, math.pi]]), "E2"),
-        Leg("L3", np.array([[2.0, 0.0, math.pi], [5.0, 1.0, math.pi]]), ""),
+        CarryLeg("L1", np.array([[0.0, 0.0, 0.0], [2.0, 0.0, math.pi]]), "E1"),
+        CarryLeg("L2", np.array([[2.0, 0.0, math.pi]]), "E2"),
+        CarryLeg("L3", np.array([[2.0, 0.0, math.pi], [5.0, 1.0, math.pi]]), ""),
     ]
-    assert [floor for floor, _ in taken(legs, formation, TABLE, ASIDE_M)] == ["L1", "L2", "L3"]
+    assert [floor for floor, _ in swept_areas(legs, formation, TABLE, ASIDE_M)] == ["L1", "L2", "L3"]

@@ -12,7 +12,7 @@ from robocorba.maps.geometry import Obstacle, object_geometry
 from robocorba.maps.model import BoxShape, Building, Elevator, ElevatorDoor, Floor, MapObject, Side
 from robocorba.maps.movable import movables, outline
 from robocorba.maps.topology import topological_map
-from robocorba.missions.world import Thing
+from robocorba.missions.world import MovableObject
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest
 from robocorba.testing.buildings import with_all
@@ -28,17 +28,17 @@ class MapWorld:
     def building(self) -> Building:
         return self._building
 
-    def thing(self, name: str) -> Thing:
+    def movable(self, name: str) -> MovableObject:
         known = movables(self._building)
         if name not in known:
             raise MissionFailed(f"there is no object {name!r}")
         entry, floor = known[name]
-        return Thing(name, floor, *entry.at, entry.heading, outline(entry), self._mass_kg, entry.height)
+        return MovableObject(name, floor, *entry.at, entry.heading, outline(entry), self._mass_kg, entry.height)
 
-    def others(self, thing: str) -> dict[str, list[Obstacle]]:
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
         found: dict[str, list[Obstacle]] = {}
         for name, (entry, floor) in movables(self._building).items():
-            if name != thing:
+            if name != carried:
                 found.setdefault(floor, []).append(Obstacle("object", name, object_geometry(entry)))
         return found
 

@@ -1,4 +1,4 @@
-"""What a leader knows of the running system when it plans: the map, where objects are, and ways."""
+"""The state of the running system that a leader plans with: the map, the movable objects, and paths."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
 from robocorba.maps.movable import movables
-from robocorba.missions.surroundings import placed
-from robocorba.missions.world import Thing
+from robocorba.missions.obstacles import placed
+from robocorba.missions.world import MovableObject
 from robocorba.planning.request import Path, PathRequest
 from robocorba.spatial.floor_update import WHOLE, BodyKind
 
+#: Timeout of resolving a server [s].
 FIND_LIMIT_S = 5.0
 
 
 class RemoteWorld:
-    """Asks anew each time. Everything raises NotReachable."""
+    """Queries the servers on every call. All methods raise NotReachable."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
@@ -32,37 +33,37 @@ class RemoteWorld:
         self._map: RemoteMap | None = None
 
     def building(self) -> Building:
-        """The map as it is now."""
+        """The current map."""
         if self._map is None:
             self._map = RemoteMap(self._orb, FIND_LIMIT_S)
         else:
             self._map.follow()
         return self._map.building
 
-    def thing(self, name: str) -> Thing:
-        """Raises MissionFailed where there is no such object."""
+    def movable(self, name: str) -> MovableObject:
+        """A movable object by its name. Raises MissionFailed if it does not exist."""
         on_map = movables(self.building())
-        for found in self._things():
+        for found in self._movables():
             if found.name == name:
                 height_m = on_map[name][0].height if name in on_map else 0.0
                 return found._replace(height_m=height_m)
-        known = ", ".join(sorted(found.name for found in self._things())) or "none"
+        known = ", ".join(sorted(found.name for found in self._movables())) or "none"
         raise MissionFailed(f"there is no object {name[:80]!r} that can be carried; there are {known}")
 
-    def others(self, thing: str) -> dict[str, list[Obstacle]]:
-        """By floor, what else can be moved."""
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
+        """All movable objects except `carried`, by floor."""
         found: dict[str, list[Obstacle]] = {}
-        for other in self._things():
-            if other.name != thing:
+        for other in self._movables():
+            if other.name != carried:
                 shape = placed(other.outline, (other.x, other.y, other.heading))
                 found.setdefault(other.floor, []).append(Obstacle("object", other.name, shape))
         return found
 
     def paths(self, request: PathRequest) -> Sequence[Path]:
-        """Raises PathError."""
+        """Paths from the path planning agent. Raises PathError."""
         return self._planner.paths(request)
 
-    def _things(self) -> list[Thing]:
+    def _movables(self) -> list[MovableObject]:
         found = []
         for floor in self._database.floors():
             update = self._database.changes(floor, WHOLE)
@@ -72,5 +73,5 @@ class RemoteWorld:
                     row = motions[body.number]
                     place = float(row["x"]), float(row["y"]), float(row["heading"])
                     outline = shapely.make_valid(Polygon(body.outline))
-                    found.append(Thing(body.name, floor, *place, outline, body.mass_kg, 0.0))
+                    found.append(MovableObject(body.name, floor, *place, outline, body.mass_kg, 0.0))
         return found

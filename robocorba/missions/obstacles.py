@@ -1,4 +1,4 @@
-"""What a carried object and its carriers must not touch on a floor."""
+"""Obstacles on each floor for a carried object and its carriers."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from robocorba.maps.movable import landing_doors, movables
 from robocorba.missions.formation import Pose
 from robocorba.spatial.grids import Grid, build_grid, segments_of
 
-#: What stands somewhere besides, by floor: with a name, or just a shape.
+#: Obstacles in addition to the map, by floor: named, or just a shape.
 Blocked = Mapping[str, Sequence[Obstacle | BaseGeometry]]
-#: How far a way leads beyond everything on a floor without bounds, m.
+#: Free margin around all obstacles that paths may use on a floor without an outline [m].
 AROUND_M = 4.0
 
 
-class Nearest(NamedTuple):
-    """The obstacle nearest to a footprint, how far it is, m, and where."""
+class NearestObstacle(NamedTuple):
+    """The obstacle nearest to a footprint, its distance, and its nearest point (x, y) [m]."""
 
     item: Obstacle
     distance_m: float
@@ -34,8 +34,8 @@ class Nearest(NamedTuple):
     y: float
 
 
-class Ground:
-    """A floor with what stands on it."""
+class FloorObstacles:
+    """The obstacles of one floor. outline: of the floor, None if it has no bounds."""
 
     def __init__(self, floor: str, found: Sequence[Obstacle], outline: Polygon | None) -> None:
         self.floor, self.found, self.outline = floor, found, outline
@@ -46,15 +46,16 @@ class Ground:
         return build_grid(segments_of(np.array([item.geometry for item in self.found], object))[0])
 
     def box(self, *poses: Pose) -> tuple[float, float, float, float]:
-        """What a way between these may need: x0, y0, x1, y1."""
+        """The bounds of all paths between these poses: x0, y0, x1, y1 [m]."""
         if self.outline is not None:
             return self.outline.bounds
         points = [shapely.Point(pose[0], pose[1]) for pose in poses]
         x0, y0, x1, y1 = shapely.total_bounds([*(item.geometry for item in self.found), *points])
         return float(x0 - AROUND_M), float(y0 - AROUND_M), float(x1 + AROUND_M), float(y1 + AROUND_M)
 
-    def nearest(self, footprint: BaseGeometry, margin_m: float) -> Nearest | None:
-        """What is nearer than `margin_m` to a footprint, or in it; the bounds of the floor where it is beyond them."""
+    def nearest(self, footprint: BaseGeometry, margin_m: float) -> NearestObstacle | None:
+        """The nearest obstacle that overlaps a footprint or is nearer to it than `margin_m`, else the floor's outline
+        if the footprint crosses it, else None."""
         near = [
             (float(shapely.distance(self.found[i].geometry, footprint)), i)
             for i in self._tree.query(footprint, predicate="dwithin", distance=margin_m)
@@ -64,17 +65,17 @@ class Ground:
             distance, i = min(near)
             item = self.found[i]
             x, y = shapely.get_coordinates(shapely.shortest_line(item.geometry, footprint))[0].tolist()
-            return Nearest(item, distance, x, y)
+            return NearestObstacle(item, distance, x, y)
         if self.outline is not None and not self.outline.covers(footprint):
             x, y = shapely.get_coordinates(footprint.centroid)[0].tolist()
-            return Nearest(Obstacle("floor", self.floor, self.outline.exterior), 0.0, x, y)
+            return NearestObstacle(Obstacle("floor", self.floor, self.outline.exterior), 0.0, x, y)
         return None
 
 
-class Surroundings:
-    """The floors of a building without what is carried; `carried` is its name among the movables of the map.
+class BuildingObstacles:
+    """The obstacles of a building without the object `carried`, by its name in `movables`.
 
-    What `blocked` has under the name of another movable object stands there instead of where the map has it."""
+    A movable object that is in `blocked` is taken from there, not from the map."""
 
     def __init__(self, building: Building, carried: str, blocked: Blocked) -> None:
         self.building = building
@@ -84,12 +85,12 @@ class Surroundings:
         }
         known = movables(building)
         self._gone = {(known[name][1], known[name][0].name) for name in {carried, *elsewhere} if name in known}
-        self._grounds: dict[tuple[str, frozenset[str]], Ground] = {}
+        self._floors: dict[tuple[str, frozenset[str]], FloorObstacles] = {}
 
-    def ground(self, floor: str, open_elevators: frozenset[str] = frozenset()) -> Ground:
-        """A floor where the doors of these elevators are open, and those of all others shut."""
+    def on_floor(self, floor: str, open_elevators: frozenset[str] = frozenset()) -> FloorObstacles:
+        """The obstacles of a floor; landing doors are closed except those of `open_elevators`."""
         key = (floor, open_elevators)
-        if key not in self._grounds:
+        if key not in self._floors:
             found = [
                 item
                 for item in obstacles(self.building, floor)
@@ -102,12 +103,12 @@ class Surroundings:
                     found.append(Obstacle("elevator", name, landing_doors(self.building, name, floor)))
             found = [item for item in found if not item.geometry.is_empty]
             outline = self.building.floors[floor].floor.outline
-            self._grounds[key] = Ground(floor, found, Polygon(outline) if outline else None)
-        return self._grounds[key]
+            self._floors[key] = FloorObstacles(floor, found, Polygon(outline) if outline else None)
+        return self._floors[key]
 
 
 def placed(shape: BaseGeometry, pose: Pose) -> BaseGeometry:
-    """A shape of a body's frame where the body is, in the floor's frame."""
+    """A shape from the frame of a body at `pose` to the floor's frame."""
     x, y, heading = pose
     cos, sin = math.cos(heading), math.sin(heading)
     return shapely.affinity.affine_transform(shape, [cos, -sin, sin, cos, x, y])
