@@ -25,7 +25,7 @@ from robocorba.maps.samples import load_sample
 from robocorba.sensing.fan import LASER
 from robocorba.sensing.sight import Sight
 from robocorba.simulation.picture import FloorPainter, SightFan
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.testing.report import at_most, quantile, tell, timed_ms
 
@@ -60,7 +60,8 @@ def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
         motions["vx"][:ROBOTS] = speed * np.cos(poses[:ROBOTS, 2])
         motions["vy"][:ROBOTS] = speed * np.sin(poses[:ROBOTS, 2])
         cabins = {
-            name: Moment(0.0, FLOOR if time % 2 else "", Doors.OPENING, 0.5, (), ()) for name in building.elevators
+            name: ElevatorState(0.0, FLOOR if time % 2 else "", Doors.OPENING, 0.5, (), ())
+            for name in building.elevators
         }
         view = FloorView(FLOOR)
         view.apply(FloorUpdate(FLOOR, 0, 1, float(time), 1, bodies, [], motions, cabins))

@@ -17,13 +17,13 @@ from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide,
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import landing_doors, movables, outline, standing
-from robocorba.simulation.elevator import Cabin, Phase, Ride
+from robocorba.simulation.elevator import Cabin, Phase, RideStatus
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservations, Wanted
 from robocorba.simulation.world_record import RobotRecord, WorldRecord
-from robocorba.spatial.elevator_state import Doors, Moment
-from robocorba.spatial.floor_state import Pose, State
+from robocorba.spatial.elevator_state import Doors, ElevatorState
+from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
 
 #: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
@@ -48,7 +48,7 @@ class Robot:
         self.collisions = 0
         #: What it collided with last: a robot or an object, empty for what stands.
         self.touched = ""
-        self._last = State(physics.time, description.pose, (0.0, 0.0, 0.0))
+        self._last = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0))
 
     @property
     def name(self) -> str:
@@ -71,7 +71,7 @@ class Robot:
         """The object that it holds, empty for none."""
         return _owner(self.physics.holding(self.body))
 
-    def state(self) -> State:
+    def state(self) -> RobotMotion:
         """After the last step."""
         seen = self.physics.seen
         row = seen.row_of.get(self.body)
@@ -102,9 +102,9 @@ class SimulatedBuilding:
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
         #: What there is to see of the elevators, after the last step.
-        self.moments: Mapping[str, Moment] = {}
+        self.moments: Mapping[str, ElevatorState] = {}
         #: Of robots that have to do with an elevator, likewise.
-        self.rides: Mapping[str, Ride] = {}
+        self.rides: Mapping[str, RideStatus] = {}
         #: Movable objects: as they are on the map, and their floor now.
         self.objects: dict[str, tuple[MapObject, str]] = {}
         #: Robots and objects by the name of their body.
@@ -277,7 +277,7 @@ class SimulatedBuilding:
             floor.refresh()
         self._look_at_cabins()
 
-    def moments_on(self, floor: str) -> dict[str, Moment]:
+    def moments_on(self, floor: str) -> dict[str, ElevatorState]:
         """Of the elevators that serve a floor. Safe from any thread."""
         served = self.building.elevators
         return {

@@ -19,7 +19,7 @@ from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Elevator
 from robocorba.planning.elevators import travel_time, travelled
 from robocorba.simulation.world_record import CabinRecord, RideRecord
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 #: A robot has so long to drive in, and so long to drive out, while the doors are open, s.
 BOARDING_LIMIT_S = 15.0
@@ -44,7 +44,7 @@ class Phase(Enum):
 _INSIDE = (Phase.RIDING, Phase.ALIGHTING)
 
 
-class Session:
+class RideSession:
     """A robot's ride; with `party`, that of `size` robots who ride together, if it is not empty."""
 
     def __init__(
@@ -67,7 +67,7 @@ class Session:
         self.phase, self.since = phase, now
 
 
-class Ride(NamedTuple):
+class RideStatus(NamedTuple):
     """A ride as its robot is told; `ahead`: robots that wait, and called before."""
 
     phase: Phase
@@ -90,7 +90,7 @@ class Cabin:
         self._since = now
         #: When a party began to drive in.
         self._party_since = now
-        self.sessions: dict[str, Session] = {}
+        self.sessions: dict[str, RideSession] = {}
         #: Of the sessions that ended before the robot was out: the robot, and why.
         self.ended: list[tuple[str, str]] = []
 
@@ -98,7 +98,7 @@ class Cabin:
 
     def call(
         self, robot: str, origin: str, destination: str, radius_m: float, party: str = "", size: int = 1
-    ) -> Session:
+    ) -> RideSession:
         """Reserve a ride, alone or in a party of so many. Raises InvalidRide, ElevatorFull."""
         for field, floor in (("origin", origin), ("destination", destination)):
             if floor not in self.heights:
@@ -113,7 +113,7 @@ class Cabin:
             self._check_party(party, size, origin, destination, radius_m)
         if len(self.sessions) >= MOST_CALLS:
             raise ElevatorFull(self.elevator.name, MOST_CALLS)
-        session = Session(robot, origin, destination, radius_m, self.now, party, size if party else 1)
+        session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1)
         self.sessions[robot] = session
         if party and self.doors is Doors.OPEN:
             self._let_out_and_in()
@@ -157,7 +157,7 @@ class Cabin:
         if reason:
             self.ended.append((robot, reason))
 
-    def _session(self, robot: str, phase: Phase) -> Session:
+    def _session(self, robot: str, phase: Phase) -> RideSession:
         session = self.sessions.get(robot)
         if session is None or session.phase is not phase:
             raise NoRide(robot, self.elevator.name)
@@ -181,7 +181,7 @@ class Cabin:
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
                 about = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
-                session = self.sessions[ride.robot] = Session(*about, ride.party, ride.size)
+                session = self.sessions[ride.robot] = RideSession(*about, ride.party, ride.size)
                 session.phase = Phase.RIDING if ride.inside else Phase.WAITING
         if any(self._is_parted(session) for session in self.sessions.values()):
             self._turn(Doors.OPENING)
@@ -208,7 +208,7 @@ class Cabin:
         """Nobody wants it, and it stands."""
         return not self.sessions and self.doors is Doors.CLOSED and not self._target
 
-    def moment(self) -> Moment:
+    def moment(self) -> ElevatorState:
         """What there is to see now."""
         height, past = self.heights[self.floor], self.now - self._since
         if self._target:
@@ -219,15 +219,15 @@ class Cabin:
             share = share if self.doors is Doors.OPENING else 1.0 - share
         inside = tuple(s.robot for s in self.sessions.values() if s.phase in _INSIDE)
         queue = tuple(s.robot for s in self.sessions.values() if s.phase is Phase.WAITING)
-        return Moment(height, "" if self._target else self.floor, self.doors, share, inside, queue)
+        return ElevatorState(height, "" if self._target else self.floor, self.doors, share, inside, queue)
 
-    def rides(self) -> dict[str, Ride]:
+    def rides(self) -> dict[str, RideStatus]:
         """Of the robots that it serves, by name."""
         rides, ahead = {}, 0
         for session in self.sessions.values():
             is_waiting = session.phase is Phase.WAITING
             place = (self.elevator.name, session.origin, session.destination, ahead if is_waiting else 0)
-            rides[session.robot] = Ride(session.phase, *place)
+            rides[session.robot] = RideStatus(session.phase, *place)
             ahead += is_waiting
         return rides
 
@@ -283,7 +283,7 @@ class Cabin:
     def _turn(self, doors: Doors) -> None:
         self.doors, self._since = doors, self.now
 
-    def _at_the_doors(self) -> list[Session]:
+    def _at_the_doors(self) -> list[RideSession]:
         return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.ALIGHTING)]
 
     def _let_out_and_in(self) -> bool:
@@ -299,11 +299,11 @@ class Cabin:
                 session.turn_to(Phase.BOARDING, self._party_since if session.party else self.now)
         return bool(self._at_the_doors()) or self._is_party_awaited()
 
-    def _boarding_here(self) -> list[Session]:
+    def _boarding_here(self) -> list[RideSession]:
         """Those who wait here, go where the cabin goes, and fit in, longest waiting first."""
         aboard = self._aboard()
         leader = self._leader()
-        chosen: list[Session] = []
+        chosen: list[RideSession] = []
         for session in self.sessions.values():
             if session.phase is not Phase.WAITING or session.origin != self.floor:
                 continue
@@ -313,11 +313,11 @@ class Cabin:
                 chosen.append(session)
         return chosen
 
-    def _aboard(self) -> list[Session]:
+    def _aboard(self) -> list[RideSession]:
         """Those who are in the cabin, or drive in now, and stay."""
         return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.RIDING)]
 
-    def _has_room(self, session: Session, aboard: list[Session]) -> bool:
+    def _has_room(self, session: RideSession, aboard: list[RideSession]) -> bool:
         """Whether a robot fits in with these: a party rides without others."""
         if any(other.party != session.party for other in aboard):
             return False
@@ -325,16 +325,16 @@ class Cabin:
 
     # ---- parties ----
 
-    def _party(self, name: str) -> list[Session]:
+    def _party(self, name: str) -> list[RideSession]:
         return [s for s in self.sessions.values() if s.party == name]
 
-    def _is_parted(self, session: Session) -> bool:
+    def _is_parted(self, session: RideSession) -> bool:
         """Whether a robot is in where its party boards, and others of it are not."""
         is_in_here = session.phase is Phase.RIDING and session.origin == self.floor
         return is_in_here and bool(session.party) and not self._is_whole(self._party(session.party))
 
     @staticmethod
-    def _is_whole(party: list[Session]) -> bool:
+    def _is_whole(party: list[RideSession]) -> bool:
         """Whether all of a party are in the cabin."""
         return sum(s.phase in _INSIDE for s in party) >= party[0].size
 
@@ -346,12 +346,12 @@ class Cabin:
         """Whether some of a party are in, and the doors stay open for the others."""
         return self._is_party_in_time() and any(map(self._is_parted, self.sessions.values()))
 
-    def _leader(self) -> Session | None:
+    def _leader(self) -> RideSession | None:
         """Whose ride decides where the cabin goes: of those inside, then of those who wait, the first to call."""
         inside = [s for s in self.sessions.values() if s.phase is not Phase.WAITING]
         return min(inside or self.sessions.values(), key=lambda s: s.called_at, default=None)
 
-    def _is_on_the_way(self, session: Session, leader: Session) -> bool:
+    def _is_on_the_way(self, session: RideSession, leader: RideSession) -> bool:
         """Whether a ride from here lies within what is left of the leader's, in its direction."""
         if leader.phase is Phase.WAITING and leader.origin != self.floor:
             return False

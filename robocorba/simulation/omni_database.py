@@ -15,8 +15,8 @@ import numpy as np
 from robocorba.errors.paths import UnknownFloor
 from robocorba.kernels import kernel
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.spatial.elevator_state import Moment
-from robocorba.spatial.floor_state import Pose, Seen
+from robocorba.spatial.elevator_state import ElevatorState
+from robocorba.spatial.floor_state import FloorState, Pose
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
 from robocorba.spatial.grids import Floats, Longs
 
@@ -67,7 +67,7 @@ class OmniDatabase:
             floor.look(physics.seen, self._building.bodies, self._building.moments_on(name))
             return floor.since(name, since, self.map_version)
 
-    def elevators(self) -> dict[str, Moment]:
+    def elevators(self) -> dict[str, ElevatorState]:
         """All of them, by name."""
         return dict(self._building.moments)
 
@@ -93,7 +93,7 @@ class _Floor:
 
     def __init__(self, version: int) -> None:
         self.version = self._oldest = version
-        self._seen: Seen | None = None
+        self._seen: FloorState | None = None
         self._bodies: dict[str, Body] = {}
         #: In the order of the bodies: their numbers, their rows in what was seen, these rows, and since when they hold.
         self._numbers = self._places = self._moved_in = np.empty(0, np.int64)
@@ -101,9 +101,9 @@ class _Floor:
         self._came_in: dict[str, int] = {}
         self._last_came = version
         self._went: deque[tuple[int, int]] = deque()
-        self._elevators: dict[str, tuple[Moment, int]] = {}
+        self._elevators: dict[str, tuple[ElevatorState, int]] = {}
 
-    def look(self, seen: Seen, known: dict[str, Body], elevators: dict[str, Moment]) -> None:
+    def look(self, seen: FloorState, known: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
         """Make a new version of it, where anything has changed."""
         next_version = self.version + 1
         has_changed = False
@@ -134,10 +134,10 @@ class _Floor:
         moved = tell_motion(self._numbers, self._rows, self._moved_in, since, motions)
         return FloorUpdate(name, since, self.version, seen_at, map_version, came, went, motions[:moved], elevators)
 
-    def _look_at_motion(self, seen: Seen, version: int) -> bool:
+    def _look_at_motion(self, seen: FloorState, version: int) -> bool:
         return note_motion(seen.rows, self._places, self._rows, self._moved_in, version)
 
-    def _sort(self, seen: Seen, known: dict[str, Body], version: int) -> bool:
+    def _sort(self, seen: FloorState, known: dict[str, Body], version: int) -> bool:
         """Bodies came, went, or are kept in another order."""
         # What stands, and who has just gone, is not known.
         bodies = {name: body for name in seen.names if (body := known.get(name))}

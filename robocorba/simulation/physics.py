@@ -23,7 +23,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
-from robocorba.spatial.floor_state import Seen, in_own_frames
+from robocorba.spatial.floor_state import FloorState, in_own_frames
 from robocorba.spatial.grids import Floats, segments_of
 from robocorba.spatial.pose import Limits
 
@@ -75,7 +75,7 @@ class FloorPhysics:
     """obstacles: what stands, lines and polygons. steps: that have passed. name: of the floor."""
 
     #: How things are after the last step; whoever came since is missing.
-    seen: Seen
+    seen: FloorState
 
     def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0, name: str = "") -> None:
         self.name = name
@@ -321,7 +321,7 @@ class FloorPhysics:
 
     def _look(self) -> None:
         self._moving.read()
-        self.seen = Seen(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
+        self.seen = FloorState(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
 
     def _begun(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Two shapes begin to touch, in the middle of a step."""

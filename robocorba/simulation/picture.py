@@ -29,7 +29,7 @@ from robocorba.maps.geometry import landing_line, shaft_polygon
 from robocorba.maps.model import Building, Elevator, FloorMap
 from robocorba.maps.movable import movables
 from robocorba.maps.sheet import GROUND, HEAD_PX, INK, MAX_LETTERS, Frame, Sheet
-from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import Body, BodyKind, FloorView
 from robocorba.spatial.pose import XY
 
@@ -168,7 +168,7 @@ class _Picture:
         self._pixels.save(buffer, "PNG", compress_level=1)
         return buffer.getvalue()
 
-    def add_cabins(self, floor: str, moments: Mapping[str, Moment]) -> None:
+    def add_cabins(self, floor: str, moments: Mapping[str, ElevatorState]) -> None:
         """A layer has all cabins, with closed doors: open the doors, and tell where a cabin is that is not here."""
         for shaft in self._layer.shafts:
             moment, says = moments.get(shaft.name), shaft.name

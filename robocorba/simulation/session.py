@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from robocorba.errors.simulation import InvalidRide
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import Robot, SimulatedBuilding
-from robocorba.simulation.elevator import Ride
+from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import Client
 from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
-from robocorba.spatial.floor_state import State
+from robocorba.spatial.floor_state import RobotMotion
 
 
 class Session:
@@ -44,7 +44,7 @@ class Session:
         self.client.heard(time.monotonic())
         self.robot.brake()
 
-    def state(self) -> State:
+    def state(self) -> RobotMotion:
         """How the robot is after the last step."""
         self.client.heard(time.monotonic())
         return self.robot.state()
@@ -54,7 +54,7 @@ class Session:
         self.client.heard(time.monotonic())
 
     @property
-    def ride(self) -> Ride | None:
+    def ride(self) -> RideStatus | None:
         """What the robot has to do with an elevator."""
         return self._building.rides.get(self.name)
 

@@ -15,7 +15,7 @@ class Doors(Enum):
     CLOSING = 3
 
 
-class Moment(NamedTuple):
+class ElevatorState(NamedTuple):
     """What the 2D simulator shows: height of the cabin's floor in m, the floor where it stands, empty on the way."""
 
     height: float

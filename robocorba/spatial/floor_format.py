@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 
 
@@ -78,7 +78,7 @@ def loads(data: bytes) -> FloorUpdate:
         found.went,
         np.frombuffer(found.motions, MOTION),
         {
-            one.name: Moment(one.height, one.cabin, one.doors, one.opening, one.riders, one.queue)
+            one.name: ElevatorState(one.height, one.cabin, one.doors, one.opening, one.riders, one.queue)
             for one in found.elevators
         },
     )

@@ -14,7 +14,7 @@ from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import Pose
 
 
-class State(msgspec.Struct, frozen=True, gc=False):
+class RobotMotion(msgspec.Struct, frozen=True, gc=False):
     """A robot as it is: velocities ahead, to the left (m/s) and turn (rad/s); `time` is the simulation's, s."""
 
     time: float
@@ -26,7 +26,7 @@ class State(msgspec.Struct, frozen=True, gc=False):
 _pose_of = partial(tuple.__new__, Pose)
 
 
-class Seen:
+class FloorState:
     """A floor after a step: the time, names in the order of the rows, empty for what stands, the row of each name, and
     rows (n, 6) of x, y, heading, velocity in x and y, turn. Nothing of it changes any more."""
 
@@ -35,17 +35,17 @@ class Seen:
         self.names, self.row_of, self.rows = names, row_of, rows
 
     @cached_property
-    def states(self) -> list[State]:
+    def states(self) -> list[RobotMotion]:
         """By row; headings are within half a turn to both sides. Made for all when somebody asks."""
         x, y, heading, *velocity = in_own_frames(self.rows).tolist()
         poses = map(_pose_of, zip(repeat(self.floor), x, y, heading))
-        return list(map(State, repeat(self.time), poses, zip(*velocity, strict=True)))
+        return list(map(RobotMotion, repeat(self.time), poses, zip(*velocity, strict=True)))
 
 
 @kernel
 def in_own_frames(rows: Floats) -> Floats:
-    """Of rows (n, 6) as in Seen: columns (6, n) of x, y, heading within half a turn, velocity ahead and to the left,
-    turn."""
+    """From rows (n, 6) as in FloorState: columns (6, n) of x, y, heading within half a turn, velocity ahead and to the
+    left, turn."""
     columns = np.empty((6, len(rows)))
     for i in range(len(rows)):
         x, y, heading, vx, vy, turn = rows[i]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.errors.simulation import OutOfStep
-from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.pose import XY
 
 #: A body that moved: its number, velocity along the floor's axes (m/s), turn (rad/s), x, y (m), heading (rad).
@@ -51,7 +51,7 @@ class FloorUpdate(NamedTuple):
     came: list[Body]
     went: list[int]
     motions: Motions
-    elevators: dict[str, Moment]
+    elevators: dict[str, ElevatorState]
 
 
 class FloorView:
@@ -64,7 +64,7 @@ class FloorView:
         self.bodies: dict[int, Body] = {}
         #: Rows of MOTION, in the order of `bodies`.
         self.motions = np.empty(0, MOTION)
-        self.elevators: dict[str, Moment] = {}
+        self.elevators: dict[str, ElevatorState] = {}
         #: Rows that the last update has changed.
         self.moved: NDArray[np.int64] = np.empty(0, np.int64)
         self._sort()

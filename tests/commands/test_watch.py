@@ -20,12 +20,12 @@ from rich.console import Console
 from robocorba.commands.scene import Scene, as_tables, clients, elevators, plain, robots, sensor, show, tables
 from robocorba.commands.waiting import Absence, Stop
 from robocorba.errors.services import NotReachable
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
 
-def view(floor: str, *names: str, moments: dict[str, Moment] | None = None) -> FloorView:
+def view(floor: str, *names: str, moments: dict[str, ElevatorState] | None = None) -> FloorView:
     """A floor where robots drive at 0.5 m/s from x = 1, 2, ... m, among a chair."""
     bodies = [Body(number, BodyKind.ROBOT, name, 0.4, (), 127.0) for number, name in enumerate(names, 1)]
     bodies.insert(0, Body(99, BodyKind.OBJECT, "chair", 0.3, ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), 5.0))
@@ -39,8 +39,8 @@ def client(name: str, floor: str) -> RoboCorba.ClientState:
     return RoboCorba.ClientState(name, RoboCorba.Pose(floor, 3.0, 4.0, -math.pi), 1.7e9, 0.25, 12.5, 0.0015, "s1")
 
 
-RIDE = {"E1": Moment(1.75, "", Doors.CLOSED, 0.0, ("A",), ("B", "C"))}
-STOP = {"E2": Moment(0.0, "L1", Doors.OPENING, 0.5, (), ())}
+RIDE = {"E1": ElevatorState(1.75, "", Doors.CLOSED, 0.0, ("A",), ("B", "C"))}
+STOP = {"E2": ElevatorState(0.0, "L1", Doors.OPENING, 0.5, (), ())}
 STATE = RoboCorba.ServerState(300, 2, 91.84, 0.0, 57.3, True, 4, 69, 15.81)
 SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7), 9)
 
@@ -125,7 +125,7 @@ def test_floors_alone_tell_where_robots_are() -> None:
 
 
 def test_the_last_known_elevator_counts() -> None:
-    later = {"E1": Moment(3.5, "L2", Doors.OPEN, 1.0, (), ())}
+    later = {"E1": ElevatorState(3.5, "L2", Doors.OPEN, 1.0, (), ())}
     (row,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
     assert (row["cabin"], row["doors"]) == ("L2", "OPEN")
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.stubs import RoboCorba
 
@@ -69,7 +69,7 @@ def update_of(struct: Any) -> FloorUpdate:
     )
 
 
-def elevators(moments: dict[str, Moment]) -> list[Any]:
+def elevators(moments: dict[str, ElevatorState]) -> list[Any]:
     return [
         RoboCorba.ElevatorState(
             name,
@@ -84,8 +84,10 @@ def elevators(moments: dict[str, Moment]) -> list[Any]:
     ]
 
 
-def elevators_of(structs: list[Any]) -> dict[str, Moment]:
+def elevators_of(structs: list[Any]) -> dict[str, ElevatorState]:
     return {
-        one.name: Moment(one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue))
+        one.name: ElevatorState(
+            one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue)
+        )
         for one in structs
     }

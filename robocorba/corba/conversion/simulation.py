@@ -14,12 +14,12 @@ from robocorba.corba.conversion.errors import register, register_system, registe
 from robocorba.corba.conversion.maps import xy, xy_of
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.elevator import Phase, Ride
+from robocorba.simulation.elevator import Phase, RideStatus
 from robocorba.simulation.load_balance import Load, Sensor
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Client, Description
 from robocorba.simulation.reservations import Reservation, check_sizes
-from robocorba.spatial.floor_state import Pose, State
+from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.pose import Limits
 from robocorba.stubs import RoboCorba
 
@@ -73,7 +73,7 @@ def pose_of(struct: Any) -> Pose:
     return Pose(struct.floor, struct.x, struct.y, struct.heading)
 
 
-def robot_state(state: State, holding: str, riding: Ride | None, collisions: int, touched: str) -> Any:
+def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
     return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
 
 
@@ -90,12 +90,12 @@ def session_state_of(struct: Any) -> SessionState:
     )
 
 
-def ride_of(struct: Any) -> Ride | None:
+def ride_of(struct: Any) -> RideStatus | None:
     phase = _PHASE_OF.get(struct.phase)
-    return Ride(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
+    return RideStatus(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
 
 
-def ride(found: Ride | None) -> Any:
+def ride(found: RideStatus | None) -> Any:
     if found is None:
         return _NO_RIDE
     return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
