@@ -27,7 +27,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bench.simulation.building import RADIUS_M, office, robots
-from bench.simulation.headless_clients import PARTS, Elsewhere
+from bench.simulation.headless_clients import PARTS, WandererProcess
 from robocorba.maps.model import Building
 from robocorba.sensing.fan import PROXIMITY, Fan
 from robocorba.sensing.virtual_sensor import ScanSpec
@@ -86,9 +86,9 @@ class Lap(NamedTuple):
 class Crowd:
     """Robots in a building, each with a client that wanders about by what its sensor sees."""
 
-    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: Elsewhere) -> None:
+    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: WandererProcess) -> None:
         self.agent = ManagementAgent(building, 1, store)
-        self.agent.choose(limit=case.robots)
+        self.agent.configure(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
         self._clients, self._versions = clients, dict.fromkeys(building.floors, WHOLE)
         self.parts = dict.fromkeys(OURS, 0.0)
@@ -143,7 +143,7 @@ def crowd(building: Building, case: Case) -> Iterator[Crowd]:
     with (
         tempfile.TemporaryDirectory() as folder,
         SimulationStore(Path(folder) / "simulation.sqlite") as store,
-        contextlib.closing(Elsewhere(building, names, case.spec, case.one_by_one)) as clients,
+        contextlib.closing(WandererProcess(building, names, case.spec, case.one_by_one)) as clients,
     ):
         found = Crowd(building, case, store, clients)
         found.lap(WARM_UP_S)

@@ -105,7 +105,7 @@ class Wanderers:
         self._at = now
 
 
-class Elsewhere:
+class WandererProcess:
     """Wanderers in a process of their own. What they say is of the floors as they were told the time before."""
 
     def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:

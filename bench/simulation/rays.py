@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from shapely import LineString
 
 from robocorba.sensing.fan import Fan
-from robocorba.sensing.sight import Sight
+from robocorba.sensing.sight import SensedScene
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import at_least, at_most, tell
 
@@ -95,18 +95,18 @@ def main() -> int:
     rows: list[dict[str, Any]] = []
     marks = []
     for walls, side, least in FLOORS:
-        stands, places = floor(walls, side), poses(SCANS, side)
-        sight, few = Sight(stands), places[:FEW]
-        ways: dict[str, tuple[Callable[[], Floats], int]] = {
+        obstacles, places = floor(walls, side), poses(SCANS, side)
+        sight, few = SensedScene(obstacles), places[:FEW]
+        methods: dict[str, tuple[Callable[[], Floats], int]] = {
             "ours": (lambda sight=sight, places=places: sight.scan(places, FULL), SCANS),  # type: ignore[misc]
-            "pymunk": (by_pymunk(stands, few), FEW),
-            "shapely": (by_shapely(stands, few), FEW),
+            "pymunk": (by_pymunk(obstacles, few), FEW),
+            "shapely": (by_shapely(obstacles, few), FEW),
         }
         expected = sight.scan(few, FULL)
-        worst = max(float(np.abs(ways[peer][0]() - expected).max()) for peer in ("pymunk", "shapely"))
-        rates: dict[str, list[float]] = {peer: [] for peer in ways}
+        worst = max(float(np.abs(methods[peer][0]() - expected).max()) for peer in ("pymunk", "shapely"))
+        rates: dict[str, list[float]] = {peer: [] for peer in methods}
         for _ in range(ROUNDS):
-            for peer, (scan, scans) in ways.items():
+            for peer, (scan, scans) in methods.items():
                 began = time.perf_counter()
                 scan()
                 rates[peer].append(scans * FULL.count / (time.perf_counter() - began))

@@ -23,8 +23,8 @@ from robocorba.maps.model import Building
 from robocorba.maps.movable import movables, outline, standing
 from robocorba.maps.samples import load_sample
 from robocorba.sensing.fan import LASER
-from robocorba.sensing.sight import Sight
-from robocorba.simulation.picture import FloorPainter, SightFan
+from robocorba.sensing.sight import SensedScene
+from robocorba.simulation.picture import FloorPainter, ScanFan
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.testing.report import at_most, quantile, tell, timed_ms
@@ -38,7 +38,7 @@ FEW = 5
 MOST_MS = 30.0
 
 
-def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
+def moments(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
     """The floor at different times: robots at free places, objects near where the map has them, what lasers see."""
     chance = np.random.default_rng(1)
     space = free_space(building, FLOOR, RADIUS_M)
@@ -48,7 +48,7 @@ def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
     for number, (name, thing) in enumerate(things, ROBOTS):
         bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(thing).exterior.coords), 20.0))
     places = np.array([(*thing.at, thing.heading) for _, thing in things])
-    sight = Sight(standing(building, FLOOR))
+    sight = SensedScene(standing(building, FLOOR))
     found = []
     for time in range(MOMENTS):
         motions = np.zeros(len(bodies), MOTION)
@@ -67,7 +67,7 @@ def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
         view.apply(FloorUpdate(FLOOR, 0, 1, float(time), 1, bodies, [], motions, cabins))
         seen = sight.scan(poses[:LASERS], LASER)
         fans = [
-            SightFan(x, y, heading, LASER.first_rad, LASER.step_rad, distances)
+            ScanFan(x, y, heading, LASER.first_rad, LASER.step_rad, distances)
             for (x, y, heading), distances in zip(poses[:LASERS].tolist(), seen, strict=True)
         ]
         found.append((view, fans))

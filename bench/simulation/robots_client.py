@@ -1,4 +1,4 @@
-"""A process of a bench with many robots, told what to do by lines of JSON on its stdin.
+"""A process of a bench with many robots, checked_call what to do by lines of JSON on its stdin.
 
 python -m bench.simulation.robots_client HOST:PORT
 
@@ -39,7 +39,7 @@ from robocorba.testing.report import timed_ms
 T = TypeVar("T")
 START_LIMIT_S = 60.0
 #: A command holds for so long; robots that wait say so often that they are there, s.
-VALID_S, BEAT_S = 0.5, 0.8
+VALID_S, HEARTBEAT_INTERVAL_S = 0.5, 0.8
 #: Ahead, m/s, and turn, rad/s, of a robot that drives on, and of one that turns away.
 ON, AWAY = (0.7, 0.0, 0.2), (0.0, 0.0, 1.2)
 #: Slower is stuck, m/s; but a robot that has just begun to drive is given so many commands.
@@ -75,7 +75,7 @@ class Fleet:
         self._server = server
         self._robots: list[Robot] = []
         self._waiting: list[Robot] = []
-        self._beats = Repeating("beats", self._beat, BEAT_S).start()
+        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
 
     def log_on(self, robots: list[list[Any]], count: int) -> dict[str, Any]:
         """Log so many robots on, one after the other: rows of name, floor, x, y, heading, radius. What was pushed to
@@ -100,7 +100,7 @@ class Fleet:
         with self._awake():
             for robot in self._robots:
                 with contextlib.suppress(LoggedOff):
-                    took.append(timed_ms(told, robot.session.deregister)[1])
+                    took.append(timed_ms(checked_call, robot.session.deregister)[1])
             self._robots = []
         return {"log off": took}
 
@@ -129,9 +129,9 @@ class Fleet:
         return answer
 
     def close(self) -> None:
-        self._beats.close()
+        self._heartbeats.close()
 
-    def _beat(self) -> None:
+    def _heartbeat(self) -> None:
         for robot in list(self._waiting):
             if not self._waiting:
                 return
@@ -170,8 +170,8 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
         if robot in lost:
             continue
         try:
-            _, ms = timed_ms(told, robot.session.command, RoboCorba.Velocity(*robot.next_command()), VALID_S)
-            state, ms_state = timed_ms(told, robot.session.state)
+            _, ms = timed_ms(checked_call, robot.session.command, RoboCorba.Velocity(*robot.next_command()), VALID_S)
+            state, ms_state = timed_ms(checked_call, robot.session.state)
         except LoggedOff:
             lost.add(robot)
             continue
@@ -185,16 +185,16 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
 def scan(robots: Sequence[Robot], begin: float, seconds: float) -> list[float]:
     """One thread's robots, in turn."""
     spec, took = scans.spec(FULL), []
-    sensors = [(robot, robot.session._get_sensor(), told(robot.session.state).at) for robot in robots]
+    sensors = [(robot, robot.session._get_sensor(), checked_call(robot.session.state).at) for robot in robots]
     time.sleep(max(0.0, begin - time.monotonic()))
     turned_at = 0.0
     while (now := time.monotonic()) < begin + seconds:
         if now - turned_at > 1.0:
             turned_at = now
             for robot, _, _ in sensors:
-                told(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
+                checked_call(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
         for _, sensor, at in sensors:
-            took.append(timed_ms(told, sensor.scan, at, NO_MOUNT, spec)[1])
+            took.append(timed_ms(checked_call, sensor.scan, at, NO_MOUNT, spec)[1])
             if time.monotonic() > begin + seconds:
                 break
     return took
@@ -225,7 +225,7 @@ class LoggedOff(RuntimeError):
     """The robot has no session any more."""
 
 
-def told(call: Callable[..., Any], *arguments: object) -> Any:
+def checked_call(call: Callable[..., Any], *arguments: object) -> Any:
     """The call, CORBA's exceptions as one that says what it is."""
     try:
         return call(*arguments)
@@ -318,7 +318,7 @@ class Worked:
 def main(naming: str) -> None:
     with Orb(Address.parse(naming)) as orb:
         fleet = Fleet(orb.resolve("SimulationServer", RoboCorba.SimulationServer, START_LIMIT_S))
-        ways: dict[str, Callable[..., dict[str, Any]]] = {
+        commands: dict[str, Callable[..., dict[str, Any]]] = {
             "log_on": fleet.log_on,
             "log_off": fleet.log_off,
             "drive": fleet.drive,
@@ -328,7 +328,7 @@ def main(naming: str) -> None:
             print("{}", flush=True)
             for line in sys.stdin:
                 command = json.loads(line)
-                print(json.dumps(ways[command.pop("do")](**command)), flush=True)
+                print(json.dumps(commands[command.pop("do")](**command)), flush=True)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from robocorba.simulation.recording import Recorder
 from robocorba.stubs import RoboCorba
 
 #: How often floors are asked.
-EVERY_S = 0.05
+POLL_INTERVAL_S = 0.05
 LONGEST_PAUSE_S = 1.0
 #: A server that is away is waited for so long.
 AWAY_LIMIT_S = 30.0
@@ -54,7 +54,7 @@ def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop)
     began = time.time()
     written_at: dict[str, float] = {}
     with progress(seconds) as bar:
-        for passed_s in stop.ticks(EVERY_S, seconds):
+        for passed_s in stop.ticks(POLL_INTERVAL_S, seconds):
             try:
                 updates = floors.follow(FIND_AGAIN_S)
                 absence.end()

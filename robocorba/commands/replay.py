@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import Scene, as_tables, elevators, robots, show
+from robocorba.commands.scene import SystemTables, as_tables, elevators, robots, show
 from robocorba.commands.waiting import Stop, progress
-from robocorba.commands.watch import SHOW_S
+from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import StateDamaged
 from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
@@ -63,9 +63,9 @@ def one_of(recording: Recording, floors: Sequence[str]) -> str:
     return floors[0] if floors else recording.floors[0]
 
 
-def scene(views: Mapping[str, FloorView]) -> Scene:
+def scene(views: Mapping[str, FloorView]) -> SystemTables:
     """What a recording knows of floors."""
-    return Scene(robots=robots(views.values()), elevators=elevators(views.values()))
+    return SystemTables(robots=robots(views.values()), elevators=elevators(views.values()))
 
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
@@ -73,7 +73,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
     stop = Stop()
     began = time.monotonic()
     with Live(auto_refresh=False) as live:
-        for at_s, views in recording.moments(SHOW_S * speed, floors):
+        for at_s, views in recording.moments(SHOW_INTERVAL_S * speed, floors):
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"

@@ -25,7 +25,7 @@ from robocorba.stubs import RoboCorba
 Row = dict[str, Any]
 
 
-class Scene(NamedTuple):
+class SystemTables(NamedTuple):
     """What is shown: metres, seconds, radians. A replay has neither server nor sensors."""
 
     server: Sequence[Row] = ()
@@ -42,7 +42,7 @@ class System:
         self._floors = RemoteFloors(orb, floors)
         self._server: Any = None
 
-    def look(self, find_s: float = FIND_AGAIN_S) -> Scene:
+    def look(self, find_s: float = FIND_AGAIN_S) -> SystemTables:
         """What there is now. Raises UnknownFloor, NotReachable."""
         self._floors.follow(find_s)
         views = list(self._floors.views.values())
@@ -50,7 +50,7 @@ class System:
             if self._server is None:
                 interface = RoboCorba.SimulationServer
                 self._server = self._orb.resolve("SimulationServer", interface, find_s, CALL_LIMIT_S)
-            return Scene(
+            return SystemTables(
                 [plain(self._server._get_state())],
                 clients(self._server.clients(), views),
                 elevators(views),
@@ -188,7 +188,7 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
 }
 
 
-def tables(scene: Scene) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+def tables(scene: SystemTables) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
     """Kind of row, titles and cells of each table that has rows."""
     found = []
     for (kind, columns), rows in zip(_COLUMNS.items(), scene, strict=True):
@@ -199,12 +199,12 @@ def tables(scene: Scene) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...
     return found
 
 
-def as_json(scene: Scene) -> str:
+def as_json(scene: SystemTables) -> str:
     """All of it, with the members of the IDL; doors by the names of simulation.elevator.Doors."""
     return json_format.dumps({**scene._asdict(), "server": scene.server[0]}, indent=2)
 
 
-def show(scene: Scene) -> None:
+def show(scene: SystemTables) -> None:
     """Print tables; without a terminal one line a row, which begins with its kind, with tabs between."""
     console = Console()
     if console.is_terminal:
@@ -215,7 +215,7 @@ def show(scene: Scene) -> None:
             print(kind, *row, sep="\t", flush=True)
 
 
-def as_tables(scene: Scene, note: str = "", style: str = "bold red") -> Group:
+def as_tables(scene: SystemTables, note: str = "", style: str = "bold red") -> Group:
     """For the terminal, with a note below."""
     parts: list[Table | Text] = []
     for _, titles, rows in tables(scene):

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import Scene, System, as_json, as_tables, show
+from robocorba.commands.scene import System, SystemTables, as_json, as_tables, show
 from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import errors as idl_errors
@@ -25,7 +25,7 @@ from robocorba.settings import InvalidSetting, Settings
 from robocorba.stubs import RoboCorba
 
 #: How often tables are shown, without a terminal printed.
-SHOW_S, PRINT_S = 0.25, 1.0
+SHOW_INTERVAL_S, PRINT_INTERVAL_S = 0.25, 1.0
 #: Longest drawing of a picture; the first one of a floor takes a while.
 PICTURE_LIMIT_S = 15.0
 
@@ -58,14 +58,14 @@ def watch(
         elif Console().is_terminal:
             show_live(system, scene, stop)
         else:
-            print_on(system, scene, stop)
+            print_tables(system, scene, stop)
 
 
-def show_live(system: System, scene: Scene, stop: Stop) -> None:
+def show_live(system: System, scene: SystemTables, stop: Stop) -> None:
     """Tables on the terminal, until the stop. Raises UnknownFloor, NotReachable."""
     absence = Absence()
     with Live(as_tables(scene), auto_refresh=False) as live:
-        for _ in stop.ticks(SHOW_S):
+        for _ in stop.ticks(SHOW_INTERVAL_S):
             try:
                 scene, note = system.look(), ""
                 absence.end()
@@ -74,10 +74,10 @@ def show_live(system: System, scene: Scene, stop: Stop) -> None:
             live.update(as_tables(scene, note), refresh=True)
 
 
-def print_on(system: System, scene: Scene, stop: Stop) -> None:
+def print_tables(system: System, scene: SystemTables, stop: Stop) -> None:
     """Tables into a pipe or a file, each with an empty line behind it, until the stop. Raises as above."""
     absence = Absence()
-    for _ in stop.ticks(PRINT_S):
+    for _ in stop.ticks(PRINT_INTERVAL_S):
         try:
             scene = system.look()
             absence.end()

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.sensing.virtual_sensor import ScanSpec, Sighting, VirtualSensor
+from robocorba.sensing.virtual_sensor import ScanResult, ScanSpec, VirtualSensor
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_state import Pose
@@ -24,13 +24,13 @@ class Reports:
         self._sensor, self._clock, self._cpu = sensor, clock, cpu
         self._lock = threading.Lock()
         self._scans = 0
-        self._last: dict[str, tuple[str, ScanSpec, Sighting]] = {}
+        self._last: dict[str, tuple[str, ScanSpec, ScanResult]] = {}
         self._marked_at, self._cpu_at_mark = clock(), cpu()
         self._busy = self._scan_rate = 0.0
         #: Robots that were given to this process.
         self.robots = 0
 
-    def saw(self, robot: str | None, floor: str, spec: ScanSpec, seen: Sighting) -> None:
+    def record_scan(self, robot: str | None, floor: str, spec: ScanSpec, seen: ScanResult) -> None:
         """A scan of one sensor was made, for a robot where it is not None."""
         with self._lock:
             self._scans += 1
@@ -43,7 +43,7 @@ class Reports:
         with self._lock:
             return Load(self._busy, min(self._sensor.lag_s, 1e9), self._scan_rate, self.robots)
 
-    def mark(self) -> list[LastScan]:
+    def collect(self) -> list[LastScan]:
         """Measure the load anew; what was seen since."""
         with self._lock:
             now, cpu = self._clock(), self._cpu()
@@ -54,7 +54,7 @@ class Reports:
         return [_last_scan(robot, *saw) for robot, saw in last.items()]
 
 
-def _last_scan(robot: str, floor: str, spec: ScanSpec, seen: Sighting) -> LastScan:
+def _last_scan(robot: str, floor: str, spec: ScanSpec, seen: ScanResult) -> LastScan:
     x, y, heading = seen.sensors[0].tolist()
     place, fan = Pose(floor, x, y, heading), spec.fan
     return LastScan(robot, seen.time, place, fan.first_rad, fan.step_rad, seen.distances[0] + spec.rim_m)

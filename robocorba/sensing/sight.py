@@ -32,7 +32,7 @@ NOBODY = -1
 NO_DISCS = np.empty((0, 4))
 
 
-class Sight:
+class SensedScene:
     """What stands on a floor, as lines and polygons, and what moves there.
 
     Both change by replacing what was there; a scan that has begun sees what there was."""
@@ -43,12 +43,12 @@ class Sight:
     def __init__(self, obstacles: Sequence[BaseGeometry] = ()) -> None:
         self._standing = self._moving = np.empty((0, 4))
         self._discs = NO_DISCS
-        self.stand(obstacles)
+        self.set_obstacles(obstacles)
 
-    def stand(self, obstacles: Sequence[BaseGeometry]) -> None:
+    def set_obstacles(self, obstacles: Sequence[BaseGeometry]) -> None:
         """Replace what stands."""
         self._standing = lines_of(obstacles)
-        self._sort()
+        self._rebuild()
 
     def move(self, discs: Floats, segments: Floats | None = None) -> None:
         """Replace the robots, discs (n, 4) of x, y, radius in m and a number; and what else comes and goes, segments
@@ -64,7 +64,7 @@ class Sight:
         if is_covered:
             self.scene = Scene(standing, moving, self._discs, start, items)
         else:
-            self._sort()
+            self._rebuild()
 
     def scan(self, poses: Floats, fan: Fan, owners: Sequence[int] | Longs | None = None) -> Floats:
         """Distances (poses, rays) in m, at most the fan's range; exact, without noise.
@@ -76,7 +76,7 @@ class Sight:
         rays = fan.rays
         return cast(self.scene, places, carriers, *rays, fan.first_rad, fan.step_rad, fan.range_m)
 
-    def _sort(self) -> None:
+    def _rebuild(self) -> None:
         """Into a grid that covers all there is."""
         x, y, radius, _ = self._discs.T
         boxes = np.column_stack([x - radius, y - radius, x + radius, y + radius])

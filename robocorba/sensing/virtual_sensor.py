@@ -23,7 +23,7 @@ from robocorba.maps.movable import landing_doors, standing
 from robocorba.sensing.casting import Scene, cast
 from robocorba.sensing.fan import LASER, MOST_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
-from robocorba.sensing.sight import NOBODY, Sight, lines_of
+from robocorba.sensing.sight import NOBODY, SensedScene, lines_of
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
 from robocorba.spatial.grids import Floats, Longs, column_of, row_of
@@ -34,7 +34,7 @@ MOST_RIM_M = 100.0
 #: In one call.
 MOST_RAYS_AT_ONCE = 1_000_000
 NO_NOISE = Noise()
-WHO_STANDS_THERE = -2
+ROBOT_AT_PLACE = -2
 
 
 class Mount(NamedTuple):
@@ -66,7 +66,7 @@ class ScanSpec:
         return self.fan.first_rad, self.fan.step_rad, self.fan.range_m, float(self.rim_m)
 
 
-class Sighting(NamedTuple):
+class ScanResult(NamedTuple):
     """What sensors saw: the simulation's time, places (m, 3) of the sensors, distances (m, rays), m."""
 
     time: float
@@ -79,13 +79,13 @@ class VirtualSensor:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._floors: dict[str, _FloorSight] = {}
+        self._floors: dict[str, _SensedFloor] = {}
 
     @property
     def lag_s(self) -> float:
         """How old what is known is at most, of the floor that was heard of least recently; infinite for no floor."""
         now = self._clock()
-        return max((now - floor.true_at for floor in self._floors.values()), default=float("inf"))
+        return max((now - floor.valid_at for floor in self._floors.values()), default=float("inf"))
 
     @property
     def robots(self) -> set[str]:
@@ -98,9 +98,9 @@ class VirtualSensor:
             del self._floors[name]
         for name in building.floors:
             if name in self._floors:
-                self._floors[name].stand(building)
+                self._floors[name].set_obstacles(building)
             else:
-                self._floors[name] = _FloorSight(name, building)
+                self._floors[name] = _SensedFloor(name, building)
 
     @property
     def floors(self) -> list[str]:
@@ -110,7 +110,7 @@ class VirtualSensor:
         """Load what following and scanning need, so that the first time takes no longer than the others."""
         for floor in list(self._floors.values())[:1]:
             place_discs(floor.view.motions, floor.view.moved, floor.view.moved, np.empty(0, bool), np.empty((0, 4)))
-            look(floor.sight.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
+            scan_from(floor.sight.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
         Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 
     def view(self, floor: str) -> FloorView:
@@ -127,38 +127,38 @@ class VirtualSensor:
         Raises UnknownFloor, OutOfStep."""
         self._floor(update.floor).follow(update, asked_at)
 
-    def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> Sighting:
+    def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> ScanResult:
         """What sensors on robots at (m, 3) see, x and y in m, heading in rad; not the robot that carries them, which is
         `carrier` or, where that is None, the one that stands there. Raises InvalidScan, UnknownFloor, SensorBehind."""
         here = self._floor(floor)
-        lag_s = self._clock() - here.true_at
+        lag_s = self._clock() - here.valid_at
         if lag_s > LAG_LIMIT_S:
             raise SensorBehind(lag_s, LAG_LIMIT_S)
         _check_rays(len(robots), spec)
         seen_at, fan = here.view.time, spec.fan
-        scene, numbers = here.seen
-        number = WHO_STANDS_THERE if carrier is None else numbers.get(carrier, NOBODY)
-        is_placed, sensors, carriers, distances = look(scene, robots, mount, number, fan.rays, spec.frame)
+        scene, numbers = here.current
+        number = ROBOT_AT_PLACE if carrier is None else numbers.get(carrier, NOBODY)
+        is_placed, sensors, carriers, distances = scan_from(scene, robots, mount, number, fan.rays, spec.frame)
         if not is_placed:
             raise InvalidScan("robot", "or where the sensor sits is not a number")
         if spec.noise:
             distances = spec.noise.disturb(distances, fan.range_m, spec.seed, carriers, 0)
-        return Sighting(seen_at, sensors, distances)
+        return ScanResult(seen_at, sensors, distances)
 
     def scan_many(
         self, floors: Sequence[str], robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None
-    ) -> list[Sighting]:
+    ) -> list[ScanResult]:
         """The same of sensors on robots (m, 3) on these floors, one sighting for each. Raises as `scan` does."""
         _check_rays(len(robots), spec)
-        found: dict[int, Sighting] = {}
+        found: dict[int, ScanResult] = {}
         for floor in dict.fromkeys(floors):
             places = [place for place, other in enumerate(floors) if other == floor]
             seen = self.scan(floor, robots[places], mount, spec, carrier)
             for row, place in enumerate(places):
-                found[place] = Sighting(seen.time, seen.sensors[row : row + 1], seen.distances[row : row + 1])
+                found[place] = ScanResult(seen.time, seen.sensors[row : row + 1], seen.distances[row : row + 1])
         return [found[place] for place in range(len(robots))]
 
-    def _floor(self, name: str) -> _FloorSight:
+    def _floor(self, name: str) -> _SensedFloor:
         if name not in self._floors:
             raise UnknownFloor("robot", name, list(self._floors))
         return self._floors[name]
@@ -169,14 +169,14 @@ def _check_rays(robots: int, spec: ScanSpec) -> None:
         raise InvalidScan("rays", f"{robots} x {spec.fan.count} are more than {MOST_RAYS_AT_ONCE}")
 
 
-class _FloorSight:
+class _SensedFloor:
     """A floor: what is known of it, and what can be seen of that."""
 
     def __init__(self, name: str, building: Building) -> None:
         self.view = FloorView(name)
-        self.sight = Sight()
+        self.sight = SensedScene()
         #: When all this was true at the latest; long ago for what was never heard of.
-        self.true_at = float("-inf")
+        self.valid_at = float("-inf")
         self.numbers: dict[str, int] = {}
         self._discs = np.empty((0, 4))
         #: Rows of robots in the view's motions.
@@ -184,32 +184,32 @@ class _FloorSight:
         self._is_object = np.empty(0, bool)
         #: Sides of the objects in their own frames, and the row of the object that each belongs to.
         self._sides, self._side_of = np.empty((0, 4)), np.empty(0, np.int64)
-        self.stand(building)
+        self.set_obstacles(building)
 
-    def stand(self, building: Building) -> None:
+    def set_obstacles(self, building: Building) -> None:
         floor = self.view.floor
-        self.sight.stand(standing(building, floor))
+        self.sight.set_obstacles(standing(building, floor))
         self._doors = {
             name: lines_of([landing_doors(building, name, floor)])
             for name, elevator in building.elevators.items()
             if floor in elevator.floors()
         }
-        self.sight.move(self._discs, self._things())
+        self.sight.move(self._discs, self._moving_segments())
         #: What can be seen, and the robots' numbers in it: replaced together.
-        self.seen = self.sight.scene, self.numbers
+        self.current = self.sight.scene, self.numbers
 
     def follow(self, update: FloorUpdate, asked_at: float) -> None:
         has_changed = self.view.apply(update)
         if has_changed:
-            self._sort()
+            self._rebuild()
         view = self.view
         discs, has_pushed = place_discs(view.motions, view.moved, self._robots, self._is_object, self._discs)
         is_other = has_changed or update.elevators or has_pushed
-        self.sight.move(discs, self._things() if is_other else None)
-        self._discs, self.true_at = discs, asked_at
-        self.seen = self.sight.scene, self.numbers
+        self.sight.move(discs, self._moving_segments() if is_other else None)
+        self._discs, self.valid_at = discs, asked_at
+        self.current = self.sight.scene, self.numbers
 
-    def _sort(self) -> None:
+    def _rebuild(self) -> None:
         """Bodies came or went."""
         bodies = list(self.view.bodies.values())
         robots = [body for body in bodies if body.kind is BodyKind.ROBOT]
@@ -223,7 +223,7 @@ class _FloorSight:
         self._sides = np.concatenate(sides) if sides else np.empty((0, 4))
         self._side_of = np.repeat(np.flatnonzero(~is_robot), [len(ring) for ring in sides])
 
-    def _things(self) -> Floats:
+    def _moving_segments(self) -> Floats:
         """What comes and goes beside robots, as segments: movable objects, and doors of elevators that are not open."""
         objects = place_sides(self.view.motions, self._side_of, self._sides)
         return np.concatenate([objects, *(lines for name, lines in self._doors.items() if not self._is_open(name))])
@@ -263,7 +263,7 @@ def place_sides(motions: Motions, side_of: Longs, sides: Floats) -> Floats:
 
 
 @kernel
-def look(
+def scan_from(
     scene: Scene,
     robots: Floats,
     mount: Mount,
@@ -290,9 +290,9 @@ def look(
         total += 0.0 * (sensors[row, 0] + sensors[row, 1] + sensors[row, 2])
     if total != 0.0:
         return False, sensors, carriers, np.empty((0, 0))
-    if carrier == WHO_STANDS_THERE:
+    if carrier == ROBOT_AT_PLACE:
         for row in range(m):
-            carriers[row] = standing_at(robots[row, 0], robots[row, 1], scene)
+            carriers[row] = robot_at(robots[row, 0], robots[row, 1], scene)
     distances = cast(scene, sensors, carriers, cosines, sines, first, step, range_m + rim_m)
     if rim_m > 0.0:
         for row in range(m):
@@ -303,7 +303,7 @@ def look(
 
 
 @kernel
-def standing_at(x: float, y: float, scene: Scene) -> int:
+def robot_at(x: float, y: float, scene: Scene) -> int:
     """Number of the disc around a place, NOBODY for none."""
     found, nearest = NOBODY, 0.0
     frame = scene.standing.frame

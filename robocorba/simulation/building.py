@@ -36,7 +36,7 @@ HANDLE_M = 0.05
 MOST_VALID_S = 5.0
 
 
-class Robot:
+class SimulatedRobot:
     """A robot in the building. `command`, `state` and `holding` are safe from any thread, at any time."""
 
     __slots__ = ("_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
@@ -73,7 +73,7 @@ class Robot:
 
     def state(self) -> RobotMotion:
         """After the last step."""
-        seen = self.physics.seen
+        seen = self.physics.snapshot
         row = seen.row_of.get(self.body)
         if row is not None:  # else it came, or changes floors, this very moment
             self._last = seen.states[row]
@@ -94,11 +94,11 @@ class Happening(NamedTuple):
 class SimulatedBuilding:
     """Floors and elevators as `building` has them; movable objects stand where it says until they are moved.
 
-    One thread uses it, except for what Robot says."""
+    One thread uses it, except for what SimulatedRobot says."""
 
     def __init__(self, building: Building) -> None:
         self.building = Building(building.name)
-        self.robots: dict[str, Robot] = {}
+        self.robots: dict[str, SimulatedRobot] = {}
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
         #: What there is to see of the elevators, after the last step.
@@ -112,9 +112,9 @@ class SimulatedBuilding:
         #: Areas that robots keep for themselves; a floor that is gone keeps nobody out.
         self.reservations = Reservations()
         self._steps = self._numbers = 0
-        self._where: dict[str, tuple[str, Doors]] = {}
+        self._last_cabins: dict[str, tuple[str, Doors]] = {}
         self._shafts: dict[str, shapely.Polygon] = {}
-        self._resting: set[str] = set()
+        self._idle: set[str] = set()
         self.update(building)
 
     @property
@@ -139,7 +139,7 @@ class SimulatedBuilding:
         for name, entry in building.floors.items():
             was = before.floors.get(name)
             if entry is not was or building.elevators is not before.elevators:
-                self.floors[name].stand(standing(building, name))
+                self.floors[name].set_obstacles(standing(building, name))
         self._update_objects(before)
         for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:
             self._remove_cabin(name, before.elevators[name])
@@ -161,19 +161,19 @@ class SimulatedBuilding:
     def _add_cabin(self, name: str, cabin: Cabin) -> None:
         self.cabins[name] = cabin
         self._shafts[name] = shaft_polygon(cabin.elevator)
-        self._where[name] = (cabin.floor, Doors.CLOSED)
+        self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
         for floor in cabin.heights:
-            self._shut(name, floor)
+            self._close_landing(name, floor)
 
     def _remove_cabin(self, name: str, elevator: Elevator) -> None:
         for floor in elevator.floors():
             if floor in self.floors:
                 self.floors[floor].open(f"landing/{name}")
-        del self.cabins[name], self._where[name], self._shafts[name]
+        del self.cabins[name], self._last_cabins[name], self._shafts[name]
 
     # ---- robots ----
 
-    def add(self, description: Description) -> Robot:
+    def add(self, description: Description) -> SimulatedRobot:
         """Let a robot stand where it says. Raises UnknownFloor, PlaceTaken; its name must be free."""
         floor, x, y, _ = description.pose
         if floor not in self.floors:
@@ -228,14 +228,14 @@ class SimulatedBuilding:
         if called:
             raise InvalidRide("elevator", f"{name} has called {called} already")
         self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size)
-        self._look_at_cabins()
+        self._update_elevator_states()
 
     def give_up_elevator(self, name: str) -> None:
         """Not ride any more, if it wanted to."""
         for cabin in self.cabins.values():
             if name in cabin.sessions:
-                cabin.give_up(name)
-        self._look_at_cabins()
+                cabin.cancel(name)
+        self._update_elevator_states()
 
     def reserve(self, name: str, wanted: Wanted) -> None:
         """Ask for areas. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
@@ -251,31 +251,31 @@ class SimulatedBuilding:
         for name, floor in self.floors.items():
             contacts, lost = floor.step()
             for first, second in contacts:
-                self._collided(first, second)
-                self._collided(second, first)
+                self._count_collision(first, second)
+                self._count_collision(second, first)
                 who = tuple(_owner(body) for body in (first, second) if body)
                 happened.append(Happening(self.time, name, "collision", who))
             for robot in lost:
                 happened.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
         for name, cabin in self.cabins.items():
             if cabin.sessions:
-                self._see_who_moved(name, cabin)
+                self._detect_entry_and_exit(name, cabin)
             cabin.advance(STEP_S)
-            self._follow(name, cabin)
+            self._apply_cabin_state(name, cabin)
             for rider, why in cabin.ended:
                 happened.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
             cabin.ended.clear()
         for over in self.reservations.advance(self.time):
             why = f"its limit of {over.limit_s:g} s is over"
             happened.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
-        self._look_at_cabins()
+        self._update_elevator_states()
         return happened
 
     def refresh(self) -> None:
         """Let whoever came or went be seen, also while time stands."""
         for floor in self.floors.values():
             floor.refresh()
-        self._look_at_cabins()
+        self._update_elevator_states()
 
     def moments_on(self, floor: str) -> dict[str, ElevatorState]:
         """Of the elevators that serve a floor. Safe from any thread."""
@@ -284,22 +284,22 @@ class SimulatedBuilding:
             name: moment for name, moment in self.moments.items() if name in served and floor in served[name].floors()
         }
 
-    def _look_at_cabins(self) -> None:
+    def _update_elevator_states(self) -> None:
         """Replaced whole, for readers in other threads; one that rests was looked at before."""
-        resting = {name for name, cabin in self.cabins.items() if cabin.is_at_rest}
-        if len(self.moments) == len(self.cabins) == len(resting) and resting == self._resting:
+        resting = {name for name, cabin in self.cabins.items() if cabin.is_idle}
+        if len(self.moments) == len(self.cabins) == len(resting) and resting == self._idle:
             return
-        self._resting = resting
-        self.moments = {name: cabin.moment() for name, cabin in self.cabins.items()}
+        self._idle = resting
+        self.moments = {name: cabin.state() for name, cabin in self.cabins.items()}
         self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
 
-    def _collided(self, body: str, other: str) -> None:
+    def _count_collision(self, body: str, other: str) -> None:
         robot = self.robots.get(_owner(body)) if body.startswith(_ROBOT) else None
         if robot:
             robot.collisions += 1
             robot.touched = _owner(other)
 
-    def _see_who_moved(self, name: str, cabin: Cabin) -> None:
+    def _detect_entry_and_exit(self, name: str, cabin: Cabin) -> None:
         """A robot that stands in the cabin has entered; one that is clear of it has left."""
         shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
@@ -309,12 +309,12 @@ class SimulatedBuilding:
             inside = shaft.exterior.distance(shapely.Point(pose.x, pose.y))
             is_in = shaft.contains(shapely.Point(pose.x, pose.y))
             if session.phase is Phase.BOARDING and is_in and inside >= session.radius_m:
-                if not (session.party and self._is_shared(name, cabin, session.party)):
+                if not (session.party and self._has_stranger(name, cabin, session.party)):
                     cabin.enter(session.robot)
             elif session.phase is Phase.ALIGHTING and not is_in and inside >= session.radius_m:
                 cabin.leave(session.robot)
 
-    def _is_shared(self, name: str, cabin: Cabin, party: str) -> bool:
+    def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:
         """Whether a robot that is not of a party stands in the cabin."""
         of_party = {_robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
         return any(body.startswith(_ROBOT) and body not in of_party for body in self._inside(name, cabin.floor))
@@ -325,20 +325,20 @@ class SimulatedBuilding:
         shaft = self._shafts[elevator]
         return [body for body, row in rows.items() if shaft.contains(shapely.Point(row[0], row[1]))]
 
-    def _follow(self, name: str, cabin: Cabin) -> None:
+    def _apply_cabin_state(self, name: str, cabin: Cabin) -> None:
         """Open and close the landing doors, and take along who is inside."""
-        before, doors = self._where[name]
+        before, doors = self._last_cabins[name]
         if (cabin.floor, cabin.doors) == (before, doors):
             return
-        self._where[name] = (cabin.floor, cabin.doors)
+        self._last_cabins[name] = (cabin.floor, cabin.doors)
         if cabin.floor != before:
-            self._move(name, before, cabin.floor)
+            self._transfer(name, before, cabin.floor)
         if cabin.doors is Doors.OPEN:
             self.floors[cabin.floor].open(f"landing/{name}")
         elif doors is Doors.OPEN:
-            self._shut(name, before)
+            self._close_landing(name, before)
 
-    def _move(self, elevator: str, origin: str, destination: str) -> None:
+    def _transfer(self, elevator: str, origin: str, destination: str) -> None:
         """What is in the cabin goes along, and what holds goes on holding."""
         before, after = self.floors[origin], self.floors[destination]
         inside = self._inside(elevator, origin)
@@ -347,46 +347,46 @@ class SimulatedBuilding:
         for body, pose in poses.items():
             before.remove(body)
             if body.startswith(_ROBOT):
-                self._stand(self.robots[_owner(body)], destination, pose)
+                self._place_robot(self.robots[_owner(body)], destination, pose)
             else:
-                self._stand_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
+                self._place_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
         for body, (thing, at) in grips.items():
             if thing in poses:
                 after.grip(body, thing, at, HAND_FORCE_N, PAYLOAD_KG)
 
-    def _shut(self, elevator: str, floor: str) -> None:
+    def _close_landing(self, elevator: str, floor: str) -> None:
         self.floors[floor].shut(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
 
     # ---- bodies ----
 
-    def _robot(self, name: str) -> Robot:
+    def _robot(self, name: str) -> SimulatedRobot:
         if name not in self.robots:
             raise UnknownRobot(name)
         return self.robots[name]
 
-    def _add_new(self, description: Description, pose: Pose) -> Robot:
-        robot = Robot(description, self._number(), pose.floor, self.floors[pose.floor])
+    def _add_new(self, description: Description, pose: Pose) -> SimulatedRobot:
+        robot = SimulatedRobot(description, self._number(), pose.floor, self.floors[pose.floor])
         self.robots[description.name] = robot
         self.bodies[robot.body] = Body(
             robot.number, BodyKind.ROBOT, robot.name, description.radius_m, (), description.mass_kg
         )
-        self._stand(robot, pose.floor, pose[1:])
+        self._place_robot(robot, pose.floor, pose[1:])
         return robot
 
-    def _stand(self, robot: Robot, floor: str, pose: tuple[float, float, float]) -> None:
+    def _place_robot(self, robot: SimulatedRobot, floor: str, pose: tuple[float, float, float]) -> None:
         about = robot.description
         self.floors[floor].add_robot(robot.body, pose, about.radius_m, about.mass_kg, about.limits)
         robot.floor, robot.physics = floor, self.floors[floor]
 
     def _add_object(self, name: str, thing: MapObject, floor: str) -> None:
-        self._stand_object(name, thing, floor, (*thing.at, thing.heading))
+        self._place_object(name, thing, floor, (*thing.at, thing.heading))
         corners = list(outline(thing).exterior.coords[:-1])
         radius_m = max(math.hypot(x, y) for x, y in corners)
         body = _object_body(name)
         mass_kg = self.floors[floor].mass_kg(body)
         self.bodies[body] = Body(self._number(), BodyKind.OBJECT, name, radius_m, tuple(corners), mass_kg)
 
-    def _stand_object(self, name: str, thing: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
+    def _place_object(self, name: str, thing: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
         shape = outline(thing)
         self.objects[name] = (thing, floor)
         self.floors[floor].add_object(_object_body(name), pose, shape, KG_A_SQUARE_METRE * shape.area)
@@ -422,12 +422,12 @@ class SimulatedBuilding:
         What is not on the map any more is left out; robots that the record does not know stand where they began."""
         self._steps = world.steps
         for physics in self.floors.values():
-            physics.go_on_from(world.steps)
+            physics.set_steps(world.steps)
         for name, (floor, x, y, heading) in world.objects.items():
             if name in self.objects and floor in self.floors:
                 thing, before = self.objects[name]
                 self.floors[before].remove(_object_body(name))
-                self._stand_object(name, thing, floor, (x, y, heading))
+                self._place_object(name, thing, floor, (x, y, heading))
         for about in robots:
             known = world.robots.get(about.name)
             place = Pose(known.floor, known.x, known.y, known.heading) if known else about.pose
@@ -441,7 +441,7 @@ class SimulatedBuilding:
         for name, cabin in self.cabins.items():
             if name in world.cabins and world.cabins[name].floor in cabin.heights:
                 cabin.restore(world.cabins[name], self.time, self.robots.keys())
-                self._where[name] = (cabin.floor, Doors.CLOSED)
+                self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
             else:
                 cabin.now = self.time
         known_here = world.robots.keys() & self.robots.keys()

@@ -29,7 +29,7 @@ OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
 MOST_CALLS = 200
 #: Characters of a party's name, at most.
 MOST_PARTY_NAME = 200
-_TOUCH_M = 1e-9
+_TOLERANCE_M = 1e-9
 
 
 class Phase(Enum):
@@ -63,7 +63,7 @@ class RideSession:
         self.phase = Phase.WAITING
         self.since = called_at
 
-    def turn_to(self, phase: Phase, now: float) -> None:
+    def enter_phase(self, phase: Phase, now: float) -> None:
         self.phase, self.since = phase, now
 
 
@@ -116,7 +116,7 @@ class Cabin:
         session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1)
         self.sessions[robot] = session
         if party and self.doors is Doors.OPEN:
-            self._let_out_and_in()
+            self._start_alighting_and_boarding()
         return session
 
     def _check_party(self, party: str, size: int, origin: str, destination: str, radius_m: float) -> None:
@@ -142,14 +142,14 @@ class Cabin:
 
     def enter(self, robot: str) -> None:
         """It stands in the cabin. Raises NoRide where its doors are not open for it."""
-        self._session(robot, Phase.BOARDING).turn_to(Phase.RIDING, self.now)
+        self._session(robot, Phase.BOARDING).enter_phase(Phase.RIDING, self.now)
 
     def leave(self, robot: str) -> None:
         """It is out, at its floor. Raises NoRide."""
         self._session(robot, Phase.ALIGHTING)
         del self.sessions[robot]
 
-    def give_up(self, robot: str, reason: str = "") -> None:
+    def cancel(self, robot: str, reason: str = "") -> None:
         """End a robot's ride in whatever phase: it died, or thought better of it. Raises NoRide where it has none."""
         if robot not in self.sessions:
             raise NoRide(robot, self.elevator.name)
@@ -183,8 +183,8 @@ class Cabin:
                 about = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
                 session = self.sessions[ride.robot] = RideSession(*about, ride.party, ride.size)
                 session.phase = Phase.RIDING if ride.inside else Phase.WAITING
-        if any(self._is_parted(session) for session in self.sessions.values()):
-            self._turn(Doors.OPENING)
+        if any(self._is_incomplete(session) for session in self.sessions.values()):
+            self._set_doors(Doors.OPENING)
             self._party_since = now + self.elevator.door_time
 
     # ---- time ----
@@ -192,7 +192,7 @@ class Cabin:
     def advance(self, seconds: float) -> None:
         """Let time pass, at most a second at once."""
         end = self.now + seconds
-        if self.is_at_rest:
+        if self.is_idle:
             self.now = end
         while self.now < end:
             done = self._phase_end()
@@ -200,15 +200,15 @@ class Cabin:
                 self.now = end
                 return
             self.now = max(self.now, done)
-            if not self._go_on():
+            if not self._start_next_phase():
                 self.now = end
 
     @property
-    def is_at_rest(self) -> bool:
+    def is_idle(self) -> bool:
         """Nobody wants it, and it stands."""
         return not self.sessions and self.doors is Doors.CLOSED and not self._target
 
-    def moment(self) -> ElevatorState:
+    def state(self) -> ElevatorState:
         """What there is to see now."""
         height, past = self.heights[self.floor], self.now - self._since
         if self._target:
@@ -247,59 +247,59 @@ class Cabin:
         if self.doors in (Doors.OPENING, Doors.CLOSING):
             return self._since + self.elevator.door_time
         if self.doors is Doors.OPEN:
-            waits = [s.since + BOARDING_LIMIT_S for s in self._at_the_doors()]
-            if self._is_party_awaited():
+            waits = [s.since + BOARDING_LIMIT_S for s in self._moving_through_doors()]
+            if self._is_waiting_for_party():
                 waits.append(self._party_since + BOARDING_LIMIT_S)
             return min(waits, default=self.now)
         return self.now
 
-    def _go_on(self) -> bool:
+    def _start_next_phase(self) -> bool:
         """Begin what comes next; False where there is nothing to do."""
         if self._target:
             self.floor, self._target = self._target, ""
-            self._turn(Doors.OPENING)
+            self._set_doors(Doors.OPENING)
         elif self.doors is Doors.OPENING:
-            self._turn(Doors.OPEN)
-            self._let_out_and_in()
+            self._set_doors(Doors.OPEN)
+            self._start_alighting_and_boarding()
         elif self.doors is Doors.OPEN:
-            for session in self._at_the_doors():
+            for session in self._moving_through_doors():
                 if self.now >= session.since + BOARDING_LIMIT_S:
                     way = "in" if session.phase is Phase.BOARDING else "out"
-                    self.give_up(session.robot, f"did not drive {way} within {BOARDING_LIMIT_S:g} s")
-            if not self._let_out_and_in():
-                self._turn(Doors.CLOSING)
+                    self.cancel(session.robot, f"did not drive {way} within {BOARDING_LIMIT_S:g} s")
+            if not self._start_alighting_and_boarding():
+                self._set_doors(Doors.CLOSING)
         elif self.doors is Doors.CLOSING:
-            self._turn(Doors.CLOSED)
+            self._set_doors(Doors.CLOSED)
         else:
             stop = self._next_stop()
             if stop is None:
                 return False
             if stop == self.floor:
-                self._turn(Doors.OPENING)
+                self._set_doors(Doors.OPENING)
             else:
                 self._target, self._since = stop, self.now
         return True
 
-    def _turn(self, doors: Doors) -> None:
+    def _set_doors(self, doors: Doors) -> None:
         self.doors, self._since = doors, self.now
 
-    def _at_the_doors(self) -> list[RideSession]:
+    def _moving_through_doors(self) -> list[RideSession]:
         return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.ALIGHTING)]
 
-    def _let_out_and_in(self) -> bool:
+    def _start_alighting_and_boarding(self) -> bool:
         """Tell those who may drive now, first out, then in; whether the doors are open for anybody."""
         for session in self.sessions.values():
             if session.phase is Phase.RIDING and session.destination == self.floor:
-                session.turn_to(Phase.ALIGHTING, self.now)
+                session.enter_phase(Phase.ALIGHTING, self.now)
         is_anybody_leaving = any(s.phase is Phase.ALIGHTING for s in self.sessions.values())
         if not is_anybody_leaving and self.now < self._since + OPEN_LIMIT_S:
-            for session in self._boarding_here():
+            for session in self._next_to_board():
                 if session.party and not self._aboard():
                     self._party_since = self.now
-                session.turn_to(Phase.BOARDING, self._party_since if session.party else self.now)
-        return bool(self._at_the_doors()) or self._is_party_awaited()
+                session.enter_phase(Phase.BOARDING, self._party_since if session.party else self.now)
+        return bool(self._moving_through_doors()) or self._is_waiting_for_party()
 
-    def _boarding_here(self) -> list[RideSession]:
+    def _next_to_board(self) -> list[RideSession]:
         """Those who wait here, go where the cabin goes, and fit in, longest waiting first."""
         aboard = self._aboard()
         leader = self._leader()
@@ -307,7 +307,7 @@ class Cabin:
         for session in self.sessions.values():
             if session.phase is not Phase.WAITING or session.origin != self.floor:
                 continue
-            is_taken = leader is None or session is leader or self._is_on_the_way(session, leader)
+            is_taken = leader is None or session is leader or self._fits_leader_ride(session, leader)
             if is_taken and self._has_room(session, aboard):
                 aboard.append(session)
                 chosen.append(session)
@@ -328,13 +328,13 @@ class Cabin:
     def _party(self, name: str) -> list[RideSession]:
         return [s for s in self.sessions.values() if s.party == name]
 
-    def _is_parted(self, session: RideSession) -> bool:
+    def _is_incomplete(self, session: RideSession) -> bool:
         """Whether a robot is in where its party boards, and others of it are not."""
         is_in_here = session.phase is Phase.RIDING and session.origin == self.floor
-        return is_in_here and bool(session.party) and not self._is_whole(self._party(session.party))
+        return is_in_here and bool(session.party) and not self._is_complete(self._party(session.party))
 
     @staticmethod
-    def _is_whole(party: list[RideSession]) -> bool:
+    def _is_complete(party: list[RideSession]) -> bool:
         """Whether all of a party are in the cabin."""
         return sum(s.phase in _INSIDE for s in party) >= party[0].size
 
@@ -342,21 +342,21 @@ class Cabin:
         """Whether the doors are open for the rest of a party, some of which are in, or about to be."""
         return self.doors in (Doors.OPENING, Doors.OPEN) and self.now < self._party_since + BOARDING_LIMIT_S
 
-    def _is_party_awaited(self) -> bool:
+    def _is_waiting_for_party(self) -> bool:
         """Whether some of a party are in, and the doors stay open for the others."""
-        return self._is_party_in_time() and any(map(self._is_parted, self.sessions.values()))
+        return self._is_party_in_time() and any(map(self._is_incomplete, self.sessions.values()))
 
     def _leader(self) -> RideSession | None:
         """Whose ride decides where the cabin goes: of those inside, then of those who wait, the first to call."""
         inside = [s for s in self.sessions.values() if s.phase is not Phase.WAITING]
         return min(inside or self.sessions.values(), key=lambda s: s.called_at, default=None)
 
-    def _is_on_the_way(self, session: RideSession, leader: RideSession) -> bool:
+    def _fits_leader_ride(self, session: RideSession, leader: RideSession) -> bool:
         """Whether a ride from here lies within what is left of the leader's, in its direction."""
         if leader.phase is Phase.WAITING and leader.origin != self.floor:
             return False
         here, there, to = (self.heights[name] for name in (self.floor, leader.destination, session.destination))
-        return (to - here) * (there - here) > 0 and abs(to - here) <= abs(there - here) + _TOUCH_M
+        return (to - here) * (there - here) > 0 and abs(to - here) <= abs(there - here) + _TOLERANCE_M
 
     def _next_stop(self) -> str | None:
         """The floor to go to; the one where the cabin stands, where somebody gets on here."""
@@ -376,14 +376,14 @@ class Cabin:
                 if s.phase is Phase.WAITING
                 and self._has_room(s, aboard)
                 and (self.heights[s.destination] - self.heights[s.origin]) * (there - here) > 0
-                and abs(self.heights[s.destination] - here) <= abs(there - here) + _TOUCH_M
+                and abs(self.heights[s.destination] - here) <= abs(there - here) + _TOLERANCE_M
             }
         between = [
             floor
             for floor in stops
             if floor != self.floor
             and (self.heights[floor] - here) * (there - here) >= 0
-            and abs(self.heights[floor] - here) <= abs(there - here) + _TOUCH_M
+            and abs(self.heights[floor] - here) <= abs(there - here) + _TOLERANCE_M
         ]
         return min(between, key=lambda floor: abs(self.heights[floor] - here))
 
@@ -391,5 +391,5 @@ class Cabin:
 def fits(elevator: Elevator, radii_m: list[float]) -> bool:
     """Whether robots of these radii have room in the cabin, each in a square as wide as the widest of them."""
     width = 2 * max(radii_m)
-    places = math.floor(elevator.size[0] / width + _TOUCH_M) * math.floor(elevator.size[1] / width + _TOUCH_M)
+    places = math.floor(elevator.size[0] / width + _TOLERANCE_M) * math.floor(elevator.size[1] / width + _TOLERANCE_M)
     return len(radii_m) <= places

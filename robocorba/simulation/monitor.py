@@ -32,13 +32,13 @@ class Monitor:
 
     def png(self, floor: str, width_px: int) -> bytes:
         """A floor as it is now. Raises UnknownFloor, InvalidPicture."""
-        from robocorba.simulation.picture import SightFan
+        from robocorba.simulation.picture import ScanFan
 
         database = self._agent.database
         view = FloorView(floor)
         view.apply(database.floor(floor))
         fans = [
-            SightFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
+            ScanFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
             for scan in database.last_scans(floor)
             if scan.time >= view.time - OLD_S
         ]

@@ -21,7 +21,7 @@ from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Mot
 from robocorba.spatial.grids import Floats, Longs
 
 #: Bodies that left a floor and are remembered; who knows an older version gets the whole floor.
-MOST_GONE = 10_000
+MOST_DEPARTED = 10_000
 
 
 class LastScan(NamedTuple):
@@ -45,7 +45,7 @@ class OmniDatabase:
         self._lock = threading.Lock()
         # Whoever followed an earlier process knows smaller versions, and is told the whole.
         self._first_version = time.time_ns() // 1000
-        self._floors: dict[str, _Floor] = {}
+        self._floors: dict[str, _FloorVersions] = {}
         self._scans: dict[str, LastScan] = {}
 
     @property
@@ -63,8 +63,8 @@ class OmniDatabase:
             if physics is None:
                 self._floors.pop(name, None)
                 raise UnknownFloor("floorName", name, self.floors)
-            floor = self._floors.setdefault(name, _Floor(self._first_version))
-            floor.look(physics.seen, self._building.bodies, self._building.moments_on(name))
+            floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
+            floor.update(physics.snapshot, self._building.bodies, self._building.moments_on(name))
             return floor.since(name, since, self.map_version)
 
     def elevators(self) -> dict[str, ElevatorState]:
@@ -73,7 +73,7 @@ class OmniDatabase:
 
     # ---- sensors' data ----
 
-    def saw(self, scan: LastScan) -> None:
+    def record_scan(self, scan: LastScan) -> None:
         """What a robot's sensor saw."""
         self._scans[scan.robot] = scan
 
@@ -88,7 +88,7 @@ class OmniDatabase:
         return [scan for scan in list(self._scans.values()) if scan.at.floor == floor]
 
 
-class _Floor:
+class _FloorVersions:
     """A floor as it was looked at last, and the version in which each thing changed."""
 
     def __init__(self, version: int) -> None:
@@ -98,18 +98,20 @@ class _Floor:
         #: In the order of the bodies: their numbers, their rows in what was seen, these rows, and since when they hold.
         self._numbers = self._places = self._moved_in = np.empty(0, np.int64)
         self._rows: Floats = np.empty((0, 6))
-        self._came_in: dict[str, int] = {}
-        self._last_came = version
+        self._arrived_in: dict[str, int] = {}
+        self._last_arrival = version
         self._went: deque[tuple[int, int]] = deque()
         self._elevators: dict[str, tuple[ElevatorState, int]] = {}
 
-    def look(self, seen: FloorState, known: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
+    def update(self, seen: FloorState, known: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
         """Make a new version of it, where anything has changed."""
         next_version = self.version + 1
         has_changed = False
         if seen is not self._seen:
             is_same = self._seen is not None and seen.names is self._seen.names
-            has_changed = self._look_at_motion(seen, next_version) if is_same else self._sort(seen, known, next_version)
+            has_changed = (
+                self._merge_motion(seen, next_version) if is_same else self._rebuild_rows(seen, known, next_version)
+            )
             self._seen = seen
         for name, moment in elevators.items():
             if name not in self._elevators or self._elevators[name][0] != moment:
@@ -125,19 +127,19 @@ class _Floor:
         if not self._oldest <= since <= self.version:
             since = WHOLE
         came = []
-        if since < self._last_came:
-            came = [self._bodies[body] for body, version in self._came_in.items() if version > since]
+        if since < self._last_arrival:
+            came = [self._bodies[body] for body, version in self._arrived_in.items() if version > since]
         went = [] if since == WHOLE else [number for version, number in self._went if version > since]
         elevators = {elevator: moment for elevator, (moment, version) in self._elevators.items() if version > since}
         seen_at = self._seen.time if self._seen else 0.0
         motions = np.empty(len(self._bodies), MOTION)
-        moved = tell_motion(self._numbers, self._rows, self._moved_in, since, motions)
+        moved = write_motion(self._numbers, self._rows, self._moved_in, since, motions)
         return FloorUpdate(name, since, self.version, seen_at, map_version, came, went, motions[:moved], elevators)
 
-    def _look_at_motion(self, seen: FloorState, version: int) -> bool:
-        return note_motion(seen.rows, self._places, self._rows, self._moved_in, version)
+    def _merge_motion(self, seen: FloorState, version: int) -> bool:
+        return merge_motion(seen.rows, self._places, self._rows, self._moved_in, version)
 
-    def _sort(self, seen: FloorState, known: dict[str, Body], version: int) -> bool:
+    def _rebuild_rows(self, seen: FloorState, known: dict[str, Body], version: int) -> bool:
         """Bodies came, went, or are kept in another order."""
         # What stands, and who has just gone, is not known.
         bodies = {name: body for name in seen.names if (body := known.get(name))}
@@ -149,17 +151,17 @@ class _Floor:
             if name in same and np.array_equal(rows[row], self._rows[before[name]]):
                 moved_in[row] = self._moved_in[before[name]]
         self._went.extend((version, body.number) for name, body in self._bodies.items() if name not in same)
-        while len(self._went) > MOST_GONE:
+        while len(self._went) > MOST_DEPARTED:
             self._oldest = self._went.popleft()[0]
-        self._came_in = {name: self._came_in[name] if name in same else version for name in bodies}
-        self._last_came = max(self._came_in.values(), default=version)
+        self._arrived_in = {name: self._arrived_in[name] if name in same else version for name in bodies}
+        self._last_arrival = max(self._arrived_in.values(), default=version)
         self._bodies, self._places, self._rows, self._moved_in = bodies, places, rows, moved_in
         self._numbers = np.array([body.number for body in bodies.values()], np.int64)
         return True
 
 
 @kernel
-def note_motion(seen: Floats, places: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
+def merge_motion(seen: Floats, places: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
     """Take the rows (n, 6) that differ over from those that were seen, at these places; whether any did."""
     has_moved = False
     for body in range(len(places)):
@@ -174,7 +176,7 @@ def note_motion(seen: Floats, places: Longs, rows: Floats, moved_in: Longs, vers
 
 
 @kernel
-def tell_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motions: Motions) -> int:
+def write_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motions: Motions) -> int:
     """Write how the bodies move that have moved since a version; how many."""
     count = 0
     for body in range(len(numbers)):
@@ -190,5 +192,5 @@ def tell_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motio
 def warm_up() -> None:
     """Load what looking and telling need, so that the first answer takes no longer than the others."""
     numbers, rows = np.zeros(1, np.int64), np.zeros((1, 6))
-    note_motion(rows, numbers, rows, numbers, 1)
-    tell_motion(numbers, rows, numbers, 0, np.empty(1, MOTION))
+    merge_motion(rows, numbers, rows, numbers, 1)
+    write_motion(numbers, rows, numbers, 0, np.empty(1, MOTION))

@@ -33,15 +33,15 @@ STEP_S = 0.02
 GROUND_FRICTION, GRAVITY_M_S2 = 0.5, 9.81
 _SLOP_M = 0.001
 #: Of an order: velocities, and until when they hold, s.
-_pack_order = Struct("4d").pack
+_pack_command = Struct("4d").pack
 
 
 #: What is not a robot slows down by friction, or stands.
 SLIDING = Limits(0.0, 0.0, GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2)
-STANDING = Limits(0.0, 0.0, 0.0, 0.0)
-_NO_ORDER = _pack_order(0.0, 0.0, 0.0, math.inf)
+STATIC = Limits(0.0, 0.0, 0.0, 0.0)
+_NO_COMMAND = _pack_command(0.0, 0.0, 0.0, math.inf)
 #: To brake is to stand as fast as the ground allows, whatever the limits.
-_BRAKE = _pack_order(0.0, 0.0, 0.0, -math.inf)
+_BRAKE = _pack_command(0.0, 0.0, 0.0, -math.inf)
 BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
 #: What robots have lifted goes where they go; a little is lost in their hands.
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
@@ -56,7 +56,7 @@ class Contact(NamedTuple):
     second: str
 
 
-class Step(NamedTuple):
+class StepResult(NamedTuple):
     """What happened in a step; lost: robots whose grip slipped."""
 
     contacts: list[Contact]
@@ -75,39 +75,39 @@ class FloorPhysics:
     """obstacles: what stands, lines and polygons. steps: that have passed. name: of the floor."""
 
     #: How things are after the last step; whoever came since is missing.
-    seen: FloorState
+    snapshot: FloorState
 
     def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0, name: str = "") -> None:
         self.name = name
         self._space = pymunk.Space()
         self._space.collision_slop = _SLOP_M
-        self._space.on_collision(begin=self._begun)
+        self._space.on_collision(begin=self._contact_began)
         self._ground = self._space.static_body  # pymunk adds it when it is first asked for
         self._bodies: dict[str, pymunk.Body] = {}
         self._robots: dict[str, Limits] = {}
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
-        self._standing: list[pymunk.Shape] = []
+        self._static: list[pymunk.Shape] = []
         self._gates: dict[str, list[pymunk.Shape]] = {}
         self._moving = Bodies(self._space)
         self._contacts: list[Contact] = []
-        self.go_on_from(steps)
+        self.set_steps(steps)
         #: The last order of each robot, packed: to replace one takes no lock, and to read all of them no loop.
-        self._orders: dict[str, bytes] = {}
+        self._packed_commands: dict[str, bytes] = {}
         self._name_of: dict[int, str] = {}
-        self._sort()
-        self.stand(obstacles)
+        self._rebuild_rows()
+        self.set_obstacles(obstacles)
 
     # ---- what there is ----
 
-    def stand(self, obstacles: Iterable[BaseGeometry]) -> None:
+    def set_obstacles(self, obstacles: Iterable[BaseGeometry]) -> None:
         """Replace what stands: lines, and polygons, which are solid."""
         parts = shapely.get_parts([shape for shape in obstacles if not shape.is_empty])
         is_solid = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-        self._space.remove(*self._standing)
-        self._standing = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]
-        self._standing += self._segments(parts[~is_solid])
-        self._space.add(*self._standing)
+        self._space.remove(*self._static)
+        self._static = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]
+        self._static += self._segments(parts[~is_solid])
+        self._space.add(*self._static)
 
     def shut(self, name: str, line: BaseGeometry) -> None:
         """Let something stand that comes and goes by itself, such as a closed door; under a name, until `open`."""
@@ -146,9 +146,9 @@ class FloorPhysics:
         body = self._bodies.pop(name)
         del self._name_of[body.id]
         self._robots.pop(name, None)
-        self._orders.pop(name, None)
+        self._packed_commands.pop(name, None)
         for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.thing)]:
-            self._let_go(robot)
+            self._remove_grip(robot)
         self._space.remove(body, *body.shapes)
         self._has_changed = True
 
@@ -161,7 +161,7 @@ class FloorPhysics:
             raise KeyError(f"{robot} is no robot, or {thing} no object")
         hand, held = self._bodies[robot], self._bodies[thing]
         if robot in self._grips:
-            self._let_go(robot)
+            self._remove_grip(robot)
         joint = pymunk.PivotJoint(hand, held, hand.world_to_local(at), held.world_to_local(at))
         joint.max_force, joint.collide_bodies = force_n, False
         joint.error_bias = 1e-6  # what is left of an error after a second: hands are stiff
@@ -172,7 +172,7 @@ class FloorPhysics:
     def release(self, robot: str) -> None:
         """Let a robot let go of what it holds, if it does."""
         if robot in self._grips:
-            self._let_go(robot)
+            self._remove_grip(robot)
             self._has_changed = True
 
     def held(self, robot: str) -> tuple[str, tuple[float, float]] | None:
@@ -196,10 +196,10 @@ class FloorPhysics:
         """Raises KeyError."""
         return float(self._bodies[name].mass)
 
-    def _let_go(self, robot: str) -> None:
+    def _remove_grip(self, robot: str) -> None:
         self._space.remove(self._grips.pop(robot).joint)
 
-    def _slipped(self) -> list[str]:
+    def _drop_slipped_grips(self) -> list[str]:
         lost = []
         for robot, grip in self._grips.items():
             hand = grip.joint.a.local_to_world(grip.joint.anchor_a)
@@ -207,7 +207,7 @@ class FloorPhysics:
             if hand.get_distance(held) > SLIPPED_M:
                 lost.append(robot)
         for robot in lost:
-            self._let_go(robot)
+            self._remove_grip(robot)
         if lost:
             self._has_changed = True
         return lost
@@ -217,7 +217,7 @@ class FloorPhysics:
         if name in self._robots:
             return self._robots[name]
         if not name:
-            return STANDING
+            return STATIC
         lifted_kg = sum(grip.payload_kg for grip in self._grips.values() if grip.thing == name)
         return CARRIED if lifted_kg >= self._bodies[name].mass > 0.0 else SLIDING
 
@@ -238,22 +238,22 @@ class FloorPhysics:
         self._bodies[name], self._name_of[body.id] = body, name
         if limits:
             self._robots[name] = limits
-            self._orders[name] = _NO_ORDER  # whoever had this name before does not drive on
+            self._packed_commands[name] = _NO_COMMAND  # whoever had this name before does not drive on
         self._has_changed = True
 
-    def _sort_if_changed(self) -> None:
+    def _rebuild_rows_if_changed(self) -> None:
         if self._has_changed:
-            self._sort()
+            self._rebuild_rows()
 
-    def _sort(self) -> None:
+    def _rebuild_rows(self) -> None:
         """Learn in which order pymunk keeps the bodies now."""
         names = [self._name_of.get(id, "") for id in self._moving.sort()]  # the body of what stands is among them
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
         self._commands = np.empty((len(names), 4))
         self._commanded = [name if name in self._robots else "" for name in names]
-        self._has_changed, self._has_orders = False, True
-        self._look()
+        self._has_changed, self._has_new_commands = False, True
+        self._take_snapshot()
 
     def touching(self, x: float, y: float, radius_m: float) -> str | None:
         """What a disc there would touch: the name of the nearest body, empty for what stands; None for nothing."""
@@ -265,48 +265,48 @@ class FloorPhysics:
     def command(self, name: str, ahead: float, left: float, turn: float, valid_s: float = math.inf) -> None:
         """Move ahead, to the left and turn at these speeds, m/s and rad/s, for `valid_s`; what is beyond the robot's
         limits is slowed down, not turned aside. Nothing happens where there is no such robot."""
-        self._orders[name] = _pack_order(ahead, left, turn, self.time + valid_s)
-        self._has_orders = True
+        self._packed_commands[name] = _pack_command(ahead, left, turn, self.time + valid_s)
+        self._has_new_commands = True
 
     def brake(self, name: str) -> None:
         """Stand as soon as the ground allows, until another command. Nothing happens where there is no such robot."""
-        self._orders[name] = _BRAKE
-        self._has_orders = True
+        self._packed_commands[name] = _BRAKE
+        self._has_new_commands = True
 
-    def step(self) -> Step:
+    def step(self) -> StepResult:
         """Let STEP_S pass."""
-        self._sort_if_changed()
-        if self._has_orders:
-            self._obey()
+        self._rebuild_rows_if_changed()
+        if self._has_new_commands:
+            self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
         moving = self._moving
         control(moving.state, self._commands, self._limits, self.time, moving.velocities)
         moving.write()
         self._space.step(STEP_S)
-        self._look()
+        self._take_snapshot()
         contacts = self._contacts
         if contacts:
             self._contacts = []
-        return Step(contacts, self._slipped() if self._grips else [])
+        return StepResult(contacts, self._drop_slipped_grips() if self._grips else [])
 
-    def go_on_from(self, steps: int) -> None:
+    def set_steps(self, steps: int) -> None:
         """Let so many steps have passed."""
         self._steps, self.time = steps, steps * STEP_S
 
-    def _obey(self) -> None:
+    def _take_commands(self) -> None:
         """Take over the orders that were left; one that is left meanwhile waits for the next step."""
-        self._has_orders = False  # first, so that none is passed over
-        packed = b"".join(map(self._orders.get, self._commanded, repeat(_NO_ORDER)))
+        self._has_new_commands = False  # first, so that none is passed over
+        packed = b"".join(map(self._packed_commands.get, self._commanded, repeat(_NO_COMMAND)))
         self._commands[:] = np.frombuffer(packed).reshape(-1, 4)
 
     def refresh(self) -> None:
         """Let whoever came or went be `seen`, also while time stands."""
-        self._sort_if_changed()
+        self._rebuild_rows_if_changed()
 
     def row(self, name: str) -> tuple[float, ...]:
         """x, y, heading, velocity in x and y, turn of a body now. Raises KeyError."""
-        self._sort_if_changed()
+        self._rebuild_rows_if_changed()
         return tuple(self._moving.state[self._row_of[name]].tolist())
 
     def pose(self, name: str) -> tuple[float, float, float]:
@@ -316,14 +316,14 @@ class FloorPhysics:
 
     def state(self) -> dict[str, tuple[float, ...]]:
         """The same of all bodies, by name."""
-        self._sort_if_changed()
+        self._rebuild_rows_if_changed()
         return {name: tuple(row) for name, row in zip(self._names, self._moving.state.tolist(), strict=True) if name}
 
-    def _look(self) -> None:
+    def _take_snapshot(self) -> None:
         self._moving.read()
-        self.seen = FloorState(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
+        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
 
-    def _begun(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+    def _contact_began(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Two shapes begin to touch, in the middle of a step."""
         first, second = self._moving.touching(arbiter)
         self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
@@ -363,7 +363,7 @@ def warm_up() -> None:
     """Load what stepping needs, so that the first step takes no longer than the others."""
     physics = FloorPhysics()
     physics.step()
-    in_own_frames(physics.seen.rows)
+    in_own_frames(physics.snapshot.rows)
 
 
 def convex_parts(outline: BaseGeometry) -> list[list[tuple[float, float]]]:

@@ -74,7 +74,7 @@ _LEGEND = (
 )
 
 
-class SightFan(NamedTuple):
+class ScanFan(NamedTuple):
     """What a laser at x, y (m) sees: `distances` in m of rays, the first at `first_rad` from its heading (rad), the
     others `step_rad` apart, counter-clockwise."""
 
@@ -115,7 +115,7 @@ class FloorPainter:
         #: Held while a layer is drawn: nobody draws it a second time.
         self._drawing = threading.Lock()
 
-    def png(self, view: FloorView, fans: Sequence[SightFan], width_px: int, caption: str = "") -> bytes:
+    def png(self, view: FloorView, fans: Sequence[ScanFan], width_px: int, caption: str = "") -> bytes:
         """A floor as a PNG file, everything where drawing.to_pixel says; `view` must not change meanwhile.
 
         What has no finite place is left out. The first picture of a floor and a width takes as long as draw_floor does.
@@ -192,7 +192,7 @@ class _Picture:
         for leaf in ((ax, ay, ax + dx, ay + dy), (bx, by, bx - dx, by - dy)):
             self._pen.line(leaf, _NUMBER[DOOR], round(_px(self._frame, 0.09, 2, 4)))
 
-    def add_fans(self, fans: Sequence[SightFan]) -> None:
+    def add_fans(self, fans: Sequence[ScanFan]) -> None:
         """Light what lies between lasers and what they see, with a line around each fan."""
         outlines = [outline for fan in fans if len(outline := self._outline(fan)) > 2]
         light = Image.new("L", self._pixels.size)
@@ -205,7 +205,7 @@ class _Picture:
         for outline in outlines:
             self._pen.polygon(outline, outline=_NUMBER[LASER])
 
-    def _outline(self, fan: SightFan) -> list[XY]:
+    def _outline(self, fan: ScanFan) -> list[XY]:
         """The laser, and where its rays end; nothing for one without a place."""
         if not all(abs(value) < _FAR_M for value in fan[:5]):
             return []

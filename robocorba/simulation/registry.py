@@ -52,7 +52,7 @@ class Description:
                 raise InvalidDescription(what, f"{value} is not {least:g} to {most:g}")
 
 
-class Client:
+class RobotClient:
     """A robot that is logged on. `key` is its secret: whoever knows it may act as this robot.
 
     since: when it logged on, POSIX time, s. What it is asked is safe from any thread."""
@@ -62,17 +62,17 @@ class Client:
         "_counted_at",
         "call_rate",
         "description",
-        "heard_at",
-        "is_over",
+        "is_logged_off",
         "key",
+        "last_call_at",
         "latency_s",
         "since",
     )
 
     def __init__(self, description: Description, key: str, since: float, now: float) -> None:
         self.description, self.key, self.since = description, key, since
-        self.heard_at = now
-        self.is_over = False
+        self.last_call_at = now
+        self.is_logged_off = False
         #: Calls a second, and seconds that a call took, on average of the last ones.
         self.call_rate = self.latency_s = 0.0
         self._calls, self._counted_at = 0, now
@@ -81,18 +81,18 @@ class Client:
     def name(self) -> str:
         return self.description.name
 
-    def heard(self, now: float) -> None:
+    def renew_lease(self, now: float) -> None:
         """It called: its lease is renewed. Raises SessionExpired where it has none any more."""
-        if self.is_over:
+        if self.is_logged_off:
             raise SessionExpired()
-        self.heard_at = now
+        self.last_call_at = now
         self._calls += 1
 
-    def took(self, seconds: float) -> None:
+    def record_latency(self, seconds: float) -> None:
         """Its call was answered in this time."""
         self.latency_s += 0.05 * (seconds - self.latency_s)
 
-    def count(self, now: float) -> None:
+    def update_call_rate(self, now: float) -> None:
         """Find out how often it calls, at most once a second."""
         passed = now - self._counted_at
         if passed >= 1.0:
@@ -104,15 +104,15 @@ class Registry:
 
     def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
         self._clock, self.lease_s = clock, lease_s
-        self._by_key: dict[str, Client] = {}
-        self._by_name: dict[str, Client] = {}
+        self._by_key: dict[str, RobotClient] = {}
+        self._by_name: dict[str, RobotClient] = {}
         self.limit = limit
 
     def __len__(self) -> int:
         return len(self._by_key)
 
     @property
-    def clients(self) -> list[Client]:
+    def clients(self) -> list[RobotClient]:
         """In the order in which they logged on."""
         return list(self._by_key.values())
 
@@ -123,43 +123,43 @@ class Registry:
         if len(self) >= self.limit:
             raise ServerFull(self.limit, len(self), self._next_slot_s())
 
-    def register(self, description: Description) -> Client:
+    def register(self, description: Description) -> RobotClient:
         """Log a robot on. Raises NameTaken, ServerFull."""
         self.check(description)
-        client = Client(description, secrets.token_urlsafe(24), time.time(), self._clock())
+        client = RobotClient(description, secrets.token_urlsafe(24), time.time(), self._clock())
         self._admit(client)
         return client
 
-    def restore(self, description: Description, key: str, since: float) -> Client:
+    def restore(self, description: Description, key: str, since: float) -> RobotClient:
         """Log on again who was before a restart; its lease begins anew."""
-        client = Client(description, key, since, self._clock())
+        client = RobotClient(description, key, since, self._clock())
         self._admit(client)
         return client
 
-    def dismiss(self, client: Client) -> None:
+    def remove(self, client: RobotClient) -> None:
         """Log a robot off. Raises SessionExpired where it is not logged on."""
-        if client.is_over:
+        if client.is_logged_off:
             raise SessionExpired()
-        client.is_over = True
+        client.is_logged_off = True
         del self._by_key[client.key], self._by_name[client.name]
 
-    def find(self, name: str) -> Client:
+    def find(self, name: str) -> RobotClient:
         """Raises UnknownRobot."""
         if name not in self._by_name:
             raise UnknownRobot(name)
         return self._by_name[name]
 
-    def expired(self) -> list[Client]:
+    def expired(self) -> list[RobotClient]:
         """Who was not heard of for its lease; and find out how often the others call."""
         now = self._clock()
         for client in self.clients:
-            client.count(now)
-        return [client for client in self.clients if client.heard_at < now - self.lease_s]
+            client.update_call_rate(now)
+        return [client for client in self.clients if client.last_call_at < now - self.lease_s]
 
-    def _admit(self, client: Client) -> None:
+    def _admit(self, client: RobotClient) -> None:
         self._by_key[client.key] = self._by_name[client.name] = client
 
     def _next_slot_s(self) -> float:
         """When a slot may be free at the earliest: when the first lease would run out."""
-        oldest = min((client.heard_at for client in self._by_key.values()), default=self._clock())
+        oldest = min((client.last_call_at for client in self._by_key.values()), default=self._clock())
         return max(0.0, oldest + self.lease_s - self._clock())

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidRide
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.building import Robot, SimulatedBuilding
+from robocorba.simulation.building import SimulatedBuilding, SimulatedRobot
 from robocorba.simulation.elevator import RideStatus
-from robocorba.simulation.registry import Client
+from robocorba.simulation.registry import RobotClient
 from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
 from robocorba.spatial.floor_state import RobotMotion
 
@@ -21,14 +21,14 @@ class Session:
 
     def __init__(
         self,
-        client: Client,
-        robot: Robot,
+        client: RobotClient,
+        robot: SimulatedRobot,
         building: SimulatedBuilding,
         do: Callable[[Callable[[], None]], None],
-        log_off: Callable[[Client], None],
+        log_off: Callable[[RobotClient], None],
     ) -> None:
         self.client, self.robot = client, robot
-        self._building, self._do_kept, self._log_off = building, do, log_off
+        self._building, self._do_durably, self._log_off = building, do, log_off
 
     @property
     def name(self) -> str:
@@ -36,22 +36,22 @@ class Session:
 
     def command(self, ahead: float, left: float, turn: float, valid_s: float) -> None:
         """Move like this, m/s and rad/s, for so much simulated time unless told again. Raises InvalidCommand."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
         self.robot.command(ahead, left, turn, valid_s)
 
     def brake(self) -> None:
         """Stand as soon as the ground allows, until another command."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
         self.robot.brake()
 
     def state(self) -> RobotMotion:
         """How the robot is after the last step."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
         return self.robot.state()
 
     def heartbeat(self) -> None:
         """Renew the lease."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
 
     @property
     def ride(self) -> RideStatus | None:
@@ -86,13 +86,13 @@ class Session:
         """Ask for areas for so much simulated time after they are granted.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
         wanted = wanted_of(areas, limit_s, self._building.building.floors)
         self._do(lambda: self._building.reserve(self.name, wanted))
 
     def reservation(self) -> Reservation | None:
         """How far the request for areas has come; None where there is none, or its grant has ended."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
         return self._building.reservations.find(self.name, self._building.time)
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
@@ -106,9 +106,9 @@ class Session:
 
     def deregister(self) -> None:
         """Log off. Raises SimulationBusy, ServiceError."""
-        self.client.heard(time.monotonic())
+        self.client.renew_lease(time.monotonic())
         self._log_off(self.client)
 
     def _do(self, change: Callable[[], None]) -> None:
-        self.client.heard(time.monotonic())
-        self._do_kept(change)
+        self.client.renew_lease(time.monotonic())
+        self._do_durably(change)

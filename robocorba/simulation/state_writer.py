@@ -14,7 +14,7 @@ WRITE_LIMIT_S = 5.0
 _log = logging.getLogger(__name__)
 
 
-class Keeper:
+class StateWriter:
     """`keep` and `forget` are called by the simulation's thread, and never wait."""
 
     def __init__(self, store: SimulationStore) -> None:
@@ -25,7 +25,7 @@ class Keeper:
         self._number = self._written = 0
         self._problem: ServiceError | None = None
         self._is_closing = False
-        self._thread = threading.Thread(target=self._run, name="keeper", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="state-writer", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
@@ -40,7 +40,7 @@ class Keeper:
         else:
             self._write()
 
-    def keep(self, world: WorldRecord) -> int:
+    def submit(self, world: WorldRecord) -> int:
         """Write it, unless a newer one comes first; a number to wait for."""
         with self._changed:
             self._world = world

@@ -35,7 +35,7 @@ FREE_S = 3.0
 #: Poses of so many seconds may be lost by a kill.
 LOST_S = 0.2
 #: Robots of tests say so often that they are there, s.
-BEAT_S = 0.4
+HEARTBEAT_INTERVAL_S = 0.4
 #: What a call says whose server died, or is not back yet.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
@@ -90,10 +90,10 @@ class Place:
             (running.state / "administrator.ior").read_text(), RoboCorba.SimulationAdministrator
         )
         self._sessions: list[Any] = []
-        self._beats = Repeating("beats", self._beat, BEAT_S).start()
+        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
 
     def close(self) -> None:
-        self._beats.close()
+        self._heartbeats.close()
 
     # ---- robots ----
 
@@ -109,7 +109,7 @@ class Place:
             with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):
                 self._sessions.pop().deregister()
 
-    def _beat(self) -> None:
+    def _heartbeat(self) -> None:
         for session in self._sessions[:]:
             with contextlib.suppress(CORBA.SystemException):  # whether that was right is the tests' business
                 session.heartbeat()
@@ -220,7 +220,7 @@ MISSION = "fetch"
 PASSAGE = [RoboCorba.FloorArea("L1", [RoboCorba.XY(0.0, 0.0), RoboCorba.XY(9.0, 0.0), RoboCorba.XY(9.0, 9.0)])]
 
 
-class Client:
+class ClientProcess:
     """A process with robots, which it logs on when it is started; rows of name, floor, x, y."""
 
     def __init__(self, place: Place, number: int) -> None:
@@ -231,19 +231,19 @@ class Client:
         self.names = {name for name, *_ in self.rows}
         self.is_whole = True
         self.process: Popen[str] = place.launch(*CLIENT, str(place.running.naming))
-        self._say(msgspec.json.encode(self.rows).decode())
+        self._send(msgspec.json.encode(self.rows).decode())
 
-    def wait_ready(self) -> Client:
+    def wait_ready(self) -> ClientProcess:
         assert self.process.stdout is not None and self.process.stderr is not None
         assert self.process.stdout.readline() == "ready\n", self.process.stderr.read()
         return self
 
     def drive(self) -> None:
-        self._say("drive")
+        self._send("drive")
 
     def report(self) -> dict[str, Any]:
         assert self.process.stdout is not None
-        self._say("report")
+        self._send("report")
         found: dict[str, Any] = msgspec.json.decode(self.process.stdout.readline())
         return found
 
@@ -251,7 +251,7 @@ class Client:
         self.process.kill()
         self.process.wait()
 
-    def _say(self, line: str) -> None:
+    def _send(self, line: str) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(f"{line}\n")
         self.process.stdin.flush()
@@ -291,7 +291,7 @@ class Chaos:
         self._holder_at = chair["x"], chair["y"] + 0.7
         self._rider_at = landing(self._elevator, self._elevator.floors()[0], 0.8)
         self._mission = 0
-        self._clients = [Client(place, number) for number in range(CLIENTS)]
+        self._clients = [ClientProcess(place, number) for number in range(CLIENTS)]
         for client in self._clients:
             client.wait_ready()
 
@@ -311,11 +311,11 @@ class Chaos:
         self._rounds += 1
         return Outcome(stop_s, free_s, sensor_s, scan_s, back_s, lost_m, tuple(self._faults))
 
-    def _replaced(self, client: Client) -> Client:
+    def _replaced(self, client: ClientProcess) -> ClientProcess:
         """Another process instead of one that has lost robots."""
         client.kill()
         eventually(lambda: not client.names & self.place.names)
-        return Client(self.place, client.number).wait_ready()
+        return ClientProcess(self.place, client.number).wait_ready()
 
     def _check(self, is_right: object, fault: str) -> None:
         if not is_right:
@@ -364,7 +364,7 @@ class Chaos:
 
         eventually(is_back, BACK_LIMIT_S, "the sensor process is back")
         sensor_s = time.monotonic() - killed
-        self._clients.insert(number, Client(self.place, dead.number).wait_ready())
+        self._clients.insert(number, ClientProcess(self.place, dead.number).wait_ready())
         live = [client.report() for client in self._clients if client.process is not self._clients[number].process]
         for report in live:
             self._check(not report["lost"], f"sessions lost by the kill of others: {report['lost']}")
@@ -425,7 +425,7 @@ class Chaos:
         except GONE:
             return False
 
-    def _standing(self, client: Client, killed: float) -> float:
+    def _standing(self, client: ClientProcess, killed: float) -> float:
         """Whether its robots are there with the same sessions, stand until they are commanded, and are where they were
         some moments before the kill; the farthest way from there, m."""
         reports: list[dict[str, Any]] = []

@@ -40,7 +40,7 @@ NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 LIMITS = RoboCorba.MotionLimits(1.0, 2.0, 2.0, 4.0)
 
 
-class Robot:
+class ClientRobot:
     """states: seen while it drove last, and since the server was lost: time, x, y, speed, simulated time."""
 
     def __init__(self, server: Any, name: str, floor: str, x: float, y: float) -> None:
@@ -64,7 +64,7 @@ class Robot:
 class Robots:
     """All of this process. scans: how long they took, s. wrong: what no call may say."""
 
-    def __init__(self, robots: list[Robot]) -> None:
+    def __init__(self, robots: list[ClientRobot]) -> None:
         self._robots = robots
         self._lock = threading.Lock()
         self._is_driving = False
@@ -100,7 +100,7 @@ class Robots:
                         self._guarded(robot, self._is_driving and (number + place) % SCAN_EVERY == 0)
             time.sleep(EVERY_S)
 
-    def _guarded(self, robot: Robot, is_to_scan: bool) -> None:
+    def _guarded(self, robot: ClientRobot, is_to_scan: bool) -> None:
         try:
             if self._is_driving:
                 robot.session.command(ROUND, VALID_S)
@@ -118,7 +118,7 @@ class Robots:
         if is_to_scan:
             self._scan(robot)
 
-    def _scan(self, robot: Robot) -> None:
+    def _scan(self, robot: ClientRobot) -> None:
         began = time.monotonic()
         try:
             robot.scan()
@@ -132,7 +132,7 @@ class Robots:
 def main(naming: str) -> None:
     with Orb(Address.parse(naming)) as orb:
         server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, 20.0)
-        robots = Robots([Robot(server, *row) for row in msgspec.json.decode(sys.stdin.readline())])
+        robots = Robots([ClientRobot(server, *row) for row in msgspec.json.decode(sys.stdin.readline())])
         threading.Thread(target=robots.run, daemon=True).start()
         print("ready", flush=True)
         for line in sys.stdin:

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from robocorba.commands.scene import Scene, as_tables, clients, elevators, plain, robots, sensor, show, tables
+from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, plain, robots, sensor, show, tables
 from robocorba.commands.waiting import Absence, Stop
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
@@ -47,7 +47,7 @@ SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7
 
 def test_a_scene_as_tables() -> None:
     floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
-    scene = Scene([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
+    scene = SystemTables([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
     found = {kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in tables(scene)}
     assert found == {
         "server": [
@@ -114,7 +114,7 @@ def test_a_robot_that_no_floor_knows_yet_stands() -> None:
 
 
 def test_floors_alone_tell_where_robots_are() -> None:
-    scene = Scene(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
+    scene = SystemTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
     ((kind, titles, rows),) = tables(scene)
     assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
     assert rows == [
@@ -131,19 +131,21 @@ def test_the_last_known_elevator_counts() -> None:
 
 
 def test_an_empty_scene_has_no_tables() -> None:
-    assert tables(Scene()) == []
+    assert tables(SystemTables()) == []
 
 
 @given(name=st.text(), floor=st.text())
 def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
-    scene = Scene(robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})]))
+    scene = SystemTables(
+        robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})])
+    )
     assert all(cell.isprintable() for _, _, rows in tables(scene) for row in rows for cell in row)
     console = Console(file=io.StringIO(), width=300)
     console.print(as_tables(scene, note="gone [/]"))
 
 
 def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    show(Scene(robots=robots([view("L\t1", "A")])))
+    show(SystemTables(robots=robots([view("L\t1", "A")])))
     assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
 
 

@@ -35,7 +35,7 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.sheet import FOOT_PX, GROUND, HEAD_PX, INK
 from robocorba.simulation import picture
-from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, SightFan
+from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, ScanFan
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.spatial.pose import XY
@@ -100,9 +100,9 @@ def view_of(*placed: Placed, floor: str = "L1", **elevators: ElevatorState) -> F
     return view
 
 
-def fan(x: float, y: float, heading: float, reach: float = 3.0, count: int = 181) -> SightFan:
+def fan(x: float, y: float, heading: float, reach: float = 3.0, count: int = 181) -> ScanFan:
     """Half a turn ahead."""
-    return SightFan(x, y, heading, -math.pi / 2, math.pi / 180, np.full(count, reach))
+    return ScanFan(x, y, heading, -math.pi / 2, math.pi / 180, np.full(count, reach))
 
 
 class Shown:
@@ -111,7 +111,7 @@ class Shown:
     def __init__(
         self,
         view: FloorView,
-        fans: Sequence[SightFan] = (),
+        fans: Sequence[ScanFan] = (),
         width: int = WIDTH,
         caption: str = "",
         painter: FloorPainter | None = None,
@@ -373,7 +373,7 @@ def test_rays_without_an_end(painter: FloorPainter, recwarn: pytest.WarningsReco
 
 def test_a_fan_of_many_rays_is_thinned_out(painter: FloorPainter) -> None:
     rays = np.linspace(2.0, 4.0, 8192)
-    whole = SightFan(8.0, 5.0, 0.0, 0.0, math.pi / 8191, rays)
+    whole = ScanFan(8.0, 5.0, 0.0, 0.0, math.pi / 8191, rays)
     thin = whole._replace(step_rad=math.pi * 12 / 8191, distances=rays[::12])
     shown, wanted = (Shown(view_of(), [one], painter=painter) for one in (whole, thin))
     assert shown.png == wanted.png
@@ -383,7 +383,7 @@ def test_a_fan_of_many_rays_is_thinned_out(painter: FloorPainter) -> None:
 
 
 def test_a_ray_without_an_end_keeps_its_way(painter: FloorPainter) -> None:
-    rays = SightFan(2.0, 2.0, 0.0, math.radians(20), math.radians(20), np.array([np.inf, np.inf]))
+    rays = ScanFan(2.0, 2.0, 0.0, math.radians(20), math.radians(20), np.array([np.inf, np.inf]))
     shown = Shown(view_of(), [rays], painter=painter)
     lit = {
         angle: not shown.is_about(2 + 6 * math.cos(angle), 2 + 6 * math.sin(angle), GROUND)
@@ -561,7 +561,7 @@ bodies = st.builds(
 placed_bodies = st.lists(st.tuples(bodies, finite, finite, finite, st.tuples(single, single)), max_size=8)
 fans = st.lists(
     st.builds(
-        SightFan,
+        ScanFan,
         x=finite,
         y=finite,
         heading=finite,
@@ -586,7 +586,7 @@ WIDTHS = (200, 333, 640)
 @settings(deadline=None, max_examples=200)
 @given(st.sampled_from(["L1", "L2"]), placed_bodies, fans, moments, st.sampled_from(WIDTHS), st.text(max_size=250))
 def test_any_view_gives_a_picture(
-    floor: str, placed: list[Placed], seen: list[SightFan], moment: ElevatorState, width: int, caption: str
+    floor: str, placed: list[Placed], seen: list[ScanFan], moment: ElevatorState, width: int, caption: str
 ) -> None:
     shown = Shown(view_of(*placed, floor=floor, E1=moment), seen, width, caption, ANY)
     assert shown.image.size == (width, drawing.Frame(scene(), floor, width, True).height)

@@ -12,7 +12,7 @@ from robocorba.corba.conversion.errors import register
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.noise import Noise
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec, Sighting
+from robocorba.sensing.virtual_sensor import Mount, ScanResult, ScanSpec
 from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_state import Pose
 from robocorba.spatial.grids import Floats
@@ -82,7 +82,7 @@ def places_of(structs: Sequence[Any]) -> Floats:
     return np.array([(pose.x, pose.y, pose.heading) for pose in structs], float).reshape(-1, 3)
 
 
-def scan(seen: Sighting, found: ScanSpec) -> Any:
+def scan(seen: ScanResult, found: ScanSpec) -> Any:
     """Of a sighting of one sensor."""
     return _ScanData(seen.time, found.fan.first_rad, found.fan.step_rad, seen.distances[0].tolist())
 

@@ -15,9 +15,9 @@ from robocorba.corba.conversion.maps import xy, xy_of
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import Phase, RideStatus
-from robocorba.simulation.load_balance import Load, Sensor
+from robocorba.simulation.load_balance import Load, SensorProcess
 from robocorba.simulation.management_agent import ServerState
-from robocorba.simulation.registry import Client, Description
+from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, check_sizes
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.pose import Limits
@@ -129,7 +129,7 @@ def server_state(state: ServerState) -> Any:
     return RoboCorba.ServerState(*state)
 
 
-def client_state(client: Client, at: Pose, silent_s: float, sensor: str) -> Any:
+def client_state(client: RobotClient, at: Pose, silent_s: float, sensor: str) -> Any:
     return RoboCorba.ClientState(
         client.name, at, client.since, max(0.0, silent_s), client.call_rate, client.latency_s, sensor
     )
@@ -146,7 +146,7 @@ def load_of(struct: Any) -> Load:
     return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)
 
 
-def sensor_state(sensor: Sensor) -> Any:
+def sensor_state(sensor: SensorProcess) -> Any:
     return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
 
 

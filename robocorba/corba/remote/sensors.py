@@ -27,43 +27,43 @@ class RemoteSensors:
     def __init__(self, balance: LoadBalance) -> None:
         self._balance = balance
         self._waiting = threading.Semaphore(MOST_WAITING)
-        self._farewells = ThreadPoolExecutor(1, "farewells")
+        self._dismissals = ThreadPoolExecutor(1, "sensor-dismissals")
 
     def find(self, robot: str) -> Any:
         """The reference of a robot's sensor, in a process that answers. Raises CORBA.TRANSIENT where there is none."""
-        reference = self._ask(robot)
+        reference = self._assign(robot)
         if reference is None and self._waiting.acquire(blocking=False):
             try:
                 deadline = time.monotonic() + FIND_LIMIT_S
                 while reference is None and time.monotonic() < deadline:
                     time.sleep(PAUSE_S)
-                    reference = self._ask(robot)
+                    reference = self._assign(robot)
             finally:
                 self._waiting.release()
         if reference is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         return reference
 
-    def _ask(self, robot: str) -> Any:
+    def _assign(self, robot: str) -> Any:
         """The same, None where no process answers now."""
-        while sensor := self._balance.hand(robot):
+        while sensor := self._balance.assign(robot):
             try:
                 limit_calls(sensor.reference, CALL_LIMIT_S)
                 return sensor.reference.forRobot(robot)
             except CORBA.SystemException as wrong:
                 _log.warning("virtual sensor %s does not answer (%s)", sensor.name, describe(wrong))
-                self._balance.is_gone(sensor.name)
+                self._balance.remove(sensor.name)
         return None
 
-    def let_go(self, reference: Any, robot: str) -> None:
+    def dismiss(self, reference: Any, robot: str) -> None:
         """Let a process forget a robot that was given to another; does not wait for it."""
-        self._farewells.submit(self._dismiss, reference, robot)
+        self._dismissals.submit(self._send_dismissal, reference, robot)
 
     def close(self) -> None:
-        self._farewells.shutdown(cancel_futures=True)
+        self._dismissals.shutdown(cancel_futures=True)
 
     @staticmethod
-    def _dismiss(reference: Any, robot: str) -> None:
+    def _send_dismissal(reference: Any, robot: str) -> None:
         try:
             limit_calls(reference, CALL_LIMIT_S)
             reference.dismiss(robot)

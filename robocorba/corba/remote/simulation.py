@@ -31,7 +31,7 @@ class RemoteSimulation:
         """What changed on a floor since a version. Raises UnknownFloor, NotReachable."""
         return changes(self._database, floor, since)
 
-    def sensor_is(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
+    def report_sensor(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
         """A virtual sensor process is here. Raises NotReachable."""
         try:
             self._server.sensorIs(name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest])

@@ -37,7 +37,7 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
         spec = scans.spec_of(wanted)
         place, mount = scans.places_of([robot]), scans.mount_of(where)
         seen = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
-        self._reports.saw(self._robot, robot.floor, spec, seen)
+        self._reports.record_scan(self._robot, robot.floor, spec, seen)
         return scans.scan(seen, spec)
 
     @translating
@@ -45,7 +45,7 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
         spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
         found = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
         for floor, seen in zip(floors, found, strict=True):
-            self._reports.saw(self._robot, floor, spec, seen)
+            self._reports.record_scan(self._robot, floor, spec, seen)
         return [scans.scan(seen, spec) for seen in found]
 
     def laser(self) -> Any:
@@ -75,7 +75,7 @@ class RobotSensorServant(RoboCorba__POA.VirtualSensor):
     def __init__(self, find: Callable[[], Any]) -> None:
         self._find = find
 
-    def _send_on(self, *arguments: Any) -> NoReturn:
+    def _forward(self, *arguments: Any) -> NoReturn:
         raise omniORB.LOCATION_FORWARD(self._find())
 
-    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _send_on
+    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _forward
