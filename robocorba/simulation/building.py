@@ -1,7 +1,7 @@
-"""The simulated building: floors with their physics, elevators between them, and time.
+"""The simulated building: floors with their physics, elevators between them, and simulated time.
 
-Robots and objects belong to the floor on which they stand. A cabin takes along whatever stands in its shaft, which
-is on the floor where the ride begins until the doors open elsewhere.
+Every robot and object belongs to one floor. A cabin moves all bodies within its shaft; these belong to the floor where
+the ride begins until the cabin arrives.
 """
 
 from __future__ import annotations
@@ -26,18 +26,22 @@ from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
 
-#: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
+#: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses.
 KG_A_SQUARE_METRE = 9.0
-#: How far a hand reaches from the middle of its robot, m; how hard it holds, and what it carries.
-REACH_M, HAND_FORCE_N, PAYLOAD_KG = 1.0, 200.0, 4.0
-#: A hand holds a place on or at an object, no farther from its outline, m.
+#: Reach of a hand from the robot's centre [m].
+REACH_M = 1.0
+#: Largest force of a grip [N].
+HAND_FORCE_N = 200.0
+#: Mass that one hand carries [kg].
+PAYLOAD_KG = 4.0
+#: Largest distance of a grip point from the object's outline [m].
 HANDLE_M = 0.05
-#: A command holds for at most so long, s.
+#: Longest validity of a velocity command [s].
 MOST_VALID_S = 5.0
 
 
 class SimulatedRobot:
-    """A robot in the building. `command`, `state` and `holding` are safe from any thread, at any time."""
+    """A robot in the building. `command`, `brake`, `state` and `holding` are thread-safe."""
 
     __slots__ = ("_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
 
@@ -46,7 +50,7 @@ class SimulatedRobot:
         self.body = _robot_body(description.name)
         self.floor, self.physics = floor, physics
         self.collisions = 0
-        #: What it collided with last: a robot or an object, empty for what stands.
+        #: Robot or object of the last collision; empty for a wall or another static obstacle.
         self.touched = ""
         self._last = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0))
 
@@ -55,7 +59,9 @@ class SimulatedRobot:
         return self.description.name
 
     def command(self, ahead: float, left: float, turn: float, valid_s: float) -> None:
-        """Move like this (m/s, rad/s) for `valid_s` of simulated time, unless told again. Raises InvalidCommand."""
+        """Set the velocity [m/s, rad/s] for `valid_s` of simulated time or until the next command.
+
+        Raises InvalidCommand."""
         if not math.isfinite(ahead + left + turn):
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
         if not 0.0 <= valid_s <= MOST_VALID_S:
@@ -63,26 +69,25 @@ class SimulatedRobot:
         self.physics.command(self.body, ahead, left, turn, valid_s)
 
     def brake(self) -> None:
-        """Stand as soon as the ground allows, until another command."""
+        """Stop as fast as ground friction allows, until the next command."""
         self.physics.brake(self.body)
 
     @property
     def holding(self) -> str:
-        """The object that it holds, empty for none."""
+        """Name of the held object; empty for none."""
         return _owner(self.physics.holding(self.body))
 
     def state(self) -> RobotMotion:
-        """After the last step."""
-        seen = self.physics.snapshot
-        row = seen.row_of.get(self.body)
-        if row is not None:  # else it came, or changes floors, this very moment
-            self._last = seen.states[row]
+        """Pose and velocity after the last step."""
+        snapshot = self.physics.snapshot
+        row = snapshot.row_of.get(self.body)
+        if row is not None:  # else it was just added or is changing floors
+            self._last = snapshot.states[row]
         return self._last
 
 
 class Happening(NamedTuple):
-    """Something that robots and the monitor are told: "collision", "grip lost", "ride lost" or
-    "reservation over"."""
+    """A published event of the simulation. kind: "collision", "grip lost", "ride lost" or "reservation over"."""
 
     time: float
     floor: str
@@ -92,24 +97,24 @@ class Happening(NamedTuple):
 
 
 class SimulatedBuilding:
-    """Floors and elevators as `building` has them; movable objects stand where it says until they are moved.
+    """Simulation of `building`; movable objects start at their places on the map.
 
-    One thread uses it, except for what SimulatedRobot says."""
+    One thread may use it, except for the thread-safe members of SimulatedRobot and where a docstring says so."""
 
     def __init__(self, building: Building) -> None:
         self.building = Building(building.name)
         self.robots: dict[str, SimulatedRobot] = {}
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
-        #: What there is to see of the elevators, after the last step.
+        #: State of the elevators after the last step, by name.
         self.moments: Mapping[str, ElevatorState] = {}
-        #: Of robots that have to do with an elevator, likewise.
+        #: Rides after the last step, by robot.
         self.rides: Mapping[str, RideStatus] = {}
-        #: Movable objects: as they are on the map, and their floor now.
+        #: Movable objects by name: the object on the map, and its current floor.
         self.objects: dict[str, tuple[MapObject, str]] = {}
-        #: Robots and objects by the name of their body.
+        #: Published bodies of robots and objects, by the name of the physical body.
         self.bodies: dict[str, Body] = {}
-        #: Areas that robots keep for themselves; a floor that is gone keeps nobody out.
+        #: Areas reserved by robots; reservations on a removed floor block nobody.
         self.reservations = Reservations()
         self._steps = self._numbers = 0
         self._last_cabins: dict[str, tuple[str, Doors]] = {}
@@ -119,15 +124,15 @@ class SimulatedBuilding:
 
     @property
     def time(self) -> float:
-        """Of the simulation, s."""
+        """Simulated time [s]."""
         return self._steps * STEP_S
 
     # ---- the map ----
 
     def update(self, building: Building) -> list[str]:
-        """Follow an edited map; the robots that are gone with their floors.
+        """Take over an edited map; return the robots that were removed with their floors.
 
-        Objects that the edit did not touch stay where they were pushed. A ride in an elevator that changed is lost."""
+        Objects that the edit did not change keep their simulated places. Rides of a changed elevator are lost."""
         before, self.building = self.building, building
         gone = [robot.name for robot in self.robots.values() if robot.floor not in building.floors]
         for robot in gone:
@@ -154,9 +159,9 @@ class SimulatedBuilding:
         was, after = movables(before), movables(self.building)
         for name in [name for name in self.objects if after.get(name) != was[name]]:
             self._remove_object(name)
-        for name, (thing, floor) in after.items():
+        for name, (map_object, floor) in after.items():
             if name not in self.objects:
-                self._add_object(name, thing, floor)
+                self._add_object(name, map_object, floor)
 
     def _add_cabin(self, name: str, cabin: Cabin) -> None:
         self.cabins[name] = cabin
@@ -174,7 +179,7 @@ class SimulatedBuilding:
     # ---- robots ----
 
     def add(self, description: Description) -> SimulatedRobot:
-        """Let a robot stand where it says. Raises UnknownFloor, PlaceTaken; its name must be free."""
+        """Add a robot at the pose of its description; its name must be free. Raises UnknownFloor, PlaceTaken."""
         floor, x, y, _ = description.pose
         if floor not in self.floors:
             raise UnknownFloor("start", floor, list(self.floors))
@@ -184,7 +189,7 @@ class SimulatedBuilding:
         return self._add_new(description, description.pose)
 
     def remove(self, name: str) -> None:
-        """Take a robot away, with its rides, what it held and what it reserved. Raises UnknownRobot."""
+        """Remove a robot with its ride, grip and reservation. Raises UnknownRobot."""
         robot = self._robot(name)
         robot.physics.remove(robot.body)
         del self.robots[name], self.bodies[robot.body]
@@ -192,60 +197,62 @@ class SimulatedBuilding:
         self.reservations.release(name)
 
     def pose(self, name: str) -> Pose:
-        """Where a robot is. Raises UnknownRobot."""
+        """Current pose of a robot. Raises UnknownRobot."""
         robot = self._robot(name)
         return Pose(robot.floor, *robot.physics.pose(robot.body))
 
-    def grip(self, name: str, thing: str, at: tuple[float, float]) -> None:
-        """Hold an object at a place, x and y in m. Raises UnknownRobot, CannotGrip."""
+    def grip(self, name: str, object_name: str, at: tuple[float, float]) -> None:
+        """Grip an object at the point `at` [m]. Raises UnknownRobot, CannotGrip."""
         robot = self._robot(name)
-        if thing not in self.objects or self.objects[thing][1] != robot.floor:
-            raise CannotGrip(thing, f"there is no such movable object on {robot.floor}")
+        if object_name not in self.objects or self.objects[object_name][1] != robot.floor:
+            raise CannotGrip(object_name, f"there is no such movable object on {robot.floor}")
         if not math.isfinite(at[0] + at[1]):
-            raise CannotGrip(thing, f"({at[0]}, {at[1]}) is not a place")
+            raise CannotGrip(object_name, f"({at[0]}, {at[1]}) is not a finite point")
         x, y, _ = robot.physics.pose(robot.body)
         away = math.hypot(at[0] - x, at[1] - y)
         if away > REACH_M:
-            raise CannotGrip(thing, f"({at[0]:g}, {at[1]:g}) is {away:.2f} m away; hands reach {REACH_M:g} m")
-        beside = robot.physics.distance(_object_body(thing), at)
+            raise CannotGrip(object_name, f"({at[0]:g}, {at[1]:g}) is {away:.2f} m away; hands reach {REACH_M:g} m")
+        beside = robot.physics.distance(_object_body(object_name), at)
         if beside > HANDLE_M:
-            raise CannotGrip(thing, f"({at[0]:g}, {at[1]:g}) is {beside:.2f} m beside it")
-        robot.physics.grip(robot.body, _object_body(thing), at, HAND_FORCE_N, PAYLOAD_KG)
+            raise CannotGrip(
+                object_name, f"({at[0]:g}, {at[1]:g}) is {beside:.2f} m off its outline; at most {HANDLE_M:g} m"
+            )
+        robot.physics.grip(robot.body, _object_body(object_name), at, HAND_FORCE_N, PAYLOAD_KG)
 
     def release(self, name: str) -> None:
-        """Let go of what it holds, if it does. Raises UnknownRobot."""
+        """Release the held object, if any. Raises UnknownRobot."""
         robot = self._robot(name)
         robot.physics.release(robot.body)
 
     def call_elevator(self, name: str, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Reserve a ride from the floor where a robot is, alone or in a party of so many.
+        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.
 
         Raises UnknownRobot, InvalidRide, ElevatorFull."""
         robot = self._robot(name)
         if elevator not in self.cabins:
-            raise InvalidRide("elevator", f"there is no {elevator[:80]!r}")
+            raise InvalidRide("elevator", f"there is no elevator {elevator[:80]!r}")
         called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
         if called:
-            raise InvalidRide("elevator", f"{name} has called {called} already")
+            raise InvalidRide("elevator", f"{name} has already called {called}")
         self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size)
         self._update_elevator_states()
 
     def give_up_elevator(self, name: str) -> None:
-        """Not ride any more, if it wanted to."""
+        """Cancel the robot's ride, if any."""
         for cabin in self.cabins.values():
             if name in cabin.sessions:
                 cabin.cancel(name)
         self._update_elevator_states()
 
     def reserve(self, name: str, wanted: Wanted) -> None:
-        """Ask for areas. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
+        """Request areas for a robot. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
         self._robot(name)
         self.reservations.reserve(name, wanted)
 
     # ---- time ----
 
     def step(self) -> list[Happening]:
-        """Let STEP_S pass; what happened."""
+        """Advance time by STEP_S; return the events."""
         self._steps += 1
         happened = []
         for name, floor in self.floors.items():
@@ -272,20 +279,20 @@ class SimulatedBuilding:
         return happened
 
     def refresh(self) -> None:
-        """Let whoever came or went be seen, also while time stands."""
+        """Update the published state after bodies or calls changed, also while time is paused."""
         for floor in self.floors.values():
             floor.refresh()
         self._update_elevator_states()
 
     def moments_on(self, floor: str) -> dict[str, ElevatorState]:
-        """Of the elevators that serve a floor. Safe from any thread."""
+        """State of the elevators that serve a floor, by name. Thread-safe."""
         served = self.building.elevators
         return {
-            name: moment for name, moment in self.moments.items() if name in served and floor in served[name].floors()
+            name: state for name, state in self.moments.items() if name in served and floor in served[name].floors()
         }
 
     def _update_elevator_states(self) -> None:
-        """Replaced whole, for readers in other threads; one that rests was looked at before."""
+        """Replace both maps as a whole, for readers in other threads; skip this while all elevators stay idle."""
         resting = {name for name, cabin in self.cabins.items() if cabin.is_idle}
         if len(self.moments) == len(self.cabins) == len(resting) and resting == self._idle:
             return
@@ -300,7 +307,7 @@ class SimulatedBuilding:
             robot.touched = _owner(other)
 
     def _detect_entry_and_exit(self, name: str, cabin: Cabin) -> None:
-        """A robot that stands in the cabin has entered; one that is clear of it has left."""
+        """Advance the rides of robots that are completely inside or completely outside the cabin."""
         shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
             if session.phase not in (Phase.BOARDING, Phase.ALIGHTING):
@@ -315,18 +322,18 @@ class SimulatedBuilding:
                 cabin.leave(session.robot)
 
     def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:
-        """Whether a robot that is not of a party stands in the cabin."""
+        """Whether a robot that is not of the party is in the cabin."""
         of_party = {_robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
-        return any(body.startswith(_ROBOT) and body not in of_party for body in self._inside(name, cabin.floor))
+        return any(body.startswith(_ROBOT) and body not in of_party for body in self._bodies_inside(name, cabin.floor))
 
-    def _inside(self, elevator: str, floor: str) -> list[str]:
-        """The bodies in an elevator's shaft on a floor."""
+    def _bodies_inside(self, elevator: str, floor: str) -> list[str]:
+        """Names of the bodies within an elevator's shaft on a floor."""
         rows = self.floors[floor].state()
         shaft = self._shafts[elevator]
         return [body for body, row in rows.items() if shaft.contains(shapely.Point(row[0], row[1]))]
 
     def _apply_cabin_state(self, name: str, cabin: Cabin) -> None:
-        """Open and close the landing doors, and take along who is inside."""
+        """Open and close landing doors by the cabin's state; move the bodies in it when it changes floors."""
         before, doors = self._last_cabins[name]
         if (cabin.floor, cabin.doors) == (before, doors):
             return
@@ -339,9 +346,9 @@ class SimulatedBuilding:
             self._close_landing(name, before)
 
     def _transfer(self, elevator: str, origin: str, destination: str) -> None:
-        """What is in the cabin goes along, and what holds goes on holding."""
+        """Move all bodies in the cabin to another floor, and restore their grips there."""
         before, after = self.floors[origin], self.floors[destination]
-        inside = self._inside(elevator, origin)
+        inside = self._bodies_inside(elevator, origin)
         poses = {body: before.pose(body) for body in inside}
         grips = {body: held for body in inside if (held := before.held(body))}
         for body, pose in poses.items():
@@ -350,9 +357,9 @@ class SimulatedBuilding:
                 self._place_robot(self.robots[_owner(body)], destination, pose)
             else:
                 self._place_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
-        for body, (thing, at) in grips.items():
-            if thing in poses:
-                after.grip(body, thing, at, HAND_FORCE_N, PAYLOAD_KG)
+        for body, (held_body, at) in grips.items():
+            if held_body in poses:
+                after.grip(body, held_body, at, HAND_FORCE_N, PAYLOAD_KG)
 
     def _close_landing(self, elevator: str, floor: str) -> None:
         self.floors[floor].shut(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
@@ -378,17 +385,17 @@ class SimulatedBuilding:
         self.floors[floor].add_robot(robot.body, pose, about.radius_m, about.mass_kg, about.limits)
         robot.floor, robot.physics = floor, self.floors[floor]
 
-    def _add_object(self, name: str, thing: MapObject, floor: str) -> None:
-        self._place_object(name, thing, floor, (*thing.at, thing.heading))
-        corners = list(outline(thing).exterior.coords[:-1])
+    def _add_object(self, name: str, map_object: MapObject, floor: str) -> None:
+        self._place_object(name, map_object, floor, (*map_object.at, map_object.heading))
+        corners = list(outline(map_object).exterior.coords[:-1])
         radius_m = max(math.hypot(x, y) for x, y in corners)
         body = _object_body(name)
         mass_kg = self.floors[floor].mass_kg(body)
         self.bodies[body] = Body(self._number(), BodyKind.OBJECT, name, radius_m, tuple(corners), mass_kg)
 
-    def _place_object(self, name: str, thing: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
-        shape = outline(thing)
-        self.objects[name] = (thing, floor)
+    def _place_object(self, name: str, map_object: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
+        shape = outline(map_object)
+        self.objects[name] = (map_object, floor)
         self.floors[floor].add_object(_object_body(name), pose, shape, KG_A_SQUARE_METRE * shape.area)
 
     def _remove_object(self, name: str) -> None:
@@ -401,10 +408,10 @@ class SimulatedBuilding:
         self._numbers += 1
         return self._numbers
 
-    # ---- what is kept ----
+    # ---- records ----
 
     def record(self) -> WorldRecord:
-        """Everything that is not on the map, to go on from."""
+        """Everything that the map does not hold, for `restore`."""
         robots = {}
         for robot in self.robots.values():
             held = robot.physics.held(robot.body)
@@ -417,17 +424,17 @@ class SimulatedBuilding:
         return WorldRecord(self._steps, robots, objects, cabins, reservations=self.reservations.record())
 
     def restore(self, world: WorldRecord, robots: list[Description]) -> None:
-        """Go on from a record with these robots, in a building that is as its map says; everything stands still.
+        """Restore a record with these robots in a freshly built building; all bodies start at rest.
 
-        What is not on the map any more is left out; robots that the record does not know stand where they began."""
+        Skips what the map no longer has. Robots that are not in the record get their start poses."""
         self._steps = world.steps
         for physics in self.floors.values():
             physics.set_steps(world.steps)
         for name, (floor, x, y, heading) in world.objects.items():
             if name in self.objects and floor in self.floors:
-                thing, before = self.objects[name]
+                map_object, before = self.objects[name]
                 self.floors[before].remove(_object_body(name))
-                self._place_object(name, thing, floor, (x, y, heading))
+                self._place_object(name, map_object, floor, (x, y, heading))
         for about in robots:
             known = world.robots.get(about.name)
             place = Pose(known.floor, known.x, known.y, known.heading) if known else about.pose
@@ -436,8 +443,8 @@ class SimulatedBuilding:
             robot = self._add_new(about, place)
             robot.collisions = known.collisions if known else 0
             if known and known.grip and self.objects.get(known.grip[0], (None, ""))[1] == place.floor:
-                thing_name, x, y = known.grip
-                robot.physics.grip(robot.body, _object_body(thing_name), (x, y), HAND_FORCE_N, PAYLOAD_KG)
+                held_name, x, y = known.grip
+                robot.physics.grip(robot.body, _object_body(held_name), (x, y), HAND_FORCE_N, PAYLOAD_KG)
         for name, cabin in self.cabins.items():
             if name in world.cabins and world.cabins[name].floor in cabin.heights:
                 cabin.restore(world.cabins[name], self.time, self.robots.keys())
@@ -456,8 +463,8 @@ def _robot_body(robot: str) -> str:
     return f"{_ROBOT}{robot}"
 
 
-def _object_body(thing: str) -> str:
-    return f"object/{thing}"
+def _object_body(name: str) -> str:
+    return f"object/{name}"
 
 
 def _owner(body: str) -> str:

@@ -1,11 +1,11 @@
-"""An elevator: robots call it, drive in, ride and drive out, one session for each ride.
+"""An elevator: robots call it, board, ride and alight; one session for each ride.
 
-The call that has waited longest leads: the cabin fetches it, takes it to its floor, and then turns to the next. On the
-way it stops for whoever goes the same way and still fits in. So nobody is passed over for good, and `longest_wait`
-says for how long at most. A robot that does not come, or does not leave in time, loses its session: the doors close.
+The oldest call leads: the cabin serves it, then the next one. En route it also stops for rides in the same direction
+that still fit in. So every wait is bounded; `longest_wait` computes the bound. A robot that does not board or alight in
+time loses its session, and the doors close.
 
-Robots that call as a party have the cabin for themselves. The party counts as one that called with its first: the
-others may call as long as the doors are open for it, and these stay open until all of it are in, or the limit is over.
+Robots that call as a party ride without others. The party's place in the queue is that of its first call. The other
+members may call while the doors are open for it; the doors stay open until all are inside or the limit expires.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from robocorba.planning.elevators import travel_time, travelled
 from robocorba.simulation.world_record import CabinRecord, RideRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 
-#: A robot has so long to drive in, and so long to drive out, while the doors are open, s.
+#: Time limit of a robot for boarding, and for alighting, while the doors are open [s].
 BOARDING_LIMIT_S = 15.0
-#: Nobody begins to drive in when the doors have been open for so long, s: others wait elsewhere.
+#: No robot starts boarding after the doors have been open for this time [s]: robots wait on other floors.
 OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
-#: Robots that wait at most.
+#: Sessions of an elevator at most.
 MOST_CALLS = 200
-#: Characters of a party's name, at most.
+#: Characters of a party's name at most.
 MOST_PARTY_NAME = 200
+#: Rounding tolerance of heights and widths [m].
 _TOLERANCE_M = 1e-9
 
 
 class Phase(Enum):
-    """Of a ride."""
+    """Phase of a ride."""
 
     WAITING = 0
     BOARDING = 1
@@ -45,7 +46,7 @@ _INSIDE = (Phase.RIDING, Phase.ALIGHTING)
 
 
 class RideSession:
-    """A robot's ride; with `party`, that of `size` robots who ride together, if it is not empty."""
+    """Session of one robot, from call to alighting. party: name of a party of `size` robots, empty for a lone robot."""
 
     def __init__(
         self,
@@ -68,7 +69,7 @@ class RideSession:
 
 
 class RideStatus(NamedTuple):
-    """A ride as its robot is told; `ahead`: robots that wait, and called before."""
+    """State of a ride as published to its robot. ahead: waiting robots that called before."""
 
     phase: Phase
     elevator: str
@@ -78,37 +79,37 @@ class RideStatus(NamedTuple):
 
 
 class Cabin:
-    """heights: of the floors that the elevator serves, m. It begins at the lowest, with its doors closed."""
+    """Simulated cabin; it starts at the lowest floor with closed doors. heights: of the served floors [m]."""
 
     def __init__(self, elevator: Elevator, heights: dict[str, float], now: float = 0.0) -> None:
         self.elevator, self.heights = elevator, heights
         self.now = now
         self.doors = Doors.CLOSED
         self.floor = min(heights, key=lambda name: heights[name])
-        #: Where it goes, empty where it stands.
+        #: Destination floor; empty while the cabin is stopped.
         self._target = ""
         self._since = now
-        #: When a party began to drive in.
+        #: Time at which a party began to board [s].
         self._party_since = now
         self.sessions: dict[str, RideSession] = {}
-        #: Of the sessions that ended before the robot was out: the robot, and why.
+        #: Robot and reason of each session that ended before its robot had alighted.
         self.ended: list[tuple[str, str]] = []
 
-    # ---- what robots do ----
+    # ---- calls of robots ----
 
     def call(
         self, robot: str, origin: str, destination: str, radius_m: float, party: str = "", size: int = 1
     ) -> RideSession:
-        """Reserve a ride, alone or in a party of so many. Raises InvalidRide, ElevatorFull."""
+        """Request a ride for one robot, or for a member of a party of `size`. Raises InvalidRide, ElevatorFull."""
         for field, floor in (("origin", origin), ("destination", destination)):
             if floor not in self.heights:
                 raise InvalidRide(field, f"{self.elevator.name} does not serve {floor}")
         if origin == destination:
-            raise InvalidRide("destination", f"{destination} is where the ride begins")
+            raise InvalidRide("destination", f"{destination} is also the origin")
         if robot in self.sessions:
-            raise InvalidRide("robot", f"{robot} has called already")
+            raise InvalidRide("robot", f"{robot} has already called {self.elevator.name}")
         if not radius_m > 0.0 or not fits(self.elevator, [radius_m]):
-            raise InvalidRide("radius", f"a robot of {radius_m} m does not fit into {self.elevator.name}")
+            raise InvalidRide("radius", f"a robot of radius {radius_m} m does not fit into {self.elevator.name}")
         if party:
             self._check_party(party, size, origin, destination, radius_m)
         if len(self.sessions) >= MOST_CALLS:
@@ -120,37 +121,39 @@ class Cabin:
         return session
 
     def _check_party(self, party: str, size: int, origin: str, destination: str, radius_m: float) -> None:
-        """Whether one more robot may ride with a party. Raises InvalidRide."""
+        """Check that one more robot may join a party. Raises InvalidRide."""
         if len(party) > MOST_PARTY_NAME:
-            raise InvalidRide("party", f"has {len(party)} characters, more than {MOST_PARTY_NAME}")
+            raise InvalidRide("party", f"has {len(party)} characters; at most {MOST_PARTY_NAME}")
         if not 1 <= size <= MOST_CALLS:
             raise InvalidRide("partySize", f"{size} is not 1 to {MOST_CALLS}")
         others = self._party(party)
         radii = [radius_m] * (size - len(others)) + [other.radius_m for other in others]
         if radii and not fits(self.elevator, radii):
-            raise InvalidRide("partySize", f"{size} robots of {max(radii):g} m don't fit into {self.elevator.name}")
+            raise InvalidRide(
+                "partySize", f"{size} robots of radius {max(radii):g} m do not fit into {self.elevator.name}"
+            )
         for other in others:
             if (other.origin, other.destination) != (origin, destination):
                 raise InvalidRide("party", f"{party[:80]} rides from {other.origin} to {other.destination}")
             if other.size != size:
-                raise InvalidRide("partySize", f"{size} is not {other.size}, which {other.robot} said")
+                raise InvalidRide("partySize", f"{size} differs from {other.size} in the call of {other.robot}")
         if len(others) >= size:
-            raise InvalidRide("party", f"all {size} of {party[:80]} have called already")
+            raise InvalidRide("party", f"all {size} robots of {party[:80]} have called already")
         is_in_time = origin == self.floor and self._is_party_in_time()
         if any(other.phase in _INSIDE for other in others) and not is_in_time:
-            raise InvalidRide("party", f"{party[:80]} has left already")
+            raise InvalidRide("party", f"{party[:80]} has already departed")
 
     def enter(self, robot: str) -> None:
-        """It stands in the cabin. Raises NoRide where its doors are not open for it."""
+        """The robot is inside the cabin. Raises NoRide unless it is boarding."""
         self._session(robot, Phase.BOARDING).enter_phase(Phase.RIDING, self.now)
 
     def leave(self, robot: str) -> None:
-        """It is out, at its floor. Raises NoRide."""
+        """The robot has left the cabin at its destination. Raises NoRide unless it is alighting."""
         self._session(robot, Phase.ALIGHTING)
         del self.sessions[robot]
 
     def cancel(self, robot: str, reason: str = "") -> None:
-        """End a robot's ride in whatever phase: it died, or thought better of it. Raises NoRide where it has none."""
+        """End a robot's ride in any phase; with a reason it is recorded in `ended`. Raises NoRide without a ride."""
         if robot not in self.sessions:
             raise NoRide(robot, self.elevator.name)
         del self.sessions[robot]
@@ -163,10 +166,10 @@ class Cabin:
             raise NoRide(robot, self.elevator.name)
         return session
 
-    # ---- what is kept ----
+    # ---- records ----
 
     def record(self) -> CabinRecord:
-        """To go on from."""
+        """Floor and sessions, for `restore`."""
         rides = [
             RideRecord(s.robot, s.origin, s.destination, s.radius_m, s.called_at, s.phase in _INSIDE, s.party, s.size)
             for s in self.sessions.values()
@@ -174,9 +177,9 @@ class Cabin:
         return CabinRecord(self.floor, rides)
 
     def restore(self, record: CabinRecord, now: float, robots: Container[str]) -> None:
-        """Go on from a record, with the rides of these robots: the cabin stands, its doors are shut.
+        """Restore a record with the rides of these robots. The cabin is stopped with closed doors.
 
-        They open at once for the rest of a party that has not left yet."""
+        The doors start opening immediately for a party of which some members are still outside."""
         self.floor, self.now, self._since = record.floor, now, now
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
@@ -190,7 +193,7 @@ class Cabin:
     # ---- time ----
 
     def advance(self, seconds: float) -> None:
-        """Let time pass, at most a second at once."""
+        """Advance time; at most 1 s in one call."""
         end = self.now + seconds
         if self.is_idle:
             self.now = end
@@ -205,11 +208,11 @@ class Cabin:
 
     @property
     def is_idle(self) -> bool:
-        """Nobody wants it, and it stands."""
+        """Whether the cabin is stopped with closed doors and has no sessions."""
         return not self.sessions and self.doors is Doors.CLOSED and not self._target
 
     def state(self) -> ElevatorState:
-        """What there is to see now."""
+        """Current state for publication."""
         height, past = self.heights[self.floor], self.now - self._since
         if self._target:
             height += travelled(self.elevator, self.heights[self._target] - height, past)
@@ -222,7 +225,7 @@ class Cabin:
         return ElevatorState(height, "" if self._target else self.floor, self.doors, share, inside, queue)
 
     def rides(self) -> dict[str, RideStatus]:
-        """Of the robots that it serves, by name."""
+        """Status of all rides, by robot."""
         rides, ahead = {}, 0
         for session in self.sessions.values():
             is_waiting = session.phase is Phase.WAITING
@@ -232,16 +235,16 @@ class Cabin:
         return rides
 
     def longest_wait(self, ahead: int) -> float:
-        """How long a robot may have to wait, at most, for doors that open for it, with so many calls before it, s."""
+        """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
         span = max(self.heights.values()) - min(self.heights.values())
         stops = len(self.heights) + 1
-        # Out, then in: who begins to drive in last has the limit still.
+        # Robots alight, then board; the last one to start boarding still has its full limit.
         at_a_stop = 2 * self.elevator.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
-        # Each call before it may lead once: there and back over the whole height, with a stop at every floor.
+        # Each earlier call may lead once: a round trip over the full height with a stop at every floor.
         return (ahead + 1) * 2 * (travel_time(self.elevator, span) * stops + stops * at_a_stop)
 
     def _phase_end(self) -> float:
-        """When what happens now is over; now, where the cabin can turn to something else at any moment."""
+        """Time at which the current phase ends; the current time if the cabin is free to start another."""
         if self._target:
             return self._since + travel_time(self.elevator, self.heights[self._target] - self.heights[self.floor])
         if self.doors in (Doors.OPENING, Doors.CLOSING):
@@ -254,7 +257,7 @@ class Cabin:
         return self.now
 
     def _start_next_phase(self) -> bool:
-        """Begin what comes next; False where there is nothing to do."""
+        """Start the next phase of the cabin; return False if there is nothing to do."""
         if self._target:
             self.floor, self._target = self._target, ""
             self._set_doors(Doors.OPENING)
@@ -264,8 +267,8 @@ class Cabin:
         elif self.doors is Doors.OPEN:
             for session in self._moving_through_doors():
                 if self.now >= session.since + BOARDING_LIMIT_S:
-                    way = "in" if session.phase is Phase.BOARDING else "out"
-                    self.cancel(session.robot, f"did not drive {way} within {BOARDING_LIMIT_S:g} s")
+                    direction = "in" if session.phase is Phase.BOARDING else "out"
+                    self.cancel(session.robot, f"did not drive {direction} within {BOARDING_LIMIT_S:g} s")
             if not self._start_alighting_and_boarding():
                 self._set_doors(Doors.CLOSING)
         elif self.doors is Doors.CLOSING:
@@ -287,12 +290,12 @@ class Cabin:
         return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.ALIGHTING)]
 
     def _start_alighting_and_boarding(self) -> bool:
-        """Tell those who may drive now, first out, then in; whether the doors are open for anybody."""
+        """Let robots alight, then board; return whether the doors have to stay open."""
         for session in self.sessions.values():
             if session.phase is Phase.RIDING and session.destination == self.floor:
                 session.enter_phase(Phase.ALIGHTING, self.now)
-        is_anybody_leaving = any(s.phase is Phase.ALIGHTING for s in self.sessions.values())
-        if not is_anybody_leaving and self.now < self._since + OPEN_LIMIT_S:
+        is_any_alighting = any(s.phase is Phase.ALIGHTING for s in self.sessions.values())
+        if not is_any_alighting and self.now < self._since + OPEN_LIMIT_S:
             for session in self._next_to_board():
                 if session.party and not self._aboard():
                     self._party_since = self.now
@@ -300,25 +303,25 @@ class Cabin:
         return bool(self._moving_through_doors()) or self._is_waiting_for_party()
 
     def _next_to_board(self) -> list[RideSession]:
-        """Those who wait here, go where the cabin goes, and fit in, longest waiting first."""
+        """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first."""
         aboard = self._aboard()
         leader = self._leader()
         chosen: list[RideSession] = []
         for session in self.sessions.values():
             if session.phase is not Phase.WAITING or session.origin != self.floor:
                 continue
-            is_taken = leader is None or session is leader or self._fits_leader_ride(session, leader)
-            if is_taken and self._has_room(session, aboard):
+            suits_trip = leader is None or session is leader or self._fits_leader_ride(session, leader)
+            if suits_trip and self._has_room(session, aboard):
                 aboard.append(session)
                 chosen.append(session)
         return chosen
 
     def _aboard(self) -> list[RideSession]:
-        """Those who are in the cabin, or drive in now, and stay."""
+        """Sessions of robots inside or boarding, without those that alight."""
         return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.RIDING)]
 
     def _has_room(self, session: RideSession, aboard: list[RideSession]) -> bool:
-        """Whether a robot fits in with these: a party rides without others."""
+        """Whether a robot fits in with these sessions; a party rides without others."""
         if any(other.party != session.party for other in aboard):
             return False
         return fits(self.elevator, [session.radius_m, *(other.radius_m for other in aboard)])
@@ -329,37 +332,37 @@ class Cabin:
         return [s for s in self.sessions.values() if s.party == name]
 
     def _is_incomplete(self, session: RideSession) -> bool:
-        """Whether a robot is in where its party boards, and others of it are not."""
+        """Whether a robot is inside at the floor where its party boards while other members are not."""
         is_in_here = session.phase is Phase.RIDING and session.origin == self.floor
         return is_in_here and bool(session.party) and not self._is_complete(self._party(session.party))
 
     @staticmethod
     def _is_complete(party: list[RideSession]) -> bool:
-        """Whether all of a party are in the cabin."""
+        """Whether all members of a party are inside."""
         return sum(s.phase in _INSIDE for s in party) >= party[0].size
 
     def _is_party_in_time(self) -> bool:
-        """Whether the doors are open for the rest of a party, some of which are in, or about to be."""
+        """Whether the boarding limit of a party has not expired and the doors are open or opening."""
         return self.doors in (Doors.OPENING, Doors.OPEN) and self.now < self._party_since + BOARDING_LIMIT_S
 
     def _is_waiting_for_party(self) -> bool:
-        """Whether some of a party are in, and the doors stay open for the others."""
+        """Whether the doors stay open for members of a party that are still outside."""
         return self._is_party_in_time() and any(map(self._is_incomplete, self.sessions.values()))
 
     def _leader(self) -> RideSession | None:
-        """Whose ride decides where the cabin goes: of those inside, then of those who wait, the first to call."""
+        """The session that determines the destination: the oldest call of those inside, else of those waiting."""
         inside = [s for s in self.sessions.values() if s.phase is not Phase.WAITING]
         return min(inside or self.sessions.values(), key=lambda s: s.called_at, default=None)
 
     def _fits_leader_ride(self, session: RideSession, leader: RideSession) -> bool:
-        """Whether a ride from here lies within what is left of the leader's, in its direction."""
+        """Whether a ride from this floor lies within the rest of the leader's ride, in its direction."""
         if leader.phase is Phase.WAITING and leader.origin != self.floor:
             return False
         here, there, to = (self.heights[name] for name in (self.floor, leader.destination, session.destination))
         return (to - here) * (there - here) > 0 and abs(to - here) <= abs(there - here) + _TOLERANCE_M
 
     def _next_stop(self) -> str | None:
-        """The floor to go to; the one where the cabin stands, where somebody gets on here."""
+        """Next floor to stop at; the current floor if a robot boards here; None without sessions."""
         leader = self._leader()
         if leader is None:
             return None
@@ -389,7 +392,7 @@ class Cabin:
 
 
 def fits(elevator: Elevator, radii_m: list[float]) -> bool:
-    """Whether robots of these radii have room in the cabin, each in a square as wide as the widest of them."""
+    """Whether robots of these radii fit into the cabin, each in a square as wide as the widest of them."""
     width = 2 * max(radii_m)
     places = math.floor(elevator.size[0] / width + _TOLERANCE_M) * math.floor(elevator.size[1] / width + _TOLERANCE_M)
     return len(radii_m) <= places

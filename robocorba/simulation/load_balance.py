@@ -1,4 +1,4 @@
-"""Which virtual sensor process senses for which robot: the least busy one, by what it measured itself."""
+"""Assignment of robots to virtual sensor servers: each robot gets the least busy one, by the load that it reports."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-#: A process that was not heard of for so long is gone, s.
+#: Lease of a sensor server [s]: without a report for this long it is dropped.
 SENSOR_LEASE_S = 2.0
-#: What a robot costs a process at least, where nothing has been measured yet, as a share of a core.
+#: Least assumed load of one robot, as a share of a core; holds before anything was measured.
 LEAST_COST = 0.001
-#: Robots move where one process is busier than another by so much of a core.
+#: Difference between the busiest and the least busy server above which robots move, as a share of a core.
 REBALANCE_ABOVE = 0.2
 
 
 class Load(NamedTuple):
-    """What a process says: share of a core that it was busy, how old what it knows is at most (s), scans a second, and
-    robots."""
+    """Reported load of a sensor server.
+
+    busy: share of a core. lag_s: largest age of its floor data [s]. scan_rate: scans per second. robots: assigned."""
 
     busy: float
     lag_s: float
@@ -25,17 +26,17 @@ class Load(NamedTuple):
 
 
 class SensorProcess:
-    """A virtual sensor process; `reference` is whatever calls it."""
+    """A virtual sensor server; `reference` is its object reference."""
 
     def __init__(self, name: str, reference: Any, load: Load, now: float) -> None:
         self.name, self.reference, self.load, self.reported_at = name, reference, load, now
-        #: As busy as it was, and will be by what has changed since.
+        #: Reported load, corrected by the assignments since the report.
         self.expected = load.busy
         self.robots: set[str] = set()
 
 
 class LoadBalance:
-    """Safe from any thread. `clock` tells the time in s."""
+    """Thread-safe. `clock` returns the time [s]."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
@@ -45,18 +46,18 @@ class LoadBalance:
 
     @property
     def sensors(self) -> list[SensorProcess]:
-        """Those that are there, by name."""
+        """Live sensor servers, sorted by name."""
         with self._lock:
             self._drop_expired()
             return sorted(self._sensors.values(), key=lambda sensor: sensor.name)
 
     def name_for(self, robot: str) -> str:
-        """The name of the process that a robot was given; empty for none."""
+        """Name of a robot's assigned sensor server; empty for none."""
         sensor = self._sensor_of.get(robot)
         return sensor.name if sensor else ""
 
     def assign(self, robot: str) -> SensorProcess | None:
-        """The process that senses for a robot: the one it has, else the least busy one; None where there is none."""
+        """Sensor server of a robot: its current one, else the least busy one; None if there is none."""
         with self._lock:
             self._drop_expired()
             known = self._sensor_of.get(robot)
@@ -68,14 +69,14 @@ class LoadBalance:
             return least
 
     def release(self, robot: str) -> None:
-        """The robot is gone."""
+        """End the assignment of a robot."""
         with self._lock:
             sensor = self._sensor_of.pop(robot, None)
             if sensor:
                 sensor.robots.discard(robot)
 
     def report(self, name: str, reference: Any, load: Load) -> list[tuple[str, Any]]:
-        """A process says that it is there; robots that it, or another one, is to let go so that they move."""
+        """Renew a server's lease and load; return the robots to move, each with its previous server's reference."""
         with self._lock:
             sensor = self._sensors.get(name)
             if sensor is None:
@@ -87,7 +88,7 @@ class LoadBalance:
             return self._rebalance()
 
     def remove(self, name: str) -> None:
-        """A process does not answer; its robots are handed others when they ask."""
+        """Drop a server that does not answer; its robots get another one with their next request."""
         with self._lock:
             self._drop(name)
 
@@ -107,7 +108,7 @@ class LoadBalance:
         self._sensor_of[robot] = sensor
 
     def _cost(self) -> float:
-        """Of a robot, on average."""
+        """Average load of a robot, as a share of a core."""
         busy = sum(sensor.load.busy for sensor in self._sensors.values())
         return max(busy / max(1, len(self._sensor_of)), LEAST_COST)
 

@@ -1,4 +1,4 @@
-"""The communication management agent: lets robots log on to the simulated building, and off, and lets time pass."""
+"""The communication management agent: robots log on and off, and simulated time runs."""
 
 from __future__ import annotations
 
@@ -24,21 +24,23 @@ from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
 
-#: Robots at most, unless an administrator chose another limit, and how many he may choose.
-DEFAULT_LIMIT, MOST_ROBOTS = 300, 10_000
-#: Poses are kept at least so often, s: twice as often as what may be lost by a kill.
+#: Default limit of logged-on robots.
+DEFAULT_LIMIT = 300
+#: Highest limit that an administrator may set.
+MOST_ROBOTS = 10_000
+#: Interval between writes of all poses [s]; a kill may lose at most twice as much.
 WRITE_INTERVAL_S = 0.1
-#: Leases are looked at so often, s.
+#: Interval between checks of leases [s].
 LEASE_CHECK_INTERVAL_S = 0.1
-#: Event rates are those of so many seconds.
+#: Window over which the event rate is averaged [s].
 RATE_WINDOW_S = 2.0
 
 _log = logging.getLogger(__name__)
 
 
 class ServerState(NamedTuple):
-    """limit and robots: that may be, and are, logged on. pace: simulated seconds in a second, as asked for (0: as many
-    as possible) and achieved. event_rate: happenings a second."""
+    """State of the server. limit, robots: allowed and logged-on robots. time: simulated [s]. pace, achieved: requested
+    (0: as fast as possible) and achieved simulated seconds per second. event_rate: published events per second."""
 
     limit: int
     robots: int
@@ -52,10 +54,10 @@ class ServerState(NamedTuple):
 
 
 class ManagementAgent:
-    """The simulation of a building, as `store` remembers it, else as it is on the map.
+    """The simulation of a building, restored from `store` or, without a record, started from the map.
 
-    announce: is told what happens, in the thread of the simulation; must not wait. gone: is told whose session ended.
-    Everything else is safe from any thread, once `start` was called. Leases run from `begin_leases` on."""
+    publish: called with each event in the simulation thread; must not block. session_ended: called with each ended
+    session. After `start`, everything is thread-safe except `step`. Leases run from `begin_leases` on."""
 
     def __init__(
         self,
@@ -84,21 +86,21 @@ class ManagementAgent:
         self._restore()
 
     def start(self) -> None:
-        """Let time pass."""
+        """Start simulated time and the writer."""
         physics.warm_up()
         omni_database.warm_up()
         self._writer.start()
         self.loop.start()
 
     def close(self) -> None:
-        """Let time end; keep how everything is."""
+        """Stop simulated time, and save the final state."""
         self.loop.close()
         self._writer.close()
         with contextlib.suppress(ServiceError):
             self._store.save_world(self._record())
 
     def begin_leases(self) -> None:
-        """Calls are let in: whoever was logged on before has a whole lease from now on."""
+        """Start the leases once calls are accepted: restored robots get a full lease from now on."""
 
         def begin() -> None:
             for client in self.registry.clients:
@@ -120,7 +122,7 @@ class ManagementAgent:
         return session
 
     def record_scans(self, latest: Iterable[LastScan]) -> None:
-        """What robots' sensors saw last; a robot that scans is heard."""
+        """Record the robots' last scans; a scan renews its robot's lease."""
         now = time.monotonic()
         for scan in latest:
             with contextlib.suppress(UnknownRobot, SessionExpired):
@@ -134,14 +136,14 @@ class ManagementAgent:
     # ---- time ----
 
     def step(self) -> None:
-        """Let one step of STEP_S pass. Where `start` was called, time passes by itself: not for use then."""
+        """Advance by STEP_S. For use without `start` only: a started simulation advances in its own thread."""
         for happening in self.building.step():
             self.collisions += happening.kind == "collision"
             self._event_count += 1
             self._publish(happening)
 
     def configure(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
-        """What an administrator sets, kept before this returns. Raises InvalidChoice, SimulationBusy, ServiceError."""
+        """Change settings and store them before returning. Raises InvalidChoice, SimulationBusy, ServiceError."""
         if limit is not None and not 0 <= limit <= MOST_ROBOTS:
             raise InvalidChoice("robots", f"{limit} is not 0 to {MOST_ROBOTS}")
         if pace is not None:
@@ -159,7 +161,7 @@ class ManagementAgent:
     # ---- the map ----
 
     def follow_map(self, building: Building, version: int) -> None:
-        """Follow an edited map; robots whose floor is gone are logged off. Raises SimulationBusy."""
+        """Take over an edited map; robots on removed floors are logged off. Raises SimulationBusy."""
 
         def change() -> None:
             for name in self.building.update(building):
@@ -170,7 +172,7 @@ class ManagementAgent:
 
         self.loop.do(change)
 
-    # ---- what there is to see ----
+    # ---- state ----
 
     @property
     def state(self) -> ServerState:
@@ -186,19 +188,19 @@ class ManagementAgent:
             self._event_rate,
         )
 
-    # ---- inside, all in the thread of the simulation ----
+    # ---- internals, all in the simulation thread ----
 
     def _restore(self) -> None:
         kept = self._store.clients()
-        # A kill may have come between a log-off and its being kept, when the name had been taken anew.
+        # A kill between a log-off and its write can leave two records of one name: the later one counts.
         clients = {record.name: record for record in kept}
         world = self._store.world() or self.building.record()
-        # Nor may it tell of somebody else who had the name before.
-        same = {name: robot for name, robot in world.robots.items() if _belongs_to(world, clients.get(name))}
-        world = msgspec.structs.replace(world, robots=same)
+        # The world record may hold the pose of an earlier robot of the same name.
+        own = {name: robot for name, robot in world.robots.items() if _belongs_to(world, clients.get(name))}
+        world = msgspec.structs.replace(world, robots=own)
         self.building.restore(world, [record.description for record in clients.values()])
         for record in kept:
-            is_here = record.name in self.building.robots  # else its floor is not on the map any more
+            is_here = record.name in self.building.robots  # else its floor was removed from the map
             if is_here and clients[record.name] is record:
                 self._open(self.registry.restore(record.description, record.key, record.since))
             else:
@@ -235,7 +237,7 @@ class ManagementAgent:
         self._session_ended(self.sessions.pop(client.key))
 
     def _do_durably(self, change: Callable[[], None]) -> None:
-        """Make a change, and wait until it can't be lost any more."""
+        """Make a change in the simulation thread, and wait until it is written to disk."""
 
         def change_and_submit() -> int:
             change()
@@ -252,7 +254,7 @@ class ManagementAgent:
         if now - self._checked_at >= LEASE_CHECK_INTERVAL_S:
             self._checked_at = now
             for client in self.registry.expired() if self._are_leases_running else ():
-                _log.info("%s was silent for %g s: logged off", client.name, self.registry.lease_s)
+                _log.info("%s logged off: its lease of %g s expired", client.name, self.registry.lease_s)
                 self._log_off(client)
                 self._writer.forget(client.key)
         if now - self._written_at >= WRITE_INTERVAL_S:
@@ -264,5 +266,5 @@ class ManagementAgent:
 
 
 def _belongs_to(world: WorldRecord, client: ClientRecord | None) -> bool:
-    """Whether a record tells of this client's robot."""
+    """Whether the record of a robot's name belongs to this client."""
     return client is not None and world.keys.get(client.name) == client.key

@@ -1,6 +1,6 @@
-"""Which robots are logged on, and for how long.
+"""The logged-on robots and their leases.
 
-Nobody is asked whether it lives: a lease runs out unless a call of its robot renews it.
+The server does not poll robots: a lease expires unless a call of its robot renews it.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from dataclasses import dataclass, field
 from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.spatial.pose import Limits, Pose
 
-#: A robot that was not heard of for so long is logged off, s.
+#: Lease of a robot [s]: without a call for this long it is logged off.
 LEASE_S = 2.0
+#: Characters of a robot's name at most.
 MAX_NAME = 60
 
 
 @dataclass(frozen=True)
 class Description:
-    """What a robot says of itself when it logs on. Raises InvalidDescription."""
+    """Description with which a robot logs on. Raises InvalidDescription."""
 
     name: str
     pose: Pose
@@ -53,9 +54,9 @@ class Description:
 
 
 class RobotClient:
-    """A robot that is logged on. `key` is its secret: whoever knows it may act as this robot.
+    """A logged-on robot. Thread-safe.
 
-    since: when it logged on, POSIX time, s. What it is asked is safe from any thread."""
+    key: secret that authorizes a caller to act as this robot. since: POSIX time of the log-on [s]."""
 
     __slots__ = (
         "_calls",
@@ -73,7 +74,7 @@ class RobotClient:
         self.description, self.key, self.since = description, key, since
         self.last_call_at = now
         self.is_logged_off = False
-        #: Calls a second, and seconds that a call took, on average of the last ones.
+        #: Calls per second, and moving average of the time to answer a call [s].
         self.call_rate = self.latency_s = 0.0
         self._calls, self._counted_at = 0, now
 
@@ -82,25 +83,25 @@ class RobotClient:
         return self.description.name
 
     def renew_lease(self, now: float) -> None:
-        """It called: its lease is renewed. Raises SessionExpired where it has none any more."""
+        """Count a call and renew the lease. Raises SessionExpired if the robot is logged off."""
         if self.is_logged_off:
             raise SessionExpired()
         self.last_call_at = now
         self._calls += 1
 
     def record_latency(self, seconds: float) -> None:
-        """Its call was answered in this time."""
+        """Record the time that a call took."""
         self.latency_s += 0.05 * (seconds - self.latency_s)
 
     def update_call_rate(self, now: float) -> None:
-        """Find out how often it calls, at most once a second."""
+        """Update `call_rate`, at most once a second."""
         passed = now - self._counted_at
         if passed >= 1.0:
             self.call_rate, self._calls, self._counted_at = self._calls / passed, 0, now
 
 
 class Registry:
-    """At most `limit` clients; `clock` tells the time in s."""
+    """At most `limit` clients; `clock` returns the time [s]."""
 
     def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
         self._clock, self.lease_s = clock, lease_s
@@ -113,11 +114,11 @@ class Registry:
 
     @property
     def clients(self) -> list[RobotClient]:
-        """In the order in which they logged on."""
+        """Clients in the order of their log-on."""
         return list(self._by_key.values())
 
     def check(self, description: Description) -> None:
-        """Whether a robot may log on. Raises NameTaken, ServerFull."""
+        """Check that a robot may log on. Raises NameTaken, ServerFull."""
         if description.name in self._by_name:
             raise NameTaken(description.name)
         if len(self) >= self.limit:
@@ -131,26 +132,26 @@ class Registry:
         return client
 
     def restore(self, description: Description, key: str, since: float) -> RobotClient:
-        """Log on again who was before a restart; its lease begins anew."""
+        """Log a robot on again after a restart, with a full lease."""
         client = RobotClient(description, key, since, self._clock())
         self._admit(client)
         return client
 
     def remove(self, client: RobotClient) -> None:
-        """Log a robot off. Raises SessionExpired where it is not logged on."""
+        """Log a robot off. Raises SessionExpired if it is not logged on."""
         if client.is_logged_off:
             raise SessionExpired()
         client.is_logged_off = True
         del self._by_key[client.key], self._by_name[client.name]
 
     def find(self, name: str) -> RobotClient:
-        """Raises UnknownRobot."""
+        """The client of this name. Raises UnknownRobot."""
         if name not in self._by_name:
             raise UnknownRobot(name)
         return self._by_name[name]
 
     def expired(self) -> list[RobotClient]:
-        """Who was not heard of for its lease; and find out how often the others call."""
+        """Clients whose lease has expired. Updates the call rates of all clients."""
         now = self._clock()
         for client in self.clients:
             client.update_call_rate(now)
@@ -160,6 +161,6 @@ class Registry:
         self._by_key[client.key] = self._by_name[client.name] = client
 
     def _next_slot_s(self) -> float:
-        """When a slot may be free at the earliest: when the first lease would run out."""
+        """Time until a slot may be free at the earliest [s]: until the first lease would expire."""
         oldest = min((client.last_call_at for client in self._by_key.values()), default=self._clock())
         return max(0.0, oldest + self.lease_s - self._clock())

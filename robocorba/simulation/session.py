@@ -1,4 +1,4 @@
-"""What a robot that is logged on may do: its session. Any call renews its lease."""
+"""The session of a logged-on robot. Every call renews its lease."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from robocorba.spatial.floor_state import RobotMotion
 
 
 class Session:
-    """Safe from any thread. Every call raises SessionExpired once the robot is logged off.
+    """Thread-safe. Every call raises SessionExpired once the robot is logged off.
 
-    do: makes a change of the building, and returns when it can't be lost any more."""
+    do: applies a change to the building, and returns when it is on disk."""
 
     def __init__(
         self,
@@ -35,17 +35,19 @@ class Session:
         return self.client.name
 
     def command(self, ahead: float, left: float, turn: float, valid_s: float) -> None:
-        """Move like this, m/s and rad/s, for so much simulated time unless told again. Raises InvalidCommand."""
+        """Set the velocity [m/s, rad/s] for `valid_s` of simulated time or until the next command.
+
+        Raises InvalidCommand."""
         self.client.renew_lease(time.monotonic())
         self.robot.command(ahead, left, turn, valid_s)
 
     def brake(self) -> None:
-        """Stand as soon as the ground allows, until another command."""
+        """Stop as fast as ground friction allows, until the next command."""
         self.client.renew_lease(time.monotonic())
         self.robot.brake()
 
     def state(self) -> RobotMotion:
-        """How the robot is after the last step."""
+        """Pose and velocity after the last step."""
         self.client.renew_lease(time.monotonic())
         return self.robot.state()
 
@@ -55,35 +57,35 @@ class Session:
 
     @property
     def ride(self) -> RideStatus | None:
-        """What the robot has to do with an elevator."""
+        """Status of the robot's ride; None without a ride."""
         return self._building.rides.get(self.name)
 
-    def grip(self, thing: str, at: tuple[float, float]) -> None:
-        """Hold an object at a place, x and y in m. Raises CannotGrip, SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.grip(self.name, thing, at))
+    def grip(self, object_name: str, at: tuple[float, float]) -> None:
+        """Grip an object at the point `at` [m]. Raises CannotGrip, SimulationBusy, ServiceError."""
+        self._do(lambda: self._building.grip(self.name, object_name, at))
 
     def release(self) -> None:
-        """Let go of what the robot holds, if it does. Raises SimulationBusy, ServiceError."""
+        """Release the held object, if any. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.release(self.name))
 
     def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Reserve a ride from where the robot is, alone or in a party of so many.
+        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.
 
         Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
         self._do(lambda: self._building.call_elevator(self.name, elevator, destination, party, size))
 
     def call_elevator_together(self, elevator: str, destination: str, party: str, size: int) -> None:
-        """The same for a party that has a name, and the cabin for itself. Raises what `call_elevator` does."""
+        """Call an elevator for a named party that rides alone. Raises as `call_elevator`."""
         if not party:
-            raise InvalidRide("party", "has no name")
+            raise InvalidRide("party", "needs a name")
         self.call_elevator(elevator, destination, party, size)
 
     def give_up_elevator(self) -> None:
-        """Not ride any more. Raises SimulationBusy, ServiceError."""
+        """Cancel the ride, if any. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.give_up_elevator(self.name))
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        """Ask for areas for so much simulated time after they are granted.
+        """Request areas; the grant lasts `limit_s` of simulated time.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
         self.client.renew_lease(time.monotonic())
@@ -91,17 +93,17 @@ class Session:
         self._do(lambda: self._building.reserve(self.name, wanted))
 
     def reservation(self) -> Reservation | None:
-        """How far the request for areas has come; None where there is none, or its grant has ended."""
+        """Status of the request for areas; None if there is none or its grant has ended."""
         self.client.renew_lease(time.monotonic())
         return self._building.reservations.find(self.name, self._building.time)
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        """Give back all but these of the areas. Raises InvalidReservation, SimulationBusy, ServiceError."""
+        """Release all areas but these. Raises InvalidReservation, SimulationBusy, ServiceError."""
         kept = kept_of(areas)
         self._do(lambda: self._building.reservations.keep(self.name, kept))
 
     def release_areas(self) -> None:
-        """Give back all areas, or don't wait for them any more. Raises SimulationBusy, ServiceError."""
+        """Release all areas, or cancel the request. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.reservations.release(self.name))
 
     def deregister(self) -> None:

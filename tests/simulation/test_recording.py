@@ -288,7 +288,7 @@ def test_other_files_are_told_apart(tmp_path: Path) -> None:
     writer = Writer(str(file))
     writer.start("ros2")
     writer.finish()
-    with pytest.raises(StateDamaged, match="somebody else's"):
+    with pytest.raises(StateDamaged, match="not a recording"):
         Recording(file)
     writer = Writer(str(file))
     writer.start(PROFILE)
