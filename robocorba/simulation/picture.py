@@ -42,7 +42,7 @@ MAX_CAPTION = 200
 ROBOT, VELOCITY, LASER = "#7b2cbf", "#0b5d51", "#f03e3e"
 #: Share of the laser's colour in lit areas.
 LIGHT = 0.2
-#: Rays drawn of a fan; a fan with more is drawn with every second ray, every third, and so on.
+#: Number of rays from which on a fan is thinned out: every second ray is drawn, every third, and so on.
 MOST_RAYS = 720
 #: A velocity arrow shows the distance covered in this time [s].
 ARROW_S = 1.0
@@ -81,8 +81,9 @@ _LEGEND = (
 
 
 class ScanFan(NamedTuple):
-    """A scan to draw: sensor at x, y [m] and heading [rad]. distances: of the rays [m], the first one at `first_rad` from
-    the heading, the others `step_rad` apart, counter-clockwise [rad]."""
+    """A scan to draw: sensor at x, y [m] and heading [rad], distances of its rays [m].
+
+    The first ray is at `first_rad` from the heading, the others `step_rad` apart, counter-clockwise [rad]."""
 
     x: float
     y: float
