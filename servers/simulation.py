@@ -32,15 +32,16 @@ from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
 
-#: The map is asked for edits so often, s.
+#: Interval between requests for map edits [s].
 MAP_CHECK_INTERVAL_S = 0.25
-#: A few threads serve all connections: with one for each, hundreds of robots would leave the simulation no time.
+#: A small thread pool serves all connections; one thread for each robot would starve the simulation.
 THREADS = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
 
 
 class SimulationServer:
-    """A simulation and its CORBA objects. Whoever has the reference of a session may act as its robot: the key of it is
-    a secret, and the same whenever this process is started again."""
+    """A simulation and its CORBA objects.
+
+    The reference of a session authorizes its holder to act as the robot: its key is secret, and survives restarts."""
 
     def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, channel: str) -> None:
         self._orb, self._store, self._map = orb, store, remote_map
@@ -51,7 +52,7 @@ class SimulationServer:
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
 
     def start(self, administrator: Path) -> None:
-        """Let time pass and calls in; write the administrator's reference to that file."""
+        """Start the simulation, accept calls, and write the administrator's reference to a file."""
         for session in self.agent.sessions.values():
             self._reference_of(session)
         self._write_reference(
@@ -92,18 +93,18 @@ class SimulationServer:
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
             self._map.follow()
-            if self._map.version != self.agent.state.map_version:  # also where there was no time for it before
+            if self._map.version != self.agent.state.map_version:  # also after a failed attempt
                 self.agent.follow_map(self._map.building, self._map.version)
                 self._monitor = Monitor(self.agent, self._map.building)
 
     def _write_reference(self, reference: Any, file: Path) -> None:
-        """For whoever may read the state folder's files of this user."""
+        """Write a reference to a file that only this user can read."""
         with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as out:
             out.write(self._orb.uri(reference))
 
 
 def _sensor_key(session: Session) -> str:
-    """It does not tell the session's: a robot may let others use its sensor."""
+    """Derived from the session's key without revealing it: a robot may share its sensor."""
     return f"sensors/{hashlib.sha256(session.client.key.encode()).hexdigest()}"
 
 

@@ -1,4 +1,4 @@
-"""A virtual sensor process: it follows the Omni database and the map, and scans for the robots that it is given."""
+"""A virtual sensor server: it follows the Omni database and the map, and scans for its assigned robots."""
 
 from __future__ import annotations
 
@@ -21,9 +21,13 @@ from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.settings import SensorSettings
 
-#: Floors are followed, the map is asked for edits, and the simulation server is told that we are here, so often, s.
-FOLLOW_INTERVAL_S, MAP_CHECK_INTERVAL_S, REPORT_INTERVAL_S = 0.03, 0.25, 0.5
-#: Robots with a sensor of their own; where there are more, the oldest find out that theirs has gone.
+#: Interval between updates of the floors [s].
+FOLLOW_INTERVAL_S = 0.03
+#: Interval between requests for map edits [s].
+MAP_CHECK_INTERVAL_S = 0.25
+#: Interval between reports to the simulation server [s].
+REPORT_INTERVAL_S = 0.5
+#: Robots with a sensor of their own at most; beyond, the oldest sensors are deactivated.
 MOST_ROBOTS = 10_000
 
 
@@ -38,7 +42,7 @@ class SensorServer:
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
         self._lock = threading.Lock()
-        #: Floors and the map are told one after the other.
+        #: Serializes updates of floors and map.
         self._update_lock = threading.Lock()
         self._assigned: dict[str, tuple[str, Any]] = {}
         self._number = 0
@@ -50,7 +54,7 @@ class SensorServer:
         ]
 
     def start(self) -> None:
-        """Follow, and let calls in."""
+        """Start the updates, and accept calls."""
         self._servant = VirtualSensorServant(self._sensor, self._reports, self)
         self._reference = self._orb.activate(self._servant, self._path)
         for task in self._tasks:
@@ -61,13 +65,13 @@ class SensorServer:
         for task in self._tasks:
             task.close()
 
-    # ---- what the servants ask for ----
+    # ---- activator of the servants ----
 
     def for_robot(self, name: str) -> Any:
-        """The reference of a robot's sensor."""
+        """Reference of a robot's sensor, activated if necessary."""
         with self._lock:
             if name not in self._assigned:
-                self._number += 1  # a key is used once: its object may still be busy when it ends
+                self._number += 1  # keys are unique: a deactivated object may still serve a call
                 key = f"{self._path}/robots/{name}/{self._number}"
                 servant = VirtualSensorServant(self._sensor, self._reports, self, name)
                 self._assigned[name] = key, self._orb.activate(servant, key)
@@ -77,7 +81,7 @@ class SensorServer:
             return self._assigned[name][1]
 
     def dismiss(self, name: str) -> None:
-        """It is not needed any more."""
+        """Deactivate a robot's sensor."""
         with self._lock:
             self._deactivate(name)
             self._reports.robots = len(self._assigned)
@@ -86,7 +90,7 @@ class SensorServer:
         if name in self._assigned:
             self._orb.deactivate_key(self._assigned.pop(name)[0])
 
-    # ---- in threads of their own ----
+    # ---- repeated tasks, each in a thread of its own ----
 
     def _follow(self) -> None:
         for floor in self._sensor.floors:

@@ -27,8 +27,8 @@ _TURN = 2 * math.pi
 
 
 class Eye(NamedTuple):
-    """A sensor: position [m], angle of the first ray [rad], rays per radian, range [m], and the unit vector of the fan's
-    middle; (0, 0) for a fan of more than half a turn."""
+    """A sensor: position [m], angle of the first ray [rad], rays per radian, range [m], and unit vector of the
+    fan's middle, (0, 0) for a fan of more than half a turn."""
 
     x: float
     y: float

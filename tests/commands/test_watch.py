@@ -55,7 +55,7 @@ def test_a_scene_as_tables() -> None:
                 "robots": "2",
                 "limit": "300",
                 "time [s]": "91.8",
-                "pace": "as fast as it can",
+                "pace": "as fast as possible",
                 "achieved": "57.30",
                 "paused": "yes",
                 "collisions": "69",

@@ -1,4 +1,4 @@
-"""RoboCorba::FloorUpdate and what is in it, from and to the domain's."""
+"""Conversion of floor updates and their parts from and to the IDL."""
 
 from __future__ import annotations
 
@@ -69,18 +69,18 @@ def update_of(struct: Any) -> FloorUpdate:
     )
 
 
-def elevators(moments: dict[str, ElevatorState]) -> list[Any]:
+def elevators(states: dict[str, ElevatorState]) -> list[Any]:
     return [
         RoboCorba.ElevatorState(
             name,
-            moment.floor,
-            moment.height,
-            _DOORS[moment.doors],
-            moment.opening,
-            list(moment.riders),
-            list(moment.queue),
+            state.floor,
+            state.height,
+            _DOORS[state.doors],
+            state.opening,
+            list(state.riders),
+            list(state.queue),
         )
-        for name, moment in moments.items()
+        for name, state in states.items()
     ]
 
 

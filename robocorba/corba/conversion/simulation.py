@@ -1,6 +1,6 @@
-"""Robots that are logged on, and the state of the simulation server, as the IDL has them.
+"""Conversion of robots, sessions and the simulation server's state from and to the IDL.
 
-Structs are named tuples with the members' names, which omniORBpy sends as well as the generated classes."""
+Some structs are named tuples with the members' names; omniORBpy marshals these like the generated classes."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def areas(found: Sequence[FloorArea]) -> list[Any]:
 
 
 def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
-    """Raises InvalidReservation where there are too many, or too many corners: before each of them costs time."""
+    """Raises InvalidReservation for too many areas or corners, before it converts them."""
     check_sizes([struct.polygon for struct in structs])
     return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]
 
@@ -140,7 +140,7 @@ def load(found: Load) -> Any:
 
 
 def load_of(struct: Any) -> Load:
-    """Raises CORBA.BAD_PARAM for what no process can say of itself."""
+    """Raises CORBA.BAD_PARAM for impossible values."""
     if not all(0.0 <= value <= 1e9 for value in (struct.busy, struct.lag, struct.scanRate)):
         raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
     return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)

@@ -1,4 +1,4 @@
-"""Servants of the communication management agent: the server, the session of a robot, and what administrators use."""
+"""Servants of the communication management agent: the server, robots' sessions, and the administrator's interface."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from robocorba.stubs import RoboCorba__POA
 class SimulationServerServant(RoboCorba__POA.SimulationServer):
     """RoboCorba::SimulationServer.
 
-    reference_of: of a session's servant. render: a floor as PNG. dismiss: tells a sensor process, by its reference, that
-    a robot moves to another one; must not wait."""
+    reference_of: activates a session's servant. render: renders a floor as PNG. dismiss: dismisses a robot at the
+    sensor server of the given reference; must not block."""
 
     def __init__(
         self,
@@ -55,12 +55,12 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
     def sensorIs(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
         load = simulation.load_of(load)
         self._agent.record_scans(scans.last_scan_of(struct) for struct in latest)
-        for robot, process in self._agent.sensors.report(name, reference, load):
-            self._dismiss(process, robot)
+        for robot, previous in self._agent.sensors.report(name, reference, load):
+            self._dismiss(previous, robot)
 
 
 def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method of a session: translating, and how long it took is told to the session's client."""
+    """Decorate a method of a session: translate errors, and record its latency."""
     translated = translating(method)
 
     @functools.wraps(method)
@@ -75,7 +75,7 @@ def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class RobotSessionServant(RoboCorba__POA.RobotSession):
-    """RoboCorba::RobotSession. sensor: the reference of what senses for the robot."""
+    """RoboCorba::RobotSession. sensor: reference of the robot's virtual sensor."""
 
     def __init__(self, session: Session, lease_s: float, sensor: Any) -> None:
         self.session, self._lease_s, self._sensor = session, lease_s, sensor
