@@ -171,7 +171,7 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
     ),
     "elevator": (
         ("elevator", "name", _word),
-        ("cabin", "cabin", lambda value: _word(value) or "on its way"),
+        ("cabin", "cabin", lambda value: _word(value) or "travelling"),
         ("height [m]", "height", "{:.2f}".format),
         ("doors", "doors", str.lower),
         ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),

@@ -35,7 +35,7 @@ MOST_RIM_M = 100.0
 #: Rays of one call at most.
 MOST_RAYS_AT_ONCE = 1_000_000
 NO_NOISE = Noise()
-#: Carrier number that stands for the robot at the pose of the scan.
+#: Carrier number that denotes the robot at the pose of the scan.
 ROBOT_AT_PLACE = -2
 
 

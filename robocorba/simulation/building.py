@@ -99,7 +99,7 @@ class Happening(NamedTuple):
 class SimulatedBuilding:
     """Simulation of `building`; movable objects start at their places on the map.
 
-    One thread may use it, except for the thread-safe members of SimulatedRobot and where a docstring says so."""
+    One thread may use it, except for the members of SimulatedRobot and the methods that are thread-safe."""
 
     def __init__(self, building: Building) -> None:
         self.building = Building(building.name)
@@ -254,29 +254,29 @@ class SimulatedBuilding:
     def step(self) -> list[Happening]:
         """Advance time by STEP_S; return the events."""
         self._steps += 1
-        happened = []
+        events = []
         for name, floor in self.floors.items():
             contacts, lost = floor.step()
             for first, second in contacts:
                 self._count_collision(first, second)
                 self._count_collision(second, first)
-                who = tuple(_owner(body) for body in (first, second) if body)
-                happened.append(Happening(self.time, name, "collision", who))
+                bodies = tuple(_owner(body) for body in (first, second) if body)
+                events.append(Happening(self.time, name, "collision", bodies))
             for robot in lost:
-                happened.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
+                events.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
         for name, cabin in self.cabins.items():
             if cabin.sessions:
                 self._detect_entry_and_exit(name, cabin)
             cabin.advance(STEP_S)
             self._apply_cabin_state(name, cabin)
             for rider, why in cabin.ended:
-                happened.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
+                events.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
             cabin.ended.clear()
         for over in self.reservations.advance(self.time):
             why = f"its limit of {over.limit_s:g} s is over"
-            happened.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
+            events.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
         self._update_elevator_states()
-        return happened
+        return events
 
     def refresh(self) -> None:
         """Update the published state after bodies or calls changed, also while time is paused."""
@@ -293,10 +293,10 @@ class SimulatedBuilding:
 
     def _update_elevator_states(self) -> None:
         """Replace both maps as a whole, for readers in other threads; skip this while all elevators stay idle."""
-        resting = {name for name, cabin in self.cabins.items() if cabin.is_idle}
-        if len(self.moments) == len(self.cabins) == len(resting) and resting == self._idle:
+        idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
+        if len(self.moments) == len(self.cabins) == len(idle) and idle == self._idle:
             return
-        self._idle = resting
+        self._idle = idle
         self.moments = {name: cabin.state() for name, cabin in self.cabins.items()}
         self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
 

@@ -80,7 +80,7 @@ def test_a_scene_as_tables() -> None:
         "elevator": [
             {
                 "elevator": "E1",
-                "cabin": "on its way",
+                "cabin": "travelling",
                 "height [m]": "1.75",
                 "doors": "closed",
                 "open [%]": "0",
