@@ -230,7 +230,7 @@ class SimulatedBuilding:
         Raises UnknownRobot, InvalidRide, ElevatorFull."""
         robot = self._robot(name)
         if elevator not in self.cabins:
-            raise InvalidRide("elevator", f"there is no elevator {elevator[:80]!r}")
+            raise InvalidRide("elevator", f"there is no {elevator[:80]!r}")
         called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
         if called:
             raise InvalidRide("elevator", f"{name} has already called {called}")

@@ -65,9 +65,9 @@ class SimulationLoop:
             self._thread.join()
         with contextlib.suppress(Empty):
             while True:
-                self._calls.get_nowait()[1].set_exception(SimulationBusy("the simulation ends"))
+                self._calls.get_nowait()[1].set_exception(SimulationBusy("the simulation is shutting down"))
         for _, done in self._step_requests:
-            done.set_exception(SimulationBusy("the simulation ends"))
+            done.set_exception(SimulationBusy("the simulation is shutting down"))
 
     def do(self, call: Callable[[], T]) -> T:
         """Execute a call between two steps and return its result; raises what it raises, and SimulationBusy.

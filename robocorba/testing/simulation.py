@@ -58,7 +58,7 @@ def about(
     mass: float = 50.0,
     limits: tuple[float, float, float, float] = LIMITS,
 ) -> Any:
-    """A RobotDescription."""
+    """Build a RobotDescription."""
     start = RoboCorba.Pose(floor, x, y, heading)
     return RoboCorba.RobotDescription(name, start, radius, mass, RoboCorba.MotionLimits(*limits))
 
@@ -181,7 +181,7 @@ def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, lim
 
 
 def speed_of(state: Any) -> float:
-    """Of a RobotState, m/s."""
+    """Speed of a RobotState [m/s]."""
     return math.hypot(state.moving.ahead, state.moving.left)
 
 
@@ -344,7 +344,7 @@ class Chaos:
                 found[body.name] = math.hypot(motion["vx"], motion["vy"])
         return found
 
-    # ---- a client and a sensor process ----
+    # ---- a client and a sensor server ----
 
     def _kill_client_and_sensor(self) -> tuple[float, float, float, float]:
         number, sensor = self._rounds % CLIENTS, f"sensor_s{self._rounds % 2 + 1}"

@@ -114,7 +114,7 @@ def test_files_that_are_no_recordings(tmp_path: Path) -> None:
         pass
     (tmp_path / "other.mcap").write_text("other")
     for name, reason in (
-        ("empty.mcap", "nothing was recorded"),
+        ("empty.mcap", "contains no updates"),
         ("other.mcap", "not an MCAP file"),
         ("no.mcap", "No such file"),
     ):
