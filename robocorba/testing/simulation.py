@@ -35,7 +35,7 @@ FREE_S = 3.0
 #: Time before a kill whose poses may be lost [s].
 LOST_S = 0.2
 #: Interval between heartbeats of test robots [s].
-HEARTBEAT_INTERVAL_S = 0.4
+BEAT_S = 0.4
 #: Exceptions of a call whose server died or is restarting.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
@@ -89,7 +89,7 @@ class Place:
             (running.state / "administrator.ior").read_text(), RoboCorba.SimulationAdministrator
         )
         self._sessions: list[Any] = []
-        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
+        self._heartbeats = Repeating("beats", self._heartbeat, BEAT_S).start()
 
     def close(self) -> None:
         self._heartbeats.close()
