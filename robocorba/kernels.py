@@ -1,8 +1,8 @@
-"""Functions that numba compiles, and where they are kept between runs.
+"""Functions compiled by numba, and their cache on disk.
 
-numba looks only at a function's own file to see whether a cached kernel is stale, and fails on cached types that no
-longer exist. So each package has a cache folder for each state of the sources that its kernels are compiled from: the
-modules with kernels, and the modules that these import functions and constants from. Other edits keep the cache.
+numba detects a stale kernel only by the function's own file, and fails on cached types that no longer exist. So each
+package has one cache folder for each digest of its kernel sources: the modules with kernels, and the modules that these
+import. Other edits keep the cache.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, TypeVar, cast
 import numba
 import platformdirs
 
-#: Folders of older states that are kept, so that two checkouts don't compile in turn.
+#: Cache folders kept. Older ones stay so that two checkouts do not invalidate each other's cache.
 MOST_KEPT = 12
 
 _ROOT = Path(__file__).parent
@@ -30,10 +30,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def kernel(function: F) -> F:
-    """Compile a function when it is first called, to run without the interpreter's lock; NUMBA_CACHE_DIR wins.
+    """Compile a function at its first call, to run without the interpreter's lock. NUMBA_CACHE_DIR overrides the cache.
 
-    What is divided by zero is inf or NaN, as in numpy: where it could raise, numba counts the references to all arrays
-    of each call up and down."""
+    Division by zero yields inf or NaN, as in numpy: a kernel that can raise costs reference counting for all arrays in
+    each call."""
     if "NUMBA_CACHE_DIR" not in os.environ:
         folder = _folder(Path(function.__code__.co_filename).parent)
         if folder:
@@ -43,7 +43,7 @@ def kernel(function: F) -> F:
 
 @lru_cache
 def _folder(package: Path) -> Path | None:
-    """Where the kernels of a package are kept, made where it is not there; None where nothing can be written."""
+    """Cache folder of a package's kernels, created if missing; None if no folder is writable."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in _sources(package):
         digest.update(source.read_bytes())
@@ -57,13 +57,13 @@ def _folder(package: Path) -> Path | None:
                 pass
         except OSError:
             continue
-        _forget_old(folder.parent)
+        _remove_old(folder.parent)
         return folder
     return None
 
 
 def _sources(package: Path) -> list[Path]:
-    """The modules that the kernels of a package are compiled from, sorted."""
+    """Modules that the kernels of a package are compiled from, sorted."""
     found: set[Path] = set()
     waiting = [source for source in package.glob("*.py") if "@kernel\n" in source.read_text()]
     while waiting:
@@ -77,7 +77,7 @@ def _sources(package: Path) -> list[Path]:
     return sorted(found)
 
 
-def _forget_old(kernels: Path) -> None:
-    states = sorted(kernels.iterdir(), key=lambda state: state.stat().st_mtime, reverse=True)
-    for state in states[MOST_KEPT:]:
-        shutil.rmtree(state, ignore_errors=True)
+def _remove_old(kernels: Path) -> None:
+    folders = sorted(kernels.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
+    for folder in folders[MOST_KEPT:]:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Pictures to a video: H.264 in MP4, which every browser and player shows."""
+"""Videos from pictures: H.264 in MP4, which all browsers and players support."""
 
 from __future__ import annotations
 
@@ -12,21 +12,25 @@ from PIL import Image, UnidentifiedImageError
 
 from robocorba.errors.simulation import VideoError
 
+#: Accepted suffixes of video files.
 SUFFIXES = (".mp4", ".m4v", ".mov")
-#: Of the sides of a picture, px, and of the rate, pictures a second.
-LEAST_PX, MOST_PX, MOST_FPS = 2, 8192, 240
+#: Bounds of the sides of a picture [px].
+LEAST_PX, MOST_PX = 2, 8192
+#: Highest frame rate [pictures/s].
+MOST_FPS = 240
+#: Colour around a picture that is smaller than the video.
 GROUND = "white"
 _OPTIONS = {"preset": "veryfast", "crf": "23"}
 
 
 class VideoFile:
-    """A video of `fps` pictures a second, at most MOST_FPS, made in a `with`; what was at `path` is overwritten.
+    """Context manager that writes a video of `fps` pictures per second, at most MOST_FPS; overwrites `path`.
 
-    Its sides are `width` and `height` in px, made even, as H.264 wants them. Raises VideoError."""
+    width, height: sides [px], rounded up to even numbers as H.264 requires. Raises VideoError."""
 
     def __init__(self, path: Path, width: int, height: int, fps: int) -> None:
         if path.suffix.lower() not in SUFFIXES:
-            raise VideoError(path, f"a video's name ends with {', '.join(SUFFIXES)}")
+            raise VideoError(path, f"a video's name ends with {' or '.join(SUFFIXES)}")
         if not all(LEAST_PX <= side <= MOST_PX for side in (width, height)):
             raise VideoError(path, f"{width} x {height} is not {LEAST_PX} to {MOST_PX} pixels")
         if not 1 <= fps <= MOST_FPS:
@@ -44,7 +48,7 @@ class VideoFile:
             raise VideoError(path, _reason(wrong)) from None
 
     def add(self, picture: bytes | Image.Image, times: int = 1) -> None:
-        """Show a PNG file's content or an image so many `times`, in the upper left corner where it is smaller.
+        """Append a picture, as PNG data or an image, `times` times; a smaller one goes to the upper left corner.
 
         Raises VideoError."""
         image = self._fitted(picture)

@@ -32,29 +32,30 @@ from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
 
-#: The map is asked for edits so often, s.
-MAP_CHECK_S = 0.25
-#: A few threads serve all connections: with one for each, hundreds of robots would leave the simulation no time.
+#: Interval between requests for map edits [s].
+MAP_CHECK_INTERVAL_S = 0.25
+#: A small thread pool serves all connections; one thread for each robot would starve the simulation.
 THREADS = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
 
 
 class SimulationServer:
-    """A simulation and its CORBA objects. Whoever has the reference of a session may act as its robot: the key of it is
-    a secret, and the same whenever this process is started again."""
+    """A simulation and its CORBA objects.
+
+    The reference of a session authorizes its holder to act as the robot: its key is secret, and survives restarts."""
 
     def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, channel: str) -> None:
         self._orb, self._store, self._map = orb, store, remote_map
-        self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._happened, self._gone)
+        self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._publish, self._session_ended)
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
         self._sensors = RemoteSensors(self.agent.sensors)
         self._monitor = Monitor(self.agent, remote_map.building)
-        self._map_check = Repeating("map", self._follow_map, MAP_CHECK_S)
+        self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
 
     def start(self, administrator: Path) -> None:
-        """Let time pass and calls in; write the administrator's reference to that file."""
+        """Start the simulation, accept calls, and write the administrator's reference to a file."""
         for session in self.agent.sessions.values():
             self._reference_of(session)
-        self._hand_out(
+        self._write_reference(
             self._orb.activate(SimulationAdministratorServant(self.agent), self._store.secret()), administrator
         )
         self.agent.start()
@@ -62,7 +63,7 @@ class SimulationServer:
         if self._announcer:
             self._announcer.start()
         servant = SimulationServerServant(
-            self.agent, self._reference_of, lambda floor, width: self._monitor.png(floor, width), self._sensors.let_go
+            self.agent, self._reference_of, lambda floor, width: self._monitor.png(floor, width), self._sensors.dismiss
         )
         database = OmniDatabaseServant(self.agent.database, self._store)
         self._orb.serve({"SimulationServer": servant, "OmniDatabase": database})
@@ -81,29 +82,29 @@ class SimulationServer:
         servant = RobotSessionServant(session, self.agent.registry.lease_s, senses)
         return self._orb.activate(servant, f"sessions/{session.client.key}")
 
-    def _gone(self, session: Session) -> None:
+    def _session_ended(self, session: Session) -> None:
         self._orb.deactivate_key(f"sessions/{session.client.key}")
         self._orb.deactivate_key(_sensor_key(session))
 
-    def _happened(self, happening: Happening) -> None:
+    def _publish(self, happening: Happening) -> None:
         if self._announcer:
             self._announcer.happened(happening)
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
             self._map.follow()
-            if self._map.version != self.agent.state.map_version:  # also where there was no time for it before
+            if self._map.version != self.agent.state.map_version:  # also after a failed attempt
                 self.agent.follow_map(self._map.building, self._map.version)
                 self._monitor = Monitor(self.agent, self._map.building)
 
-    def _hand_out(self, reference: Any, file: Path) -> None:
-        """For whoever may read the state folder's files of this user."""
+    def _write_reference(self, reference: Any, file: Path) -> None:
+        """Write a reference to a file that only this user can read."""
         with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as out:
             out.write(self._orb.uri(reference))
 
 
 def _sensor_key(session: Session) -> str:
-    """It does not tell the session's: a robot may let others use its sensor."""
+    """Derived from the session's key without revealing it: a robot may share its sensor."""
     return f"sensors/{hashlib.sha256(session.client.key.encode()).hexdigest()}"
 
 

@@ -1,4 +1,4 @@
-"""A virtual sensor process: it follows the Omni database and the map, and scans for the robots that it is given."""
+"""A virtual sensor server: it follows the Omni database and the map, and scans for its assigned robots."""
 
 from __future__ import annotations
 
@@ -21,9 +21,13 @@ from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.settings import SensorSettings
 
-#: Floors are followed, the map is asked for edits, and the simulation server is told that we are here, so often, s.
-FOLLOW_S, MAP_CHECK_S, REPORT_S = 0.03, 0.25, 0.5
-#: Robots with a sensor of their own; where there are more, the oldest find out that theirs has gone.
+#: Interval between updates of the floors [s].
+FOLLOW_INTERVAL_S = 0.03
+#: Interval between requests for map edits [s].
+MAP_CHECK_INTERVAL_S = 0.25
+#: Interval between reports to the simulation server [s].
+REPORT_INTERVAL_S = 0.5
+#: Robots with a sensor of their own at most; beyond, the oldest sensors are deactivated.
 MOST_ROBOTS = 10_000
 
 
@@ -38,78 +42,78 @@ class SensorServer:
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
         self._lock = threading.Lock()
-        #: Floors and the map are told one after the other.
-        self._telling = threading.Lock()
-        self._given: dict[str, tuple[str, Any]] = {}
+        #: Serializes updates of floors and map.
+        self._update_lock = threading.Lock()
+        self._assigned: dict[str, tuple[str, Any]] = {}
         self._number = 0
-        self._known: set[str] = set()
+        self._last_robots: set[str] = set()
         self._tasks = [
-            Repeating("follow", self._follow, FOLLOW_S),
-            Repeating("map", self._follow_map, MAP_CHECK_S),
-            Repeating("report", self._report, REPORT_S),
+            Repeating("follow", self._follow, FOLLOW_INTERVAL_S),
+            Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S),
+            Repeating("report", self._report, REPORT_INTERVAL_S),
         ]
 
     def start(self) -> None:
-        """Follow, and let calls in."""
-        self._itself = VirtualSensorServant(self._sensor, self._reports, self)
-        self._reference = self._orb.activate(self._itself, self._path)
+        """Start the updates, and accept calls."""
+        self._servant = VirtualSensorServant(self._sensor, self._reports, self)
+        self._reference = self._orb.activate(self._servant, self._path)
         for task in self._tasks:
             task.start()
-        self._orb.serve({self._path: self._itself})
+        self._orb.serve({self._path: self._servant})
 
     def close(self) -> None:
         for task in self._tasks:
             task.close()
 
-    # ---- what the servants ask for ----
+    # ---- activator of the servants ----
 
     def for_robot(self, name: str) -> Any:
-        """The reference of a robot's sensor."""
+        """Reference of a robot's sensor, activated if necessary."""
         with self._lock:
-            if name not in self._given:
-                self._number += 1  # a key is used once: its object may still be busy when it ends
+            if name not in self._assigned:
+                self._number += 1  # keys are unique: a deactivated object may still serve a call
                 key = f"{self._path}/robots/{name}/{self._number}"
                 servant = VirtualSensorServant(self._sensor, self._reports, self, name)
-                self._given[name] = key, self._orb.activate(servant, key)
-            for oldest in list(self._given)[: len(self._given) - MOST_ROBOTS]:
+                self._assigned[name] = key, self._orb.activate(servant, key)
+            for oldest in list(self._assigned)[: len(self._assigned) - MOST_ROBOTS]:
                 self._deactivate(oldest)
-            self._reports.robots = len(self._given)
-            return self._given[name][1]
+            self._reports.robots = len(self._assigned)
+            return self._assigned[name][1]
 
     def dismiss(self, name: str) -> None:
-        """It is not needed any more."""
+        """Deactivate a robot's sensor."""
         with self._lock:
             self._deactivate(name)
-            self._reports.robots = len(self._given)
+            self._reports.robots = len(self._assigned)
 
     def _deactivate(self, name: str) -> None:
-        if name in self._given:
-            self._orb.deactivate_key(self._given.pop(name)[0])
+        if name in self._assigned:
+            self._orb.deactivate_key(self._assigned.pop(name)[0])
 
-    # ---- in threads of their own ----
+    # ---- repeated tasks, each in a thread of its own ----
 
     def _follow(self) -> None:
         for floor in self._sensor.floors:
             with contextlib.suppress(NotReachable, UnknownFloor):
                 asked_at = time.monotonic()
                 update = self._simulation.changes(floor, self._sensor.version(floor))
-                with self._telling:
+                with self._update_lock:
                     self._sensor.follow(update, asked_at)
         robots = self._sensor.robots
-        for name in self._known - robots:
+        for name in self._last_robots - robots:
             self.dismiss(name)
-        self._known = robots
+        self._last_robots = robots
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
             if self._map.follow():
-                with self._telling:
+                with self._update_lock:
                     self._sensor.know(self._map.building)
 
     def _report(self) -> None:
-        latest = self._reports.mark()
+        latest = self._reports.collect()
         with contextlib.suppress(NotReachable):
-            self._simulation.sensor_is(self._name, self._reference, self._reports.load, latest)
+            self._simulation.report_sensor(self._name, self._reference, self._reports.load, latest)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

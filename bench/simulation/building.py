@@ -1,4 +1,4 @@
-"""An office building for the benches of the simulation, and places for its robots."""
+"""An office building for the benches of the simulation, and start poses of robots."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ from robocorba.simulation.registry import Description
 from robocorba.spatial.floor_state import Pose
 
 FLOORS = 4
-#: Rooms along each side of a floor, their side and the width of doorways, m.
-ROOMS, ROOM_M, DOORWAY_M = 5, 12.0, 2.0
-#: Share of the walls between rooms that are not there.
+#: Rooms along each side of a floor.
+ROOMS = 5
+#: Side of a room, and width of a doorway [m].
+ROOM_M, DOORWAY_M = 12.0, 2.0
+#: Share of the walls between rooms that are left out.
 MISSING = 0.07
 RADIUS_M = 0.4
 
@@ -67,14 +69,14 @@ def _walls(chance: np.random.Generator) -> dict[str, Wall]:
 
 
 def _furniture(chance: np.random.Generator) -> dict[str, MapObject]:
-    """In the quarters of each room but the one in the middle, where the elevator is."""
+    """One object in each quarter of every room but the middle one, which has the elevator."""
     shapes: tuple[tuple[Shape, bool], ...] = (
         (BoxShape((1.6, 0.8)), False),
         (BoxShape((1.2, 1.2)), False),
         (CircleShape(0.3), False),
         (BoxShape((0.8, 0.6)), True),
     )
-    things = []
+    objects = []
     for room in range(ROOMS * ROOMS):
         if room == ROOMS * ROOMS // 2:
             continue
@@ -83,12 +85,12 @@ def _furniture(chance: np.random.Generator) -> dict[str, MapObject]:
             x, y = chance.uniform(2.5, 4.5, 2) + np.array([quarter % 2, quarter // 2]) * 5.0
             heading = chance.uniform(-math.pi, math.pi)
             at = (float(left + x), float(below + y))
-            things.append(MapObject(f"F{room}-{quarter}", shape, at, float(heading), movable=movable))
-    return {thing.name: thing for thing in things}
+            objects.append(MapObject(f"F{room}-{quarter}", shape, at, float(heading), movable=movable))
+    return {item.name: item for item in objects}
 
 
 def robots(building: Building, count: int, seed: int = 3) -> list[Description]:
-    """So many that stand at free places, nobody in the way of another, in turn on each floor."""
+    """`count` robots at free places without overlaps, spread over the floors."""
     chance = np.random.default_rng(seed)
     found: list[Description] = []
     taken: dict[str, list[complex]] = {floor: [] for floor in building.floors}

@@ -1,9 +1,9 @@
-"""How soon robots are free, and a simulation is whole, again after kill -9 of clients, sensor processes and the server.
+"""Recovery times after kill -9 of clients, sensor servers and the simulation server.
 
     python -m bench.simulation.chaos --rounds 20
 
-Three processes with robots that drive, two virtual sensor processes. In each round one client and one sensor process
-are killed, and then the simulation server, as soon as it has accepted a grip, a ride and a robot."""
+Three client processes with driving robots, two virtual sensor servers. Each round kills one client and one sensor
+server, and then the simulation server right after it has accepted a grip, a ride and a robot."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from robocorba.testing.simulation import (
 )
 
 NAME = "simulation_chaos"
-#: What was measured of a round, by the name of its member.
+#: Titles of the measurements, by the member of Outcome.
 TIMES = {
-    "stop_s": "dead client: its robots stand, s",
+    "stop_s": "dead client: its robots are stopped, s",
     "free_s": "dead client: names, places and slots are free, s",
-    "sensor_s": "dead sensor process: it serves again, s",
-    "scan_s": "dead sensor process: longest scan of the others, s",
+    "sensor_s": "dead sensor server: it serves again, s",
+    "scan_s": "dead sensor server: longest scan of the others, s",
     "back_s": "dead server: first answer, s",
     "lost_m": "dead server: robots were set back, m",
 }
@@ -49,10 +49,10 @@ def row(member: str, outcomes: list[Outcome]) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Exit code: 0 if every round was right, and every mark reached."""
+    """Exit code: 0 if no round had a fault and every mark was reached."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=20, help="default: %(default)s")
-    parser.add_argument("--seed", type=int, default=1, help="of the moments of the kills (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="for the times of the kills (default: %(default)s)")
     options = parser.parse_args()
     outcomes: list[Outcome] = []
     with (
@@ -74,7 +74,7 @@ def main() -> int:
         at_most("rounds with a fault", sum(bool(one.faults) for one in outcomes), 0),
     ]
     title = (
-        f"kills of a client, a sensor process and the server: {CLIENTS} clients with {ROBOTS_EACH} robots each at "
+        f"kills of a client, a sensor server and the server: {CLIENTS} clients with {ROBOTS_EACH} robots each at "
         f"{CLIENT_SPEED:g} m/s; poses of {LOST_S:g} s may be lost"
     )
     is_reached = tell(

@@ -1,6 +1,7 @@
-"""How many times faster than real time the simulation is where nobody waits: no servers, but the calls that servants
-make. Each robot has a laser or proximity sensors, and is commanded ten times a simulated second by what it sees. The
-simulation has a process, and sensors and those who ask them have another one, as they do in the system.
+"""Speed of the simulation relative to real time, without servers but with the calls that servants make.
+
+Each robot has a laser or proximity sensors, and is commanded by its scans ten times a simulated second. As in the real
+system, the simulation runs in one process, sensors and clients in another.
 
 python -m bench.simulation.headless [--rounds N] [--profile ROBOTS]
 """
@@ -27,7 +28,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bench.simulation.building import RADIUS_M, office, robots
-from bench.simulation.headless_clients import PARTS, Elsewhere
+from bench.simulation.headless_clients import PARTS, WandererProcess
 from robocorba.maps.model import Building
 from robocorba.sensing.fan import PROXIMITY, Fan
 from robocorba.sensing.virtual_sensor import ScanSpec
@@ -38,10 +39,10 @@ from robocorba.spatial.floor_update import WHOLE, FloorUpdate
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
 
 NAME = "simulation_headless"
-#: A robot senses and is commanded so often, simulated s.
+#: Interval between scans and commands of a robot, in simulated time [s].
 PERIOD_S = 0.1
 STEPS = round(PERIOD_S / STEP_S)
-#: What the simulation's process does in a period, and waits for.
+#: Parts of a period in the simulation's process.
 OURS = ("steps", "database", "waiting", "telling", "commands")
 VALID_S = 0.5
 WARM_UP_S = 3.0
@@ -50,8 +51,8 @@ RING = ScanSpec(PROXIMITY, RADIUS_M)
 
 
 class Case(NamedTuple):
-    """`one_by_one`: each robot's sensor is asked by itself, as by robots' own references; else all of a floor at once.
-    `least`: times real time that must be reached; None: none."""
+    """seconds: simulated time of a lap. one_by_one: one scan call for each robot, as by its own reference; else one for
+    each floor. least: required speed relative to real time; None: no requirement."""
 
     robots: int
     sensor: str
@@ -69,13 +70,13 @@ CASES = (
     Case(2000, "8 proximity", RING, 10.0),
 )
 ROUNDS = 5
-#: Time a robot in the largest crowd to that in the smallest.
+#: Crowds compared for growth, and the largest ratio of their times per robot.
 FEWEST, MOST, MOST_GROWTH = 500, 2000, 1.3
 
 
 class Lap(NamedTuple):
-    """Times real time; cores that both processes kept busy; and where the time of the simulation's process (OURS) and
-    that of the sensors' (PARTS) went, s."""
+    """factor: speed relative to real time. cores: busy cores of both processes. parts: time of the simulation's process
+    (OURS) and of the sensors' process (PARTS) [s]."""
 
     factor: float
     cores: float
@@ -84,19 +85,19 @@ class Lap(NamedTuple):
 
 
 class Crowd:
-    """Robots in a building, each with a client that wanders about by what its sensor sees."""
+    """Robots in a building, each with a client that lets it wander by its scans."""
 
-    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: Elsewhere) -> None:
+    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: WandererProcess) -> None:
         self.agent = ManagementAgent(building, 1, store)
-        self.agent.choose(limit=case.robots)
+        self.agent.configure(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
         self._clients, self._versions = clients, dict.fromkeys(building.floors, WHOLE)
         self.parts = dict.fromkeys(OURS, 0.0)
         self._at = 0.0
-        clients.tell(self._changes())
+        clients.send(self._changes())
 
     def lap(self, seconds: float) -> Lap:
-        """Let so much simulated time pass."""
+        """Simulate a time span [s], and measure it."""
         self.parts = dict.fromkeys(self.parts, 0.0)
         collided, worked = self.agent.collisions, time.process_time()
         began = self._at = time.perf_counter()
@@ -110,13 +111,13 @@ class Crowd:
         return Lap(periods * PERIOD_S / took, cores, parts, self.agent.collisions - collided)
 
     def period(self) -> None:
-        """What happens in PERIOD_S. Commands are by what was seen at its begin, while it passed."""
+        """Simulate PERIOD_S. The commands at its end are based on the state at its begin."""
         for _ in range(STEPS):
             self.agent.step()
         self._end_of("steps")
         updates = self._changes()
         self._end_of("database")
-        self._clients.tell(updates)  # first, so that sensors which are busy go on with it at once
+        self._clients.send(updates)  # before receiving, so that the sensors' process never idles
         self._end_of("telling")
         commands = self._clients.commands()
         self._end_of("waiting")
@@ -125,7 +126,7 @@ class Crowd:
         self._end_of("commands")
 
     def _changes(self) -> list[FloorUpdate]:
-        """On each floor since the last time."""
+        """Changes of all floors since the last call."""
         updates = [self.agent.database.changes(floor, since) for floor, since in self._versions.items()]
         self._versions = {update.floor: update.version for update in updates}
         return updates
@@ -138,12 +139,12 @@ class Crowd:
 
 @contextlib.contextmanager
 def crowd(building: Building, case: Case) -> Iterator[Crowd]:
-    """Robots that have been under way for a moment."""
+    """A crowd after its warm-up."""
     names = [about.name for about in robots(building, case.robots)]
     with (
         tempfile.TemporaryDirectory() as folder,
         SimulationStore(Path(folder) / "simulation.sqlite") as store,
-        contextlib.closing(Elsewhere(building, names, case.spec, case.one_by_one)) as clients,
+        contextlib.closing(WandererProcess(building, names, case.spec, case.one_by_one)) as clients,
     ):
         found = Crowd(building, case, store, clients)
         found.lap(WARM_UP_S)
@@ -151,9 +152,9 @@ def crowd(building: Building, case: Case) -> Iterator[Crowd]:
 
 
 @contextlib.contextmanager
-def elsewhere(case: Case) -> Iterator[Callable[[], Lap]]:
-    """Makes laps of a crowd in a process of its own: several in one would take the processor's caches from each other,
-    and a simulation server has one."""
+def in_own_process(case: Case) -> Iterator[Callable[[], Lap]]:
+    """Runs laps of a crowd in a process of its own, as a simulation server does; crowds in one process would compete
+    for the processor's caches."""
     processes = multiprocessing.get_context("spawn")
     ours, theirs = processes.Pipe()
     process = processes.Process(target=_make_laps, args=(case, theirs))
@@ -174,7 +175,7 @@ def elsewhere(case: Case) -> Iterator[Callable[[], Lap]]:
 
 
 def _make_laps(case: Case, connection: Connection) -> None:
-    """One whenever asked, until nobody is there any more."""
+    """Run a lap for each request, until the connection closes."""
     with crowd(office(), case) as found, contextlib.suppress(EOFError):
         gc.collect()
         gc.freeze()  # as servers do
@@ -185,7 +186,7 @@ def _make_laps(case: Case, connection: Connection) -> None:
 
 
 def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
-    """What the laps of a case found, medians."""
+    """Medians over the laps of a case."""
     factors = [lap.factor for lap in laps]
     median = statistics.median(factors)
     minutes = case.robots * len(laps) * case.seconds / 60
@@ -202,7 +203,7 @@ def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
 
 
 def parts_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
-    """Where the time went: us for a robot in a period, medians; all of the simulation's process together."""
+    """Time of each part [us per robot and period], medians over laps; "all" sums the simulation's process."""
     periods = case.robots * case.seconds / PERIOD_S
     parts = {part: 1e6 * statistics.median(lap.parts[part] for lap in laps) / periods for part in laps[0].parts}
     ours = {part: parts.pop(part) for part in OURS}
@@ -210,7 +211,7 @@ def parts_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
 
 
 def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> list[Mark]:
-    """What had to be reached."""
+    """Required results."""
     marks = [
         at_least(f"{case.robots} robots, {case.sensor}: x real time", row["x real time"], case.least)
         for case, row in zip(cases, rows, strict=True)
@@ -222,7 +223,7 @@ def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> lis
 
 
 def profile(count: int) -> None:
-    """Print where the time of a case goes in the simulation's process, function by function."""
+    """Profile the simulation's process in a case, and print the time by function."""
     case = next(case for case in CASES if case.robots == count)
     with crowd(office(), case) as found:
         profiler = cProfile.Profile()
@@ -234,22 +235,24 @@ def main() -> int:
     """Exit code: 0 if every mark was reached."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="of all cases in turn (default: %(default)s)")
-    parser.add_argument("--profile", type=int, metavar="ROBOTS", help="print where the time goes, and nothing else")
+    parser.add_argument(
+        "--profile", type=int, metavar="ROBOTS", help="only profile the case with this number of robots"
+    )
     options = parser.parse_args()
-    warm_up()  # compile what is not there yet, before several processes would
+    warm_up()  # compile missing kernels once, before several processes start
     if options.profile:
         profile(options.profile)
         return 0
     laps: list[list[Lap]] = [[] for _ in CASES]
     with contextlib.ExitStack() as stack:
         with PROGRESS.status("logging robots on"):
-            crowds = [stack.enter_context(elsewhere(case)) for case in CASES]
+            crowds = [stack.enter_context(in_own_process(case)) for case in CASES]
         for round_ in range(options.rounds):
-            for case, lap, of_it in zip(CASES, crowds, laps, strict=True):
+            for case, lap, case_laps in zip(CASES, crowds, laps, strict=True):
                 with PROGRESS.status(f"round {round_ + 1} of {options.rounds}: {case.robots} robots, {case.sensor}"):
-                    of_it.append(lap())
-    rows = [row_of(case, of_it) for case, of_it in zip(CASES, laps, strict=True)]
-    parts = [parts_of(case, of_it) for case, of_it in zip(CASES, laps, strict=True)]
+                    case_laps.append(lap())
+    rows = [row_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
+    parts = [parts_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
     title = f"office of 4 floors, two processes, medians of {options.rounds} rounds"
     tell(f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts))
     return 0 if tell(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1

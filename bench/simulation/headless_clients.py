@@ -1,5 +1,5 @@
-"""The clients of a crowd of robots, and the virtual sensor that they ask, in a process of their own: they are told what
-changed on the floors, scan, and answer with a command for each robot."""
+"""Clients of a crowd of robots with their virtual sensor, in a process of their own: they receive floor updates, scan,
+and answer with a command for each robot."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ from robocorba.spatial.floor_update import BodyKind, FloorUpdate
 from robocorba.spatial.grids import Floats, Longs
 
 PARTS = ("following", "scans", "wandering")
-#: A robot turns away from what is nearer than this in front of it, m from its rim; otherwise it goes ahead, m/s.
-NEAR_M, AHEAD_M_S = 0.35, 0.8
-#: In front is so far to each side, as a cosine.
+#: Distance from its rim below which a robot turns away from an obstacle ahead [m].
+NEAR_M = 0.35
+#: Speed of a robot with free space ahead [m/s].
+AHEAD_M_S = 0.8
+#: Cosine of half the angle that counts as ahead.
 FRONT = 0.7
 
 
 class Work(NamedTuple):
-    """Since the last time it was asked for, s: for each of PARTS, and of a core in all."""
+    """Time since the last request [s]: wall time of each of PARTS, and CPU time in total."""
 
     parts: dict[str, float]
     cpu_s: float
 
 
 class Wanderers:
-    """Of the robots with these names, which wander about by what their sensors see. one_by_one: each scan is a call of
-    its own, as by robots' own sensors; else one for all of a floor."""
+    """Clients that let the named robots wander by their scans. one_by_one: one scan call for each robot, as through the
+    robots' own references; else one call for each floor."""
 
     def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
         self._sensor = VirtualSensor()
@@ -45,14 +47,14 @@ class Wanderers:
         self._near_m = NEAR_M + (0.0 if spec.rim_m else RADIUS_M)
         self._chance = np.random.default_rng(5)
         self._side = self._chance.choice((-1.0, 1.0), len(names))
-        #: Robots on each floor: their rows in `names`, and in what the sensor knows of the floor.
+        #: Robots on each floor: their rows in `names`, and their rows in the sensor's copy of the floor.
         self._rows: dict[str, tuple[Longs, Longs]] = {}
         self.distances: Floats = np.empty((len(names), spec.fan.count))
         self._parts = dict.fromkeys(PARTS, 0.0)
         self._at, self._worked = time.perf_counter(), time.process_time()
 
     def follow(self, updates: list[FloorUpdate]) -> None:
-        """Take over what changed."""
+        """Apply updates."""
         self._at = time.perf_counter()
         for update in updates:
             self._sensor.follow(update, time.monotonic())
@@ -61,7 +63,7 @@ class Wanderers:
         self._end_of("following")
 
     def scan(self) -> None:
-        """Let all sensors see: `distances` (robots, rays), m."""
+        """Scan with all sensors into `distances` (robots, rays) [m]."""
         for floor, (rows, places) in self._rows.items():
             here = self._sensor.view(floor).motions[places]
             poses = np.column_stack([here["x"], here["y"], here["heading"]])
@@ -74,7 +76,7 @@ class Wanderers:
         self._end_of("scans")
 
     def wander(self) -> Floats:
-        """Ahead, m/s, and turn, rad/s, of each robot (robots, 2): on with a bend, or about where something is near."""
+        """Commands (robots, 2): speed ahead [m/s] and turn [rad/s], along a bend, or on the spot near an obstacle."""
         is_near = self.distances[:, self._front].min(axis=1) < self._near_m
         change = self._chance.random(len(is_near)) < 0.02
         self._side[change] *= -1.0
@@ -85,14 +87,14 @@ class Wanderers:
         return commands
 
     def work(self) -> Work:
-        """What it took since this was asked for last."""
+        """Time spent since the last call."""
         parts, worked = self._parts, time.process_time()
         self._parts = dict.fromkeys(PARTS, 0.0)
         cpu_s, self._worked = worked - self._worked, worked
         return Work(parts, cpu_s)
 
     def _sort(self, floor: str) -> None:
-        """Bodies came or went."""
+        """Rebuild the rows after bodies came or went."""
         row_of = {name: row for row, name in enumerate(self._names)}
         bodies = self._sensor.view(floor).bodies.values()
         found = [(row_of[body.name], place) for place, body in enumerate(bodies) if body.kind is BodyKind.ROBOT]
@@ -105,8 +107,8 @@ class Wanderers:
         self._at = now
 
 
-class Elsewhere:
-    """Wanderers in a process of their own. What they say is of the floors as they were told the time before."""
+class WandererProcess:
+    """Wanderers in a process of their own; their commands are based on the updates of the previous period."""
 
     def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
         processes = multiprocessing.get_context("spawn")
@@ -115,21 +117,21 @@ class Elsewhere:
         self._process.start()
         theirs.close()
         self._shape = len(names), 2
-        #: Commands that came before they were asked for.
+        #: Commands received by `work` before `commands` was called.
         self._early = b""
 
-    def tell(self, updates: list[FloorUpdate]) -> None:
-        """What changed since the last time; they answer later."""
+    def send(self, updates: list[FloorUpdate]) -> None:
+        """Send updates; the process answers later."""
         self._ours.send([floor_format.dumps(update) for update in updates])
 
     def commands(self) -> list[list[float]]:
-        """Of each robot, once each time after `tell`: ahead, m/s, and turn, rad/s."""
+        """Receive speed ahead [m/s] and turn [rad/s] of each robot, once after each `send`."""
         packed, self._early = self._early or self._ours.recv_bytes(), b""
         found: list[list[float]] = np.frombuffer(packed).reshape(self._shape).tolist()
         return found
 
     def work(self) -> Work:
-        """As that of Wanderers; between `tell` and `commands`."""
+        """Work of the process; call it between `send` and `commands`."""
         self._ours.send(None)
         self._early = self._ours.recv_bytes()
         found: Work = self._ours.recv()

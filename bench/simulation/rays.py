@@ -1,4 +1,4 @@
-"""Rays a second on one core: floors of 300 and of 6,000 walls, beside pymunk's and shapely's own queries.
+"""Rays per second on one core: floors of 300 and of 6,000 walls, compared with queries of pymunk and shapely.
 
 python -m bench.simulation.rays
 """
@@ -20,12 +20,12 @@ from matplotlib.axes import Axes
 from shapely import LineString
 
 from robocorba.sensing.fan import Fan
-from robocorba.sensing.sight import Sight
+from robocorba.sensing.sight import SensedScene
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import at_least, at_most, tell
 
 FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)
-#: Walls, side of the floor in m, and rays a second that must be reached.
+#: Number of walls, side of the floor [m], required rays per second.
 FLOORS = ((300, 60.0, 8e6), (6000, 250.0, 6.6e6))
 SCANS, ROUNDS = 500, 7
 #: Slow peers get fewer scans.
@@ -33,7 +33,7 @@ FEW = 10
 
 
 def floor(walls: int, side: float, seed: int = 1) -> list[shapely.Geometry]:
-    """Walls of 2 to 6 m along the axes, at random places, and a wall around them."""
+    """Walls of 2 to 6 m along the axes at random places, within an outer wall."""
     chance = np.random.default_rng(seed)
     found: list[shapely.Geometry] = [shapely.box(0, 0, side, side).exterior]
     for x, y, length, turned in zip(
@@ -50,7 +50,7 @@ def poses(count: int, side: float) -> Floats:
 
 
 def by_pymunk(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Floats]:
-    """The same scans by a query for each ray."""
+    """Scans with one pymunk query for each ray."""
     space = pymunk.Space()
     for wall in walls:
         points = list(wall.coords)
@@ -71,7 +71,7 @@ def by_pymunk(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Flo
 
 
 def by_shapely(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Floats]:
-    """The same by an STRtree and intersections of all rays at once."""
+    """Scans with an STRtree of shapely and vectorized intersections."""
     tree = shapely.STRtree(walls)
     lines = np.array(walls, object)
 
@@ -95,18 +95,18 @@ def main() -> int:
     rows: list[dict[str, Any]] = []
     marks = []
     for walls, side, least in FLOORS:
-        stands, places = floor(walls, side), poses(SCANS, side)
-        sight, few = Sight(stands), places[:FEW]
-        ways: dict[str, tuple[Callable[[], Floats], int]] = {
-            "ours": (lambda sight=sight, places=places: sight.scan(places, FULL), SCANS),  # type: ignore[misc]
-            "pymunk": (by_pymunk(stands, few), FEW),
-            "shapely": (by_shapely(stands, few), FEW),
+        obstacles, places = floor(walls, side), poses(SCANS, side)
+        scene, few = SensedScene(obstacles), places[:FEW]
+        methods: dict[str, tuple[Callable[[], Floats], int]] = {
+            "ours": (lambda scene=scene, places=places: scene.scan(places, FULL), SCANS),  # type: ignore[misc]
+            "pymunk": (by_pymunk(obstacles, few), FEW),
+            "shapely": (by_shapely(obstacles, few), FEW),
         }
-        expected = sight.scan(few, FULL)
-        worst = max(float(np.abs(ways[peer][0]() - expected).max()) for peer in ("pymunk", "shapely"))
-        rates: dict[str, list[float]] = {peer: [] for peer in ways}
+        expected = scene.scan(few, FULL)
+        worst = max(float(np.abs(methods[peer][0]() - expected).max()) for peer in ("pymunk", "shapely"))
+        rates: dict[str, list[float]] = {peer: [] for peer in methods}
         for _ in range(ROUNDS):
-            for peer, (scan, scans) in ways.items():
+            for peer, (scan, scans) in methods.items():
                 began = time.perf_counter()
                 scan()
                 rates[peer].append(scans * FULL.count / (time.perf_counter() - began))
@@ -114,7 +114,7 @@ def main() -> int:
             median = statistics.median(found)
             rows.append({"walls": walls, "by": peer, "M rays/s": median / 1e6, "worst round": min(found) / 1e6})
         marks.append(at_least(f"{walls} walls, rays a second", statistics.median(rates["ours"]), least))
-        marks.append(at_most(f"{walls} walls, farthest from what the peers say, m", worst, 1e-6))
+        marks.append(at_most(f"{walls} walls, largest difference from the peers, m", worst, 1e-6))
     title = f"{FULL.count} rays of {FULL.range_m:g} m, one core"
     return 0 if tell("rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
 

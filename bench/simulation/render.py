@@ -1,4 +1,4 @@
-"""A picture of a floor with 50 robots and 8 lasers: how long it takes, beside its encoding alone and matplotlib.
+"""Time to render a floor with 50 robots and 8 lasers, compared with encoding alone and with matplotlib.
 
 python -m bench.simulation.render
 """
@@ -23,34 +23,34 @@ from robocorba.maps.model import Building
 from robocorba.maps.movable import movables, outline, standing
 from robocorba.maps.samples import load_sample
 from robocorba.sensing.fan import LASER
-from robocorba.sensing.sight import Sight
-from robocorba.simulation.picture import FloorPainter, SightFan
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.sensing.sight import SensedScene
+from robocorba.simulation.picture import FloorPainter, ScanFan
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.testing.report import at_most, quantile, tell, timed_ms
 
 FLOOR, WIDTH_PX = "L1", 1200
 ROBOTS, LASERS, RADIUS_M = 50, 8, 0.4
-#: Different moments of the floor, and how often each is drawn.
-MOMENTS, ROUNDS = 30, 10
-#: matplotlib is slow: it gets fewer.
+#: Different states of the floor, and pictures of each.
+STATES, ROUNDS = 30, 10
+#: Rounds with matplotlib; it is slow.
 FEW = 5
 MOST_MS = 30.0
 
 
-def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
-    """The floor at different times: robots at free places, objects near where the map has them, what lasers see."""
+def floor_states(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
+    """States of the floor: robots at free places, objects near their places on the map, and scans."""
     chance = np.random.default_rng(1)
     space = free_space(building, FLOOR, RADIUS_M)
     shapely.prepare(space)
-    things = [(name, thing) for name, (thing, floor) in movables(building).items() if floor == FLOOR]
+    objects = [(name, item) for name, (item, floor) in movables(building).items() if floor == FLOOR]
     bodies = [Body(i, BodyKind.ROBOT, f"robot-{i}", RADIUS_M, (), 100.0) for i in range(ROBOTS)]
-    for number, (name, thing) in enumerate(things, ROBOTS):
-        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(thing).exterior.coords), 20.0))
-    places = np.array([(*thing.at, thing.heading) for _, thing in things])
-    sight = Sight(standing(building, FLOOR))
+    for number, (name, item) in enumerate(objects, ROBOTS):
+        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(item).exterior.coords), 20.0))
+    places = np.array([(*item.at, item.heading) for _, item in objects])
+    scene = SensedScene(standing(building, FLOOR))
     found = []
-    for time in range(MOMENTS):
+    for time in range(STATES):
         motions = np.zeros(len(bodies), MOTION)
         motions["number"] = range(len(bodies))
         poses = np.column_stack([_free(space, ROBOTS, chance), chance.uniform(-math.pi, math.pi, ROBOTS)])
@@ -60,14 +60,15 @@ def moments(building: Building) -> list[tuple[FloorView, list[SightFan]]]:
         motions["vx"][:ROBOTS] = speed * np.cos(poses[:ROBOTS, 2])
         motions["vy"][:ROBOTS] = speed * np.sin(poses[:ROBOTS, 2])
         cabins = {
-            name: Moment(0.0, FLOOR if time % 2 else "", Doors.OPENING, 0.5, (), ()) for name in building.elevators
+            name: ElevatorState(0.0, FLOOR if time % 2 else "", Doors.OPENING, 0.5, (), ())
+            for name in building.elevators
         }
         view = FloorView(FLOOR)
         view.apply(FloorUpdate(FLOOR, 0, 1, float(time), 1, bodies, [], motions, cabins))
-        seen = sight.scan(poses[:LASERS], LASER)
+        scans = scene.scan(poses[:LASERS], LASER)
         fans = [
-            SightFan(x, y, heading, LASER.first_rad, LASER.step_rad, distances)
-            for (x, y, heading), distances in zip(poses[:LASERS].tolist(), seen, strict=True)
+            ScanFan(x, y, heading, LASER.first_rad, LASER.step_rad, distances)
+            for (x, y, heading), distances in zip(poses[:LASERS].tolist(), scans, strict=True)
         ]
         found.append((view, fans))
     return found
@@ -80,7 +81,7 @@ def _free(space: shapely.Geometry, count: int, chance: np.random.Generator) -> n
 
 
 def encode(picture: Image.Image) -> int:
-    """As a painter does; how many bytes it is."""
+    """Encode a picture as FloorPainter does; return its size [bytes]."""
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", compress_level=1)
     return buffer.tell()
@@ -89,26 +90,26 @@ def encode(picture: Image.Image) -> int:
 def main() -> int:
     """Exit code: 0 if the mark was reached."""
     building = load_sample("five-floors")
-    painter, times = FloorPainter(building), moments(building)
-    png, first_ms = timed_ms(painter.png, *times[0], WIDTH_PX, "")
+    painter, states = FloorPainter(building), floor_states(building)
+    png, first_ms = timed_ms(painter.png, *states[0], WIDTH_PX, "")
     took: dict[str, list[float]] = {}
 
-    def note(what: str, call: Callable[..., Any], *arguments: object) -> Any:
+    def measure(what: str, call: Callable[..., Any], *arguments: object) -> Any:
         answer, ms = timed_ms(call, *arguments)
         took.setdefault(what, []).append(ms)
         return answer
 
     for round_ in range(ROUNDS):
-        for view, fans in times:
+        for view, fans in states:
             caption = f"five-floors · {FLOOR}   {round_ + view.time:.2f} s   {ROBOTS} robots   1234 events/s"
-            png = note("ours", painter.png, view, fans, WIDTH_PX, caption)
+            png = measure("ours", painter.png, view, fans, WIDTH_PX, caption)
             picture = Image.open(io.BytesIO(png))
             picture.load()
-            note("encoding alone", encode, picture)
+            measure("encoding alone", encode, picture)
             if view.time == 0:
-                note("encoding true colours", encode, picture.convert("RGB"))
+                measure("encoding true colours", encode, picture.convert("RGB"))
         if round_ < FEW:
-            note("matplotlib, without robots", lambda: encode(draw_floor(building, FLOOR, width_px=WIDTH_PX)))
+            measure("matplotlib, without robots", lambda: encode(draw_floor(building, FLOOR, width_px=WIDTH_PX)))
     rows = [
         {
             "by": what,

@@ -1,4 +1,4 @@
-"""Robots over CORBA, each with a session of its own, commanded and asked for their state ten times a second.
+"""Robots over CORBA, each with its own session: a command and a state request ten times a second.
 
 python -m bench.simulation.robots [--seconds S] [--runs N] [--robots N]
 """
@@ -32,7 +32,7 @@ RATE = 10.0
 
 
 class Load(NamedTuple):
-    """Robots are shared out to processes, and in each to threads; each thread is a caller, with one call on its way."""
+    """Distribution of robots to processes and threads; each thread is a caller with one call at a time."""
 
     processes: int
     threads: int
@@ -42,22 +42,22 @@ class Load(NamedTuple):
         return self.processes * self.threads
 
 
-#: Robots that share a few connections, and robots that each call by themselves.
+#: Few callers that share connections, and one caller for each of 300 robots.
 FEW, MANY = Load(3, 4), Load(12, 25)
-#: How robots log on: one after the other, or in all processes at the same time.
+#: Modes of the log-on: one robot after the other, or all processes simultaneously.
 BY_TURNS, AT_ONCE = "one by one", "at once"
-#: Robots have driven for so long before it counts, s.
+#: Driving time before the measurement [s].
 WARM_UP_S = 5.0
-#: For clients to be told when to begin, s.
+#: Lead time for starting all clients simultaneously [s].
 LEAD_S = 0.2
 NULL_CALLS = 3000
-#: How often the server is asked whether it keeps up, s.
+#: Interval between samples of the server's pace [s].
 SAMPLE_S = 1.0
 LEAST_PACE, MOST_COMMAND_MS, MOST_LOG_ON_MS, LEAST_MADE = 0.98, 20.0, 10.0, 0.99
 
 
 class Paces:
-    """What the server says of its pace while the `with` lasts."""
+    """Samples the server's pace within a `with`."""
 
     def __init__(self, server: Any) -> None:
         self._server = server
@@ -76,7 +76,7 @@ class Paces:
 
     @property
     def pace(self) -> float:
-        """Simulated seconds in a second, from the first sample to the last."""
+        """Simulated seconds per second, from the first sample to the last."""
         (first, began), (last, ended) = self._times[0], self._times[-1]
         return (ended - began) / (last - first)
 
@@ -88,7 +88,7 @@ class Paces:
 
 
 def null_calls(server: Any, about: Description) -> list[float]:
-    """ms of heartbeats of a robot that is alone."""
+    """Durations of heartbeats of a single robot [ms]."""
     session = server.registerRobot(simulation.description(about))
     took = [timed_ms(session.heartbeat)[1] for _ in range(NULL_CALLS)]
     session.deregister()
@@ -96,7 +96,7 @@ def null_calls(server: Any, about: Description) -> list[float]:
 
 
 def is_refused(server: Any, about: Description) -> bool:
-    """Whether one robot more is told that the server is full."""
+    """Whether the server refuses one more robot with ServerFull."""
     try:
         server.registerRobot(simulation.description(about)).deregister()
     except RoboCorba.ServerFull as full:
@@ -105,7 +105,7 @@ def is_refused(server: Any, about: Description) -> bool:
 
 
 def log_on(server: Any, clients: Clients, crowd: list[Description], count: int) -> dict[str, Any]:
-    """Let `count` of the robots log on, off and on again, and one more try it: times in ms, and if it was refused."""
+    """Log `count` robots on, off and on again, and try one more: times [ms], and whether that one was refused."""
     by_turns = clients.log_on(crowd[:-1], count, at_once=False)["log on"]
     clients.all("log_off")
     at_once = clients.log_on(crowd[:-1], count)["log on"]
@@ -113,7 +113,7 @@ def log_on(server: Any, clients: Clients, crowd: list[Description], count: int) 
 
 
 def drive(server: Any, clients: Clients, threads: int, seconds: float, pid: int) -> dict[str, Any]:
-    """Let those who are logged on drive; the server is process `pid`."""
+    """Drive all logged-on robots; the server is process `pid`."""
     how = {"rate": RATE, "threads": threads}
     clients.all("drive", begin=time.monotonic(), seconds=WARM_UP_S, **how)
     worked, collisions = Worked([pid]), server._get_state().collisions
@@ -129,7 +129,7 @@ def drive(server: Any, clients: Clients, threads: int, seconds: float, pid: int)
 
 
 def row_of(name: str, load: Load, found: dict[str, Any], count: int, seconds: float) -> dict[str, Any]:
-    """What one run found of robots that drive."""
+    """Row of one run with driving robots."""
     from_due = [late + ms for late, ms in zip(found["late"], found["command"], strict=True)]
     return {
         "callers": load.callers,
@@ -151,7 +151,7 @@ def row_of(name: str, load: Load, found: dict[str, Any], count: int, seconds: fl
 
 
 def log_on_rows_of(name: str, load: Load, found: dict[str, Any]) -> list[dict[str, Any]]:
-    """What one run found of robots that log on."""
+    """Rows of one run with robots that log on."""
     return [
         {
             "processes": load.processes,
@@ -166,24 +166,24 @@ def log_on_rows_of(name: str, load: Load, found: dict[str, Any]) -> list[dict[st
 
 
 def marks_of(rows: list[dict[str, Any]], count: int) -> list[Mark]:
-    """What driving robots had to reach, by the medians of the runs. Many callers on few cores wait for each other: what
-    a command takes them has no mark."""
+    """Required results with driving robots, by medians of the runs. With MANY callers the command time has no mark: the
+    callers compete for few cores."""
     marks = []
     for load in (FEW, MANY):
         these = [row for row in rows if row["callers"] == load.callers]
-        who = f"{count} robots, {load.callers} callers"
+        crowd = f"{count} robots, {load.callers} callers"
         achieved = statistics.median(row["achieved"] for row in these)
-        marks.append(at_least(f"{who}: simulated seconds in a second (achieved)", achieved, LEAST_PACE))
+        marks.append(at_least(f"{crowd}: simulated seconds in a second (achieved)", achieved, LEAST_PACE))
         made = statistics.median(row["made"] for row in these)
-        marks.append(at_least(f"{who}: commands made of those due", made, LEAST_MADE))
+        marks.append(at_least(f"{crowd}: commands made of those due", made, LEAST_MADE))
         if load is FEW:
             p99 = statistics.median(row["command p99"] for row in these)
-            marks.append(at_most(f"{who}: command, p99 ms", p99, MOST_COMMAND_MS))
+            marks.append(at_most(f"{crowd}: command, p99 ms", p99, MOST_COMMAND_MS))
     return marks
 
 
 def log_on_marks_of(rows: list[dict[str, Any]], count: int, refused: int) -> list[Mark]:
-    """What logging on had to reach, likewise."""
+    """Required results of the log-on, by medians of the runs."""
     p99 = statistics.median(row["p99 ms"] for row in rows if row["robots log on"] == BY_TURNS)
     return [
         at_most(f"log on {BY_TURNS}, p99 ms", p99, MOST_LOG_ON_MS),

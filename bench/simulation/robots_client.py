@@ -1,9 +1,9 @@
-"""A process of a bench with many robots, told what to do by lines of JSON on its stdin.
+"""A bench process with many robots, controlled by lines of JSON on its stdin.
 
 python -m bench.simulation.robots_client HOST:PORT
 
-Its address is that of the naming service. It answers every line by one line on stdout, the first one when it has found
-the simulation server, and ends with its stdin. Times are of CLOCK_MONOTONIC, which processes of one machine share."""
+HOST:PORT is the address of the naming service. The process prints one line when it has found the simulation server, one
+line for each command, and exits at the end of stdin. Times are of CLOCK_MONOTONIC, which all processes share."""
 
 from __future__ import annotations
 
@@ -38,48 +38,52 @@ from robocorba.testing.report import timed_ms
 
 T = TypeVar("T")
 START_LIMIT_S = 60.0
-#: A command holds for so long; robots that wait say so often that they are there, s.
-VALID_S, BEAT_S = 0.5, 0.8
-#: Ahead, m/s, and turn, rad/s, of a robot that drives on, and of one that turns away.
+#: Validity of a command [s].
+VALID_S = 0.5
+#: Interval between heartbeats of idle robots [s].
+HEARTBEAT_INTERVAL_S = 0.8
+#: Velocity ahead, left [m/s] and turn [rad/s] of a driving robot, and of one that turns away.
 ON, AWAY = (0.7, 0.0, 0.2), (0.0, 0.0, 1.2)
-#: Slower is stuck, m/s; but a robot that has just begun to drive is given so many commands.
-STUCK_M_S, PATIENCE = 0.1, 6
+#: Speed below which a robot is stuck [m/s].
+STUCK_M_S = 0.1
+#: Commands after a turn during which a robot does not count as stuck.
+PATIENCE = 6
 FULL = ScanSpec(Fan(-math.pi, 2 * math.pi / 360, 360, 30.0))
 NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 
 
 class Robot:
-    """A robot that is logged on, and wanders about."""
+    """A logged-on robot that wanders."""
 
     def __init__(self, session: Any, number: int) -> None:
         self.session = session
         self._chance = random.Random(number)
-        #: Commands for which it turns yet; below 0, for which it has driven on.
+        #: Commands left of its turn; negative: commands since its turn.
         self._turning = 0
 
     def next_command(self) -> tuple[float, float, float]:
-        """Ahead, left, m/s, and turn, rad/s."""
+        """Velocity ahead, left [m/s] and turn [rad/s]."""
         return AWAY if self._turning > 0 else ON
 
     def look(self, speed: float) -> None:
-        """After a command: it moves so fast ahead, m/s."""
+        """Record the speed after a command [m/s]; a stuck robot starts a turn."""
         self._turning -= 1
         if self._turning < -PATIENCE and speed < STUCK_M_S:
             self._turning = self._chance.randint(5, 20)
 
 
 class Fleet:
-    """The robots of this process. All methods but `close` return what is answered, times in ms."""
+    """The robots of this process. All methods but `close` return an answer, with times in ms."""
 
     def __init__(self, server: Any) -> None:
         self._server = server
         self._robots: list[Robot] = []
-        self._waiting: list[Robot] = []
-        self._beats = Repeating("beats", self._beat, BEAT_S).start()
+        self._idle: list[Robot] = []
+        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
 
     def log_on(self, robots: list[list[Any]], count: int) -> dict[str, Any]:
-        """Log so many robots on, one after the other: rows of name, floor, x, y, heading, radius. What was pushed to
-        where a robot wants to stand makes it stay away, and the next one comes."""
+        """Log `count` of the robots (name, floor, x, y, heading, radius) on, one after the other; skip a robot whose
+        place is taken by a pushed object."""
         took: list[float] = []
         for name, *pose, radius in robots:
             if len(took) == count:
@@ -91,25 +95,25 @@ class Fleet:
                 continue
             took.append(ms)
             self._robots.append(Robot(session, len(self._robots)))
-            self._waiting.append(self._robots[-1])
+            self._idle.append(self._robots[-1])
         return {"log on": took}
 
     def log_off(self) -> dict[str, Any]:
-        """All of them."""
+        """Log all robots off."""
         took = []
-        with self._awake():
+        with self._without_heartbeats():
             for robot in self._robots:
                 with contextlib.suppress(LoggedOff):
-                    took.append(timed_ms(told, robot.session.deregister)[1])
+                    took.append(timed_ms(checked_call, robot.session.deregister)[1])
             self._robots = []
         return {"log off": took}
 
     def drive(self, begin: float, seconds: float, rate: float, threads: int) -> dict[str, Any]:
-        """Command each robot and ask for its state `rate` times a second, spread evenly, from a time on.
+        """Command each robot and read its state `rate` times a second, evenly spread, from time `begin` on.
 
-        late: how long after it was due a command began. lost: robots that were logged off, because they could not call
-        in time. cpu: share of a core that this process took."""
-        with self._awake(), self._counted() as answer:
+        late: delay of each command after its due time. lost: robots whose lease expired. cpu: CPU load of this process,
+        as a share of a core."""
+        with self._without_heartbeats(), self._counted() as answer:
             parts = [self._robots[thread::threads] for thread in range(threads)]
             found = in_threads(
                 lambda thread: drive(parts[thread], begin + thread / rate / len(self._robots), seconds, rate), threads
@@ -121,7 +125,7 @@ class Fleet:
         return answer
 
     def scan(self, begin: float, seconds: float, threads: int) -> dict[str, Any]:
-        """Let robots turn where they stand and scan, in turn, as fast as it goes, from a time on."""
+        """Turn the robots on the spot and scan with one after another, as fast as possible, from time `begin` on."""
         parts = [self._robots[thread::threads] for thread in range(threads)]
         with self._counted() as answer:
             found = in_threads(lambda thread: scan(parts[thread], begin, seconds), threads)
@@ -129,23 +133,23 @@ class Fleet:
         return answer
 
     def close(self) -> None:
-        self._beats.close()
+        self._heartbeats.close()
 
-    def _beat(self) -> None:
-        for robot in list(self._waiting):
-            if not self._waiting:
+    def _heartbeat(self) -> None:
+        for robot in list(self._idle):
+            if not self._idle:
                 return
-            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # it has just logged off
+            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # it is logging off
                 robot.session.heartbeat()
 
     @contextlib.contextmanager
-    def _awake(self) -> Iterator[None]:
-        """Robots call by themselves; nobody has to say that they are there."""
-        self._waiting = []
+    def _without_heartbeats(self) -> Iterator[None]:
+        """Suspend the heartbeats while the robots make calls."""
+        self._idle = []
         try:
             yield
         finally:
-            self._waiting = list(self._robots)
+            self._idle = list(self._robots)
 
     @contextlib.contextmanager
     def _counted(self) -> Iterator[dict[str, Any]]:
@@ -156,7 +160,7 @@ class Fleet:
 
 
 def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) -> dict[str, Any]:
-    """One thread's robots; what is late is made up for, and what is not made by the end is missing."""
+    """Drive the robots of one thread; late commands catch up, commands after the end are omitted."""
     commands, states, lates = [], [], []
     lost: set[Robot] = set()
     due_in_all = round(seconds * rate * len(robots))
@@ -170,8 +174,8 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
         if robot in lost:
             continue
         try:
-            _, ms = timed_ms(told, robot.session.command, RoboCorba.Velocity(*robot.next_command()), VALID_S)
-            state, ms_state = timed_ms(told, robot.session.state)
+            _, ms = timed_ms(checked_call, robot.session.command, RoboCorba.Velocity(*robot.next_command()), VALID_S)
+            state, ms_state = timed_ms(checked_call, robot.session.state)
         except LoggedOff:
             lost.add(robot)
             continue
@@ -183,25 +187,25 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
 
 
 def scan(robots: Sequence[Robot], begin: float, seconds: float) -> list[float]:
-    """One thread's robots, in turn."""
+    """Scan with the robots of one thread, one after another; durations [ms]."""
     spec, took = scans.spec(FULL), []
-    sensors = [(robot, robot.session._get_sensor(), told(robot.session.state).at) for robot in robots]
+    sensors = [(robot, robot.session._get_sensor(), checked_call(robot.session.state).at) for robot in robots]
     time.sleep(max(0.0, begin - time.monotonic()))
     turned_at = 0.0
     while (now := time.monotonic()) < begin + seconds:
         if now - turned_at > 1.0:
             turned_at = now
             for robot, _, _ in sensors:
-                told(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
+                checked_call(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
         for _, sensor, at in sensors:
-            took.append(timed_ms(told, sensor.scan, at, NO_MOUNT, spec)[1])
+            took.append(timed_ms(checked_call, sensor.scan, at, NO_MOUNT, spec)[1])
             if time.monotonic() > begin + seconds:
                 break
     return took
 
 
 def in_threads(work: Callable[[int], T], threads: int) -> list[T]:
-    """What `work` returns for each of 0, 1, ..., all at the same time. Raises what any of them raised."""
+    """Results of `work` for 0, 1, ..., each in a thread. Raises what any of them raised."""
     found: dict[int, T] = {}
     wrong: list[BaseException] = []
 
@@ -222,11 +226,11 @@ def in_threads(work: Callable[[int], T], threads: int) -> list[T]:
 
 
 class LoggedOff(RuntimeError):
-    """The robot has no session any more."""
+    """The robot's session has ended."""
 
 
-def told(call: Callable[..., Any], *arguments: object) -> Any:
-    """The call, CORBA's exceptions as one that says what it is."""
+def checked_call(call: Callable[..., Any], *arguments: object) -> Any:
+    """Make a call, and convert CORBA exceptions to RuntimeError with a description."""
     try:
         return call(*arguments)
     except CORBA.UserException as wrong:
@@ -237,11 +241,11 @@ def told(call: Callable[..., Any], *arguments: object) -> Any:
         raise RuntimeError(describe(wrong)) from None
 
 
-# ---- what the benches use ----
+# ---- interface for the benches ----
 
 
 class Clients:
-    """So many of these processes, as long as the `with` lasts. Raises ProcessFailed, like all it does."""
+    """Context manager of `processes` such processes. It and its methods raise ProcessFailed."""
 
     def __init__(self, naming: Address, processes: int, folder: Path) -> None:
         self._command = (sys.executable, "-m", "bench.simulation.robots_client", str(naming))
@@ -263,8 +267,9 @@ class Clients:
         self._stack.close()
 
     def log_on(self, robots: Sequence[Description], count: int, at_once: bool = True) -> dict[str, Any]:
-        """The first `count` of these that find their place free, each process its share; all processes at the same
-        time, or one after the other."""
+        """Log on the first `count` robots whose place is free, spread over the processes.
+
+        at_once: the processes work simultaneously, else one after the other."""
         rows = [[about.name, *about.pose, about.radius_m] for about in robots]
         commands = []
         for number in range(self._count):
@@ -273,7 +278,7 @@ class Clients:
         return self._ask(commands, at_once)
 
     def all(self, do: str, **arguments: Any) -> dict[str, Any]:
-        """The same in all processes, at the same time: what they answer, lists joined and numbers added."""
+        """Execute a command in all processes simultaneously; answers with lists joined and numbers added."""
         return self._ask([{"do": do, **arguments}] * self._count)
 
     def _ask(self, commands: Sequence[dict[str, Any]], at_once: bool = True) -> dict[str, Any]:
@@ -288,20 +293,20 @@ class Clients:
 
 
 def joined(values: Sequence[Any]) -> Any:
-    """Lists as one, numbers as their sum."""
+    """Concatenate lists, or add numbers."""
     if isinstance(values[0], list):
         return [one for value in values for one in value]
     return sum(values)
 
 
 def pids_of(state: Path, name: str) -> list[int]:
-    """Process ids of the servers in a state folder whose names begin like this."""
+    """Process ids of the servers in a state folder whose names start with `name`."""
     record = StateFolder(state).read_record()
     return [process.pid for process in record.processes if process.name.startswith(name)] if record else []
 
 
 class Worked:
-    """CPU time of processes since it was made, s."""
+    """CPU time of processes since the creation of this object [s]."""
 
     def __init__(self, pids: Sequence[int]) -> None:
         self._processes = [psutil.Process(pid) for pid in pids]
@@ -318,7 +323,7 @@ class Worked:
 def main(naming: str) -> None:
     with Orb(Address.parse(naming)) as orb:
         fleet = Fleet(orb.resolve("SimulationServer", RoboCorba.SimulationServer, START_LIMIT_S))
-        ways: dict[str, Callable[..., dict[str, Any]]] = {
+        commands: dict[str, Callable[..., dict[str, Any]]] = {
             "log_on": fleet.log_on,
             "log_off": fleet.log_off,
             "drive": fleet.drive,
@@ -328,7 +333,7 @@ def main(naming: str) -> None:
             print("{}", flush=True)
             for line in sys.stdin:
                 command = json.loads(line)
-                print(json.dumps(ways[command.pop("do")](**command)), flush=True)
+                print(json.dumps(commands[command.pop("do")](**command)), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Scans of 360 rays over CORBA: how many, with one and with two virtual sensor processes, and how long one takes.
+"""Scans of 360 rays over CORBA: throughput with one and two virtual sensor servers, and latency.
 
 python -m bench.simulation.sensors [--seconds S] [--runs N]
 """
@@ -32,21 +32,21 @@ from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell, ti
 
 NAME = "simulation_sensors"
 SENSORS = (1, 2)
-#: Of the clients; each thread has one scan on its way.
+#: Client processes, threads of each, and robots; each thread makes one scan at a time.
 PROCESSES, THREADS, ROBOTS = 2, 2, 40
-#: Until robots are spread by load, s.
+#: Time for spreading the robots by load [s].
 SETTLE_S = 3.0
 CALLS, ROUNDS = 2000, 5
 NULL, SCAN = "dismiss (null call)", f"scan, {FULL.fan.count} rays"
 MOST_NULL_CALLS = 2.0
-#: What cores do while they have nothing to do. Waking one up can take longer than the call.
+#: Treatment of idle cores: waking one up can take longer than the call.
 ALONE, AWAKE = "left alone", "kept awake"
 ONE_RAY = ScanSpec(Fan(0.0, 1.0, 1, FULL.fan.range_m))
 
 
 def latency(server: Any) -> list[dict[str, list[float]]]:
-    """ms of calls of the only client, kind by kind, in ROUNDS rounds; all kinds in turn, so that a busy moment hits all
-    of them."""
+    """Durations of calls of a single client [ms], by kind, in ROUNDS rounds; kinds alternate, so that a disturbance of
+    the machine affects all of them."""
     session = server.registerRobot(simulation.description(robots(office(), 1)[0]))
     sensor, at = session._get_sensor(), session.state().at
     full, one = scans.spec(FULL), scans.spec(ONE_RAY)
@@ -69,7 +69,7 @@ def latency(server: Any) -> list[dict[str, list[float]]]:
 
 @contextlib.contextmanager
 def awake(folder: Path) -> Iterator[None]:
-    """No core sleeps: loops run on them that give way to everything else at once."""
+    """Keep all cores awake with SCHED_IDLE loops, which any other thread preempts."""
     loop = "import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0)); print('{}', flush=True)"
     with contextlib.ExitStack() as stack:
         for core in os.sched_getaffinity(0):
@@ -79,7 +79,7 @@ def awake(folder: Path) -> Iterator[None]:
 
 
 def throughput(server: Any, clients: Clients, state: Path, seconds: float, runs: int) -> list[dict[str, Any]]:
-    """Rows of runs in which all clients scan as fast as it goes."""
+    """Rows of runs in which all clients scan as fast as possible."""
     clients.log_on(robots(office(), ROBOTS), ROBOTS)
     rows = []
     pids = pids_of(state, "sensor_")
@@ -106,12 +106,12 @@ def throughput(server: Any, clients: Clients, state: Path, seconds: float, runs:
 
 
 def spread(values: Any) -> str:
-    """Of each sensor process."""
+    """Values of the sensor servers, side by side."""
     return " + ".join(f"{value:.3g}" for value in values)
 
 
 def latency_rows(cores: str, rounds: list[dict[str, list[float]]]) -> list[dict[str, Any]]:
-    """Medians of the rounds; ratios are those of each round."""
+    """Medians over the rounds; ratios are computed within each round."""
     rows = []
     for what in rounds[0]:
         medians = [statistics.median(took[what]) for took in rounds]
@@ -129,7 +129,7 @@ def latency_rows(cores: str, rounds: list[dict[str, list[float]]]) -> list[dict[
 
 
 def marks_of(rows: list[dict[str, Any]]) -> list[Mark]:
-    """What had to be reached."""
+    """Required results."""
     ratio = next(row["null calls"] for row in rows if (row["cores"], row["call"]) == (ALONE, SCAN))
     return [at_most(f"a {SCAN}, in null calls", ratio, MOST_NULL_CALLS)]
 
@@ -155,7 +155,7 @@ def main() -> int:
                             rounds[AWAKE] = latency(server)
                 with Clients(naming, PROCESSES, Path(folder)) as clients, PROGRESS.status(f"{sensors} sensors"):
                     rows += throughput(server, clients, state, options.seconds, options.runs)
-    title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as it goes"
+    title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as possible"
     tell(NAME, title, rows, [], lambda axes: _draw(axes, rows))
     calls = [row for cores, found in rounds.items() for row in latency_rows(cores, found)]
     title = f"one client, idle system, medians of {ROUNDS} rounds of {CALLS} calls"

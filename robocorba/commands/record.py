@@ -1,4 +1,4 @@
-"""robocorba record: what happens on the floors of the running simulation, into a file."""
+"""robocorba record: records floors of the running simulation to a file."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from robocorba.settings import Settings
 from robocorba.simulation.recording import Recorder
 from robocorba.stubs import RoboCorba
 
-#: How often floors are asked.
-EVERY_S = 0.05
+#: Interval between requests for changes [s].
+POLL_INTERVAL_S = 0.05
+#: Longest interval between recorded updates of an unchanged floor [s].
 LONGEST_PAUSE_S = 1.0
-#: A server that is away is waited for so long.
+#: Time to wait for a server that does not answer [s].
 AWAY_LIMIT_S = 30.0
 
 
 def record(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, such as monday.mcap.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording to write, such as monday.mcap.")],
     floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Record this floor only; repeatable.")] = None,
-    seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Record so long; 0: until Ctrl-C.")] = 0.0,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a file that is there.")] = False,
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Duration [s]; 0: until Ctrl-C.")] = 0.0,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     naming: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
     ] = None,
@@ -38,7 +39,7 @@ def record(
     with reporting("record"), Orb(Settings.read(naming=naming).naming) as orb:
         stop = Stop()
         floors = floor or []
-        RemoteFloors(orb, floors).follow(FIND_S)  # what is wrong is told before there is a file
+        RemoteFloors(orb, floors).follow(FIND_S)  # reports errors before a file is created
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_S)
         recorder = Recorder(file, native.loads(editor.exportMap(), "the served map"), overwrite=force)
         try:
@@ -49,12 +50,12 @@ def record(
 
 
 def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop) -> None:
-    """Write what changes, until the stop. Raises UnknownFloor, StateDamaged, NotReachable."""
+    """Record changes until stopped. Raises UnknownFloor, StateDamaged, NotReachable."""
     absence = Absence(AWAY_LIMIT_S)
     began = time.time()
     written_at: dict[str, float] = {}
     with progress(seconds) as bar:
-        for passed_s in stop.ticks(EVERY_S, seconds):
+        for passed_s in stop.ticks(POLL_INTERVAL_S, seconds):
             try:
                 updates = floors.follow(FIND_AGAIN_S)
                 absence.end()
@@ -62,7 +63,7 @@ def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop)
                 bar(passed_s, absence.go_on(wrong))
                 continue
             for update in updates:
-                # Where nothing happens, time goes on all the same.
+                # Unchanged floors are recorded too, if rarely, to record the passing of time.
                 if update.version != update.since or passed_s - written_at[update.floor] >= LONGEST_PAUSE_S:
                     recorder.write(update, began + passed_s)
                     written_at[update.floor] = passed_s

@@ -1,4 +1,4 @@
-"""robocorba replay: a recording in the terminal, as a picture, as a video. No server is needed."""
+"""robocorba replay: shows a recording in the terminal, as a picture or as a video, without a server."""
 
 from __future__ import annotations
 
@@ -14,35 +14,37 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import Scene, as_tables, elevators, robots, show
+from robocorba.commands.scene import SystemTables, as_tables, elevators, robots, show
 from robocorba.commands.waiting import Stop, progress
-from robocorba.commands.watch import SHOW_S
+from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import StateDamaged
 from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import FloorView
 
-#: The floor as a PNG file, so many seconds after the recording's begin.
+#: Renders a floor as PNG, at a time after the start of the recording [s].
 Draw = Callable[[float, FloorView], bytes]
 
 
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording.")],
     floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
-    speed: Annotated[float, typer.Option(metavar="X", min=0.01, max=1000.0, help="So many times as fast.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(metavar="X", min=0.01, max=1000.0, help="Speed relative to the recording.")
+    ] = 1.0,
     at: Annotated[
-        float | None, typer.Option(metavar="S", min=0.0, help="Only how it was after so many seconds.")
+        float | None, typer.Option(metavar="S", min=0.0, help="Show only the state at this time [s].")
     ] = None,
     png: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw a floor --at S, or at the end.")] = None,
     video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file.")] = None,
-    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures a second of the video.")] = 10,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video.")] = 960,
 ) -> None:
-    """Show what was recorded."""
+    """Show a recording."""
     with reporting("replay"):
         recording = Recording(file)
         if not recording.count:
-            raise StateDamaged(str(file), "nothing was recorded in it")
+            raise StateDamaged(str(file), "contains no updates")
         at_s = math.inf if at is None else at
         if png:
             draw_one(recording, one_of(recording, floor or []), at_s, png, width)
@@ -57,33 +59,33 @@ def replay(
 
 
 def one_of(recording: Recording, floors: Sequence[str]) -> str:
-    """The floor that was chosen, or the first. Raises InvalidSetting."""
+    """The chosen floor, or the first one. Raises InvalidSetting for more than one."""
     if len(floors) > 1:
         raise InvalidSetting("--floor", ", ".join(floors), "a picture shows one floor")
     return floors[0] if floors else recording.floors[0]
 
 
-def scene(views: Mapping[str, FloorView]) -> Scene:
-    """What a recording knows of floors."""
-    return Scene(robots=robots(views.values()), elevators=elevators(views.values()))
+def scene(views: Mapping[str, FloorView]) -> SystemTables:
+    """Tables of recorded floors."""
+    return SystemTables(robots=robots(views.values()), elevators=elevators(views.values()))
 
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
-    """Tables on the terminal, as time goes by. Raises UnknownFloor, StateDamaged."""
+    """Play a recording as tables in the terminal. Raises UnknownFloor, StateDamaged."""
     stop = Stop()
     began = time.monotonic()
     with Live(auto_refresh=False) as live:
-        for at_s, views in recording.moments(SHOW_S * speed, floors):
+        for at_s, views in recording.moments(SHOW_INTERVAL_S * speed, floors):
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
             live.update(as_tables(scene(views), note, "bold"), refresh=True)
     if not recording.is_complete:
-        typer.echo("here the recorder was killed, or it is still at work")
+        typer.echo("the recording ends here: its recorder was killed, or is still recording")
 
 
 def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
-    """A floor as it was, as a PNG file. Raises UnknownFloor, InvalidPicture, StateDamaged, InvalidSetting."""
+    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, StateDamaged, InvalidSetting."""
     picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
     try:
         file.write_bytes(picture)
@@ -93,10 +95,10 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
 
 
 def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
-    """All of a recording as a video, as far as it came before a stop.
+    """Convert a recording to a video, until stopped.
 
     Raises UnknownFloor, InvalidPicture, StateDamaged, VideoError."""
-    from PIL import Image  # here and below: what pictures need takes a second to load
+    from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.video import VideoFile
 
@@ -112,7 +114,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
 
 
 def painting(recording: Recording, width_px: int) -> Draw:
-    """How floors are drawn on the recorded map."""
+    """A function that draws floors on the recorded map."""
     from robocorba.simulation.picture import FloorPainter
 
     painter = FloorPainter(recording.building)

@@ -1,4 +1,4 @@
-"""What is to be seen of a simulation, as tables: live in the terminal, in pipes, as JSON."""
+"""The state of a simulation as tables: in the terminal, in pipes, as JSON."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba
 
-#: What is known of a robot, an elevator, a sensor process or the server.
+#: Fields of a robot, an elevator, a sensor server or the simulation server.
 Row = dict[str, Any]
 
 
-class Scene(NamedTuple):
-    """What is shown: metres, seconds, radians. A replay has neither server nor sensors."""
+class SystemTables(NamedTuple):
+    """Rows of all tables, in m, s, rad. A replay has neither server nor sensors."""
 
     server: Sequence[Row] = ()
     robots: Sequence[Row] = ()
@@ -35,22 +35,22 @@ class Scene(NamedTuple):
 
 
 class System:
-    """The running simulation, as it is seen on some floors or on all; found again where it was away."""
+    """The running simulation on the given floors, or on all; reconnects after a failure."""
 
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
         self._orb = orb
         self._floors = RemoteFloors(orb, floors)
         self._server: Any = None
 
-    def look(self, find_s: float = FIND_AGAIN_S) -> Scene:
-        """What there is now. Raises UnknownFloor, NotReachable."""
+    def look(self, find_s: float = FIND_AGAIN_S) -> SystemTables:
+        """Read the current state. Raises UnknownFloor, NotReachable."""
         self._floors.follow(find_s)
         views = list(self._floors.views.values())
         try:
             if self._server is None:
                 interface = RoboCorba.SimulationServer
                 self._server = self._orb.resolve("SimulationServer", interface, find_s, CALL_LIMIT_S)
-            return Scene(
+            return SystemTables(
                 [plain(self._server._get_state())],
                 clients(self._server.clients(), views),
                 elevators(views),
@@ -61,16 +61,16 @@ class System:
             raise NotReachable(f"the simulation server does not answer ({describe(wrong)})") from None
 
 
-# ---- what is known, as rows ----
+# ---- state as rows ----
 
 
 def plain(struct: Any) -> Row:
-    """A struct of numbers and strings."""
+    """Members of a struct of numbers and strings."""
     return dict(vars(struct))
 
 
 def robots(views: Iterable[FloorView]) -> list[Row]:
-    """Robots as the floors know them."""
+    """Robots on floors."""
     return [
         {
             "name": body.name,
@@ -87,7 +87,7 @@ def robots(views: Iterable[FloorView]) -> list[Row]:
 
 
 def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
-    """Robots as the server knows them (each a ClientState), where they are on one of the floors."""
+    """Logged-on robots (each a ClientState) on the given floors."""
     speeds = {row["name"]: row["speed"] for row in robots(views)}
     floors = {view.floor for view in views}
     return [
@@ -107,24 +107,24 @@ def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
 
 
 def elevators(views: Iterable[FloorView]) -> list[Row]:
-    """Those that serve the floors; `cabin` is empty on the way."""
-    moments = {name: moment for view in views for name, moment in view.elevators.items()}
+    """Elevators that serve the floors; `cabin` is empty while it travels."""
+    states = {name: state for view in views for name, state in view.elevators.items()}
     return [
         {
             "name": name,
-            "cabin": moment.floor,
-            "height": moment.height,
-            "doors": moment.doors.name,
-            "opening": moment.opening,
-            "riders": list(moment.riders),
-            "queue": list(moment.queue),
+            "cabin": state.floor,
+            "height": state.height,
+            "doors": state.doors.name,
+            "opening": state.opening,
+            "riders": list(state.riders),
+            "queue": list(state.queue),
         }
-        for name, moment in moments.items()
+        for name, state in states.items()
     ]
 
 
 def sensor(state: Any) -> Row:
-    """A SensorState."""
+    """The row of a SensorState."""
     return {"name": state.name, **plain(state.load), "robots": state.robots}
 
 
@@ -141,10 +141,10 @@ def _words(values: Iterable[str]) -> str:
 
 
 def _pace(value: float) -> str:
-    return f"{value:g}" if value else "as fast as it can"
+    return f"{value:g}" if value else "as fast as possible"
 
 
-#: Of each table: title, key in the row, and how a value is written.
+#: Columns of each table: title, key in the row, and format of the value.
 _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
     "server": (
         ("robots", "robots", str),
@@ -171,7 +171,7 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
     ),
     "elevator": (
         ("elevator", "name", _word),
-        ("cabin", "cabin", lambda value: _word(value) or "on its way"),
+        ("cabin", "cabin", lambda value: _word(value) or "travelling"),
         ("height [m]", "height", "{:.2f}".format),
         ("doors", "doors", str.lower),
         ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
@@ -188,8 +188,8 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
 }
 
 
-def tables(scene: Scene) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
-    """Kind of row, titles and cells of each table that has rows."""
+def tables(scene: SystemTables) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+    """Kind of row, titles and cells of each non-empty table."""
     found = []
     for (kind, columns), rows in zip(_COLUMNS.items(), scene, strict=True):
         if rows:
@@ -199,13 +199,13 @@ def tables(scene: Scene) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...
     return found
 
 
-def as_json(scene: Scene) -> str:
-    """All of it, with the members of the IDL; doors by the names of simulation.elevator.Doors."""
+def as_json(scene: SystemTables) -> str:
+    """All tables as JSON, with the member names of the IDL; doors by the names of elevator_state.Doors."""
     return json_format.dumps({**scene._asdict(), "server": scene.server[0]}, indent=2)
 
 
-def show(scene: Scene) -> None:
-    """Print tables; without a terminal one line a row, which begins with its kind, with tabs between."""
+def show(scene: SystemTables) -> None:
+    """Print tables; without a terminal one line for each row: its kind, then its cells, separated by tabs."""
     console = Console()
     if console.is_terminal:
         console.print(as_tables(scene))
@@ -215,8 +215,8 @@ def show(scene: Scene) -> None:
             print(kind, *row, sep="\t", flush=True)
 
 
-def as_tables(scene: Scene, note: str = "", style: str = "bold red") -> Group:
-    """For the terminal, with a note below."""
+def as_tables(scene: SystemTables, note: str = "", style: str = "bold red") -> Group:
+    """Tables for the terminal, with a note below."""
     parts: list[Table | Text] = []
     for _, titles, rows in tables(scene):
         table = Table()

@@ -1,4 +1,4 @@
-"""robocorba simulation: what an administrator of the simulation server may do."""
+"""robocorba simulation: administration of the simulation server."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from robocorba.names import ADMINISTRATOR
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
-#: Steps are waited for.
+#: Timeout of a call [s]; long, since `step` waits for the steps.
 CALL_LIMIT_S = 60.0
 
-app = typer.Typer(help="Set limits and pace of the simulation, and log robots off.", no_args_is_help=True)
+app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
 State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
 
 
 @app.command()
 def limit(
-    robots: Annotated[int, typer.Argument(min=0, help="Robots at most. Those who are logged on stay.")],
+    robots: Annotated[int, typer.Argument(min=0, help="Robots at most. Robots that are logged on stay.")],
     state: State = None,
 ) -> None:
-    """Let at most so many robots log on."""
+    """Limit the number of logged-on robots."""
     with _administrator(state) as administrator:
         administrator.setLimit(robots)
 
@@ -43,34 +43,34 @@ def evict(robot: str, state: State = None) -> None:
 @app.command()
 def pace(
     seconds: Annotated[
-        float, typer.Argument(help="Simulated seconds in a second; 1: real time, 0: as many as can be.")
+        float, typer.Argument(help="Simulated seconds per second; 1: real time, 0: as fast as possible.")
     ],
     state: State = None,
 ) -> None:
-    """Let time pass faster or slower."""
+    """Set the pace of simulated time."""
     with _administrator(state) as administrator:
         administrator.setPace(seconds)
 
 
 @app.command()
 def pause(state: State = None) -> None:
-    """Let time stand."""
+    """Pause simulated time."""
     with _administrator(state) as administrator:
         administrator.pause()
 
 
 @app.command()
 def resume(state: State = None) -> None:
-    """Let time pass again."""
+    """Resume simulated time."""
     with _administrator(state) as administrator:
         administrator.resume()
 
 
 @app.command()
 def step(
-    steps: Annotated[int, typer.Argument(help="Of 0.02 s each, at most 10,000.")] = 1, state: State = None
+    steps: Annotated[int, typer.Argument(help="Steps of 0.02 s, at most 10,000.")] = 1, state: State = None
 ) -> None:
-    """While time stands: let so many steps pass."""
+    """Execute steps while simulated time is paused."""
     with _administrator(state) as administrator:
         administrator.step(steps)
 

@@ -1,4 +1,4 @@
-"""robocorba watch: the simulation server in the terminal, and films of its floors."""
+"""robocorba watch: shows the simulation server in the terminal, and films its floors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import Scene, System, as_json, as_tables, show
+from robocorba.commands.scene import System, SystemTables, as_json, as_tables, show
 from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import errors as idl_errors
@@ -24,19 +24,23 @@ from robocorba.errors.services import NotReachable
 from robocorba.settings import InvalidSetting, Settings
 from robocorba.stubs import RoboCorba
 
-#: How often tables are shown, without a terminal printed.
-SHOW_S, PRINT_S = 0.25, 1.0
-#: Longest drawing of a picture; the first one of a floor takes a while.
+#: Interval between updates of the tables in a terminal [s].
+SHOW_INTERVAL_S = 0.25
+#: Interval between printed tables without a terminal [s].
+PRINT_INTERVAL_S = 1.0
+#: Timeout of a call that renders a picture [s]; the first picture of a floor is slow.
 PICTURE_LIMIT_S = 15.0
 
 
 def watch(
     floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
-    once: Annotated[bool, typer.Option("--once", help="Print it once and end.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print it once, as JSON.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print the tables once and exit.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON once and exit.")] = False,
     video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file.")] = None,
-    seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Film so long; 0: until Ctrl-C.")] = 0.0,
-    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures a second of the video.")] = 10,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=0.0, help="Duration of the video [s]; 0: until Ctrl-C.")
+    ] = 0.0,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the video.")] = 960,
     naming: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
@@ -58,14 +62,14 @@ def watch(
         elif Console().is_terminal:
             show_live(system, scene, stop)
         else:
-            print_on(system, scene, stop)
+            print_tables(system, scene, stop)
 
 
-def show_live(system: System, scene: Scene, stop: Stop) -> None:
-    """Tables on the terminal, until the stop. Raises UnknownFloor, NotReachable."""
+def show_live(system: System, scene: SystemTables, stop: Stop) -> None:
+    """Show tables in the terminal until stopped. Raises UnknownFloor, NotReachable."""
     absence = Absence()
     with Live(as_tables(scene), auto_refresh=False) as live:
-        for _ in stop.ticks(SHOW_S):
+        for _ in stop.ticks(SHOW_INTERVAL_S):
             try:
                 scene, note = system.look(), ""
                 absence.end()
@@ -74,10 +78,10 @@ def show_live(system: System, scene: Scene, stop: Stop) -> None:
             live.update(as_tables(scene, note), refresh=True)
 
 
-def print_on(system: System, scene: Scene, stop: Stop) -> None:
-    """Tables into a pipe or a file, each with an empty line behind it, until the stop. Raises as above."""
+def print_tables(system: System, scene: SystemTables, stop: Stop) -> None:
+    """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
     absence = Absence()
-    for _ in stop.ticks(PRINT_S):
+    for _ in stop.ticks(PRINT_INTERVAL_S):
         try:
             scene = system.look()
             absence.end()
@@ -91,7 +95,7 @@ def print_on(system: System, scene: Scene, stop: Stop) -> None:
 
 
 class Camera:
-    """Pictures of a floor, by default of the lowest, drawn by the simulation server."""
+    """Pictures of a floor, by default the first, rendered by the simulation server."""
 
     def __init__(self, orb: Orb, floors: Sequence[str], width_px: int) -> None:
         if len(floors) > 1:
@@ -101,7 +105,7 @@ class Camera:
         self._floor = floors[0] if floors else ""
 
     def png(self, find_s: float = FIND_AGAIN_S) -> bytes:
-        """The floor now. Raises UnknownFloor, InvalidPicture, NotReachable."""
+        """Render the floor now. Raises UnknownFloor, InvalidPicture, NotReachable."""
         try:
             if not self._floor:
                 database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, find_s, CALL_LIMIT_S)
@@ -118,10 +122,10 @@ class Camera:
 
 
 def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> None:
-    """Make a video of what happens now; one that plays, whatever ends it.
+    """Film the running simulation; the video is playable however the recording ends.
 
     Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
-    from PIL import Image  # here and below: what pictures need takes a second to load
+    from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.video import VideoFile
 

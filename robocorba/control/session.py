@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
-from robocorba.simulation.elevator import Ride
+from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.grids import Floats
@@ -24,7 +24,7 @@ class SessionState(NamedTuple):
     at: Pose
     velocity: Velocity
     holding: str
-    ride: Ride | None
+    ride: RideStatus | None
     collisions: int
     touched: str
 

@@ -19,7 +19,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import OutOfStep
 from robocorba.maps.model import Building
-from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
 
@@ -137,7 +137,7 @@ class DataPool:
         return self._known().objects(pattern)
 
     @property
-    def elevators(self) -> Mapping[str, Moment]:
+    def elevators(self) -> Mapping[str, ElevatorState]:
         """That serve the floor, by name."""
         return self._known().elevators
 
@@ -156,7 +156,7 @@ class _Follower:
         self._view = FloorView(floor)
         self._walls: Walls | None = None
         self._bodies, self._motions = NOBODY, NO_MOTIONS
-        self._elevators: Mapping[str, Moment] = NO_ELEVATORS
+        self._elevators: Mapping[str, ElevatorState] = NO_ELEVATORS
 
     def look_at_map(self) -> None:
         """Raises UnknownFloor, NotReachable."""

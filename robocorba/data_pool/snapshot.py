@@ -16,7 +16,7 @@ from shapely import Point
 from robocorba.data_pool.things import Thing, fixed, moving
 from robocorba.data_pool.walls import Nearest, Walls, nearest_of
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
-from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
 from robocorba.spatial.grids import Floats, Longs
 
@@ -42,7 +42,7 @@ class Bodies:
 
 NOBODY = Bodies()
 NO_MOTIONS: Motions = np.empty(0, MOTION)
-NO_ELEVATORS: Mapping[str, Moment] = MappingProxyType({})
+NO_ELEVATORS: Mapping[str, ElevatorState] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Snapshot:
     #: Rows of MOTION, in the order of the bodies.
     motions: Motions = field(default_factory=lambda: NO_MOTIONS, repr=False)
     #: That serve the floor, by name.
-    elevators: Mapping[str, Moment] = field(default_factory=lambda: NO_ELEVATORS)
+    elevators: Mapping[str, ElevatorState] = field(default_factory=lambda: NO_ELEVATORS)
     true_at: float = -math.inf
 
     @property

@@ -13,7 +13,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.maps.geometry import blocking
 from robocorba.maps.model import Building, Elevator, Floor, GeometricalMap
 from robocorba.maps.movable import landing_doors, movables
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 
 class Nearest(NamedTuple):
@@ -54,7 +54,7 @@ class Walls:
         """Whether the floor is the same there. Raises UnknownFloor."""
         return self._plan == _plan_of(building, self.floor)
 
-    def nearest(self, x: float, y: float, elevators: Mapping[str, Moment]) -> Nearest | None:
+    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> Nearest | None:
         """What is nearest to a place, m, with the elevators like this, whose doors stand in the way until they are
         open. None where nothing stands."""
         place = Point(x, y)
@@ -66,7 +66,7 @@ class Walls:
             found.append(nearest_of(place, self._tree.geometries[row], self._names[row]))
         return min(found, default=None)
 
-    def _is_open(self, elevators: Mapping[str, Moment], name: str) -> bool:
+    def _is_open(self, elevators: Mapping[str, ElevatorState], name: str) -> bool:
         moment = elevators.get(name)
         return bool(moment and moment.floor == self.floor and moment.doors is Doors.OPEN)
 

@@ -6,16 +6,18 @@ from robocorba.errors.base import FieldError, RoboCorbaError
 
 
 class SensingError(RoboCorbaError):
-    """A virtual sensor refuses something."""
+    """Root of the errors of virtual sensors."""
 
 
 class InvalidScan(FieldError, SensingError):
-    """A field of a scan's request is out of range: `field` says which, `reason` says why."""
+    """A field of a scan request is out of range: `field` names it, `reason` explains."""
 
 
 class SensorBehind(SensingError):
-    """What the sensor knows is `lag_s` old, more than `limit_s`."""
+    """The sensor's floor data is `lag_s` old, more than `limit_s`: the Omni database does not answer."""
 
     def __init__(self, lag_s: float, limit_s: float) -> None:
         self.lag_s, self.limit_s = lag_s, limit_s
-        super().__init__(f"what the sensor knows is {lag_s:.2f} s old, more than {limit_s:g} s")
+        super().__init__(
+            f"the sensor's floor data is {lag_s:.2f} s old, more than {limit_s:g} s; the Omni database does not answer"
+        )

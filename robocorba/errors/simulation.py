@@ -6,15 +6,15 @@ from robocorba.errors.base import FieldError, RoboCorbaError
 
 
 class SimulationError(RoboCorbaError):
-    """The simulated building refuses something."""
+    """Root of the errors of the simulation."""
 
 
 class InvalidDescription(FieldError, SimulationError):
-    """A field of a robot's description is out of range: `field` says which, `reason` says why."""
+    """A field of a robot's description is out of range: `field` names it, `reason` explains."""
 
 
 class PlaceTaken(SimulationError):
-    """A robot at `x`, `y` on `floor` would stand in `blocker`: a robot, an object, or what stands (empty)."""
+    """A robot at `x`, `y` [m] on `floor` would overlap `blocker`: a robot, an object, or (empty) a static obstacle."""
 
     def __init__(self, floor: str, x: float, y: float, blocker: str) -> None:
         self.floor, self.x, self.y, self.blocker = floor, x, y, blocker
@@ -22,26 +22,26 @@ class PlaceTaken(SimulationError):
 
 
 class NameTaken(SimulationError):
-    """A robot called `name` is logged on."""
+    """A robot called `name` is already logged on."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        super().__init__(f"a robot called {name} is logged on already")
+        super().__init__(f"a robot called {name} is already logged on")
 
 
 class ServerFull(SimulationError):
-    """`now` robots are logged on, of `limit`; a slot may be free after `retry_s`."""
+    """All `limit` slots are taken (`now` robots are logged on); one may be free after `retry_s` [s]."""
 
     def __init__(self, limit: int, now: int, retry_s: float) -> None:
         self.limit, self.now, self.retry_s = limit, now, retry_s
-        super().__init__(f"{now} robots are logged on, {limit} may be; try again in {retry_s:.1f} s")
+        super().__init__(f"{now} robots are logged on, the limit is {limit}; try again in {retry_s:.1f} s")
 
 
 class SessionExpired(SimulationError):
-    """The robot is not logged on any more."""
+    """The robot is no longer logged on."""
 
     def __init__(self) -> None:
-        super().__init__("this robot is not logged on any more")
+        super().__init__("this robot is no longer logged on; register it again")
 
 
 class UnknownRobot(SimulationError):
@@ -53,63 +53,63 @@ class UnknownRobot(SimulationError):
 
 
 class InvalidRide(FieldError, SimulationError):
-    """A field of a call for an elevator can't be: `field` says which, `reason` says why."""
+    """A field of an elevator call is invalid: `field` names it, `reason` explains."""
 
 
 class ElevatorFull(SimulationError):
-    """`limit` robots wait for `elevator`."""
+    """`elevator` has `limit` calls already."""
 
     def __init__(self, elevator: str, limit: int) -> None:
         self.elevator, self.limit = elevator, limit
-        super().__init__(f"{limit} robots wait for {elevator}")
+        super().__init__(f"{elevator} has {limit} calls, its limit; try again later")
 
 
 class InvalidReservation(FieldError, SimulationError):
-    """A field of a reservation of areas can't be: `field` says which, `reason` says why."""
+    """A field of a reservation is invalid: `field` names it, `reason` explains."""
 
 
 class ReservationsFull(SimulationError):
-    """`limit` robots have reserved areas, or wait for them."""
+    """`limit` reservations are granted or waiting already."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        super().__init__(f"{limit} robots have reserved areas already")
+        super().__init__(f"{limit} robots have reserved areas, the limit; try again later")
 
 
 class InvalidCommand(FieldError, SimulationError):
-    """A command that can't be carried out: `field` says which part of it, `reason` says why."""
+    """A field of a velocity command is invalid: `field` names it, `reason` explains."""
 
 
 class CannotGrip(SimulationError):
-    """`what` can't be gripped; `reason` says why."""
+    """Object `what` cannot be gripped; `reason` explains."""
 
     def __init__(self, what: str, reason: str) -> None:
         self.what, self.reason = what, reason
-        super().__init__(f"can't grip {what[:80]!r}: {reason}")
+        super().__init__(f"cannot grip {what[:80]!r}: {reason}")
 
 
 class InvalidPicture(FieldError, SimulationError):
-    """`field` of a picture that was asked for is out of range."""
+    """`field` of a requested picture is out of range; `reason` explains."""
 
 
 class InvalidChoice(FieldError, SimulationError):
-    """What an administrator set is out of range: `field` says which, `reason` says why."""
+    """A setting of the administrator is out of range: `field` names it, `reason` explains."""
 
 
 class InvalidMission(FieldError, SimulationError):
-    """`field` of a mission can't be kept."""
+    """`field` of a mission cannot be stored; `reason` explains."""
 
 
 class StaleMission(SimulationError):
-    """The mission is at version `current`: somebody else changed it."""
+    """Mission `name` is at version `current`, not `expected`: another client changed it."""
 
     def __init__(self, name: str, expected: int, current: int) -> None:
         self.name, self.expected, self.current = name, expected, current
-        super().__init__(f"mission {name[:80]!r} is at version {current}, not {expected}")
+        super().__init__(f"mission {name[:80]!r} is at version {current}, not {expected}; read it again")
 
 
 class UnknownMission(SimulationError):
-    """No mission has this name."""
+    """No mission is called `name`."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -117,15 +117,15 @@ class UnknownMission(SimulationError):
 
 
 class OutOfStep(SimulationError):
-    """An update of `floor` begins at version `since`, but what is known is `version`: load the floor again."""
+    """An update of `floor` begins at version `since`, but the local copy is at `version`: load the whole floor."""
 
     def __init__(self, floor: str, version: int, since: int) -> None:
         self.floor, self.version, self.since = floor, version, since
-        super().__init__(f"an update of {floor} begins at {since}; known is {version}")
+        super().__init__(f"an update of {floor} begins at version {since}; the copy is at version {version}")
 
 
 class StateDamaged(SimulationError):
-    """The file that the simulation keeps can't be used; `reason` says why."""
+    """The recording `path` cannot be used; `reason` explains."""
 
     def __init__(self, path: str, reason: str) -> None:
         self.path, self.reason = path, reason
@@ -133,11 +133,11 @@ class StateDamaged(SimulationError):
 
 
 class SimulationBusy(SimulationError):
-    """The simulation did not get round to it; it was not done."""
+    """The simulation did not execute a call in time, or is shutting down."""
 
 
 class VideoError(SimulationError):
-    """A video can't be written to `path`; `reason` says why."""
+    """A video cannot be written to `path`; `reason` explains."""
 
     def __init__(self, path: object, reason: str) -> None:
         self.path, self.reason = path, reason
@@ -145,7 +145,7 @@ class VideoError(SimulationError):
 
 
 class NoRide(SimulationError):
-    """`robot` has no ride in `elevator`, or can't do this in the phase in which it is."""
+    """`robot` has no ride in `elevator`, or its ride is in another phase."""
 
     def __init__(self, robot: str, elevator: str) -> None:
         self.robot, self.elevator = robot, elevator

@@ -1,1 +1,1 @@
-"""Virtual sensors: what a laser or a proximity sensor would see on a floor. No CORBA here."""
+"""Virtual sensors: simulated scans of laser and proximity sensors on a floor. No CORBA here."""

@@ -1,10 +1,10 @@
-"""Rays, all of a fan at once: each segment in sight shortens the rays between its two ends.
+"""Ray casting for all rays of a fan at once: each visible segment shortens the rays between its two ends.
 
-Cells are looked at from the sensor outwards. One that no ray of its directions reaches any more is passed over,
-so that what is behind walls costs next to nothing. Distances are those to lines met exactly; nothing is sampled.
+The search visits grid cells from the sensor outwards and skips cells that no ray reaches any more, so occluded cells
+cost almost nothing. Distances are exact intersections; nothing is sampled.
 
-Of the kernels here, only `cast` calls others that take arrays. Those that do count references to all of their arrays up
-and down in each call, which took a quarter to a third of a scan.
+Only `cast` calls other kernels with array arguments: such calls count references to all arrays, which took a quarter to
+a third of a scan.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.spatial.grids import Floats, Grid, Longs, column_of, row_of
 
-#: `direction` is off by no more than this, rad.
+#: Largest error of `direction` [rad].
 SLACK_RAD = 1e-3
-#: Sine of the angle below which a segment is seen from its end.
+#: Sine of the angle below which a segment counts as seen edge-on.
 EDGE_ON = 1e-12
-#: What is at least so far behind the sensor, m, is not in sight of a fan of half a turn, however it was rounded.
+#: A fan of at most half a turn ignores points at least this far behind the sensor [m]; above rounding.
 BEHIND_M = 1e-3
 _TURN = 2 * math.pi
 
 
 class Eye(NamedTuple):
-    """A sensor: where it is, m; the angle of its first ray, rad; rays to a radian; how far it sees, m; the direction in
-    which it looks, (0, 0) for a fan of more than half a turn."""
+    """A sensor: position [m], angle of the first ray [rad], rays per radian, range [m], and unit vector of the
+    fan's middle, (0, 0) for a fan of more than half a turn."""
 
     x: float
     y: float
@@ -41,7 +41,7 @@ class Eye(NamedTuple):
 
 @kernel
 def direction(x: float, y: float) -> float:
-    """atan2(y, x) within SLACK_RAD, at a tenth of its cost: it only says where to look."""
+    """atan2(y, x) within SLACK_RAD at a tenth of its cost; it only preselects rays."""
     ax, ay = abs(x), abs(y)
     larger = max(ax, ay)
     if larger == 0.0:
@@ -58,8 +58,8 @@ def direction(x: float, y: float) -> float:
 
 @kernel
 def spans(begin: float, width: float, rays_a_rad: float, count: int) -> tuple[int, int, int, int]:
-    """The rays from angle `begin` over `width`, both counted from ray 0: first and last of one stretch, and of
-    another where the directions go on past a full turn. A stretch is empty where its last comes before its first."""
+    """Rays within `width` from angle `begin`, both relative to ray 0 [rad]: first and last ray of an interval, and of a
+    second interval after a wrap past a full turn. An interval is empty if its last ray precedes its first."""
     begin -= _TURN * math.floor(begin / _TURN)
     low, high = begin * rays_a_rad, (begin + width) * rays_a_rad
     first = math.ceil(low) if low < count else count
@@ -71,16 +71,16 @@ def spans(begin: float, width: float, rays_a_rad: float, count: int) -> tuple[in
 
 
 @kernel
-def shorten(grid: Grid, cell: int, seen: Longs, scan: int, eye: Eye, rays: Floats) -> None:
-    """Let rays (3, n) end at the segments of a cell, those that other cells hold as well only once.
+def shorten(grid: Grid, cell: int, visited: Longs, scan: int, eye: Eye, rays: Floats) -> None:
+    """Shorten rays (3, n) to the segments of a cell; `visited` skips segments already tested in another cell.
 
-    Ray k has the direction (rays[0, k], rays[1, k]) and ends after rays[2, k]."""
+    Ray k has the direction (rays[0, k], rays[1, k]) and the length rays[2, k]."""
     count = rays.shape[1]
     for at in range(grid.start[cell], grid.start[cell + 1]):
         i = grid.items[at]
-        if seen[i] == scan:
+        if visited[i] == scan:
             continue
-        seen[i] = scan
+        visited[i] = scan
         px, py = grid.segments[i, 0] - eye.x, grid.segments[i, 1] - eye.y
         qx, qy = grid.segments[i, 2] - eye.x, grid.segments[i, 3] - eye.y
         if (
@@ -134,12 +134,12 @@ def shorten(grid: Grid, cell: int, seen: Longs, scan: int, eye: Eye, rays: Float
 
 @kernel
 def shorten_by_disc(px: float, py: float, radius: float, eye: Eye, rays: Floats) -> None:
-    """Let rays (3, n) end at a disc around p."""
+    """Shorten rays (3, n) to a disc around p."""
     square = px * px + py * py
     if square <= radius * radius:
         rays[2] = 0.0
         return
-    half = min(radius / math.sqrt(square), 1.0) * (math.pi / 2) + SLACK_RAD  # no less than its arc sine
+    half = min(radius / math.sqrt(square), 1.0) * (math.pi / 2) + SLACK_RAD  # an upper bound of the arc sine
     first, last, first2, last2 = spans(direction(px, py) - eye.start - half, 2 * half, eye.rays_a_rad, rays.shape[1])
     for low, high in ((first, last), (first2, last2)):
         for k in range(low, high + 1):
@@ -151,7 +151,7 @@ def shorten_by_disc(px: float, py: float, radius: float, eye: Eye, rays: Floats)
 
 @kernel
 def is_hidden(lx: float, ly: float, hx: float, hy: float, eye: Eye, rays: Floats) -> bool:
-    """Whether no ray (3, n) reaches the box from (lx, ly) to (hx, hy), which lies beside the sensor."""
+    """Whether no ray (3, n) reaches the box from (lx, ly) to (hx, hy), relative to the sensor and outside of it."""
     if max(eye.ahead_x * lx, eye.ahead_x * hx) + max(eye.ahead_y * ly, eye.ahead_y * hy) < -BEHIND_M:
         return True
     dx, dy = max(lx, -hx, 0.0), max(ly, -hy, 0.0)
@@ -178,8 +178,8 @@ def is_hidden(lx: float, ly: float, hx: float, hy: float, eye: Eye, rays: Floats
 
 
 class Scene(NamedTuple):
-    """What there is on a floor: standing and moving segments, and discs (n, 4) of robots as x, y, radius and number,
-    with the cells they are in. All three grids have one frame."""
+    """Obstacles of a floor: static and moving segments, and the robots' discs (n, 4) of x, y, radius and number, with
+    their cells. All three grids share one frame."""
 
     standing: Grid
     moving: Grid
@@ -199,18 +199,18 @@ def cast(
     step: float,
     range_m: float,
 ) -> Floats:
-    """Distances (poses, rays), m, `range_m` where nothing is met.
+    """Distances (m, rays) [m]; `range_m` for a ray that hits nothing.
 
-    poses: (m, 3) of sensors; owners: (m,) numbers of the robots whose own discs they don't see. cosines, sines: of the
-    rays in the sensor's frame, whose ray k points to first + k * step, with a positive step."""
+    poses: (m, 3) of the sensors. owners: (m,) numbers of the robots that carry them, whose discs they ignore. cosines,
+    sines: of the rays in the sensor's frame; ray k points to first + k * step, with a positive step [rad]."""
     standing, moving, discs = scene.standing, scene.moving, scene.discs
     frame = standing.frame
     x0, y0, size, columns, rows = frame[0], frame[1], frame[2], int(frame[3]), int(frame[4])
     count = len(cosines)
     found = np.empty((len(poses), count))
-    seen = np.full(len(standing.segments), -1, np.int64)
-    seen_moving = np.full(len(moving.segments), -1, np.int64)
-    seen_discs = np.full(len(discs), -1, np.int64)
+    visited = np.full(len(standing.segments), -1, np.int64)
+    visited_moving = np.full(len(moving.segments), -1, np.int64)
+    visited_discs = np.full(len(discs), -1, np.int64)
     rays = np.empty((3, count))
     rays_a_rad, middle = 1.0 / step, first + (count - 1) * step / 2
     for scan in range(len(poses)):
@@ -220,15 +220,15 @@ def cast(
             rays[0, k] = ch * cosines[k] - sh * sines[k]
             rays[1, k] = sh * cosines[k] + ch * sines[k]
             rays[2, k] = range_m
-        # Of a fan of at most half a turn, nothing behind the sensor is in sight.
+        # A fan of at most half a turn sees nothing behind the sensor.
         is_narrow = (count - 1) * step <= math.pi + 1e-9
         ahead_x = math.cos(heading + middle) if is_narrow else 0.0
         ahead_y = math.sin(heading + middle) if is_narrow else 0.0
         eye = Eye(x, y, heading + first, rays_a_rad, range_m, ahead_x, ahead_y)
         column, row = column_of(frame, x), row_of(frame, y)
-        farther = 0  # no ray before this one reaches farther than the last ring
+        farther = 0  # no ray before this one reaches beyond the last ring
         for ring in range(max(columns, rows)):
-            if ring > 0:  # what is in this ring and beyond lies outside a square around the sensor
+            if ring > 0:  # this ring and all beyond lie outside a square around the sensor
                 left, right = x - (x0 + (column - ring + 1) * size), x0 + (column + ring) * size - x
                 below, above = y - (y0 + (row - ring + 1) * size), y0 + (row + ring) * size - y
                 outside = min(left, right, below, above)
@@ -252,12 +252,12 @@ def cast(
                         lx, ly = x0 + at_column * size - x, y0 + at_row * size - y
                         if is_hidden(lx, ly, lx + size, ly + size, eye, rays):
                             continue
-                    shorten(standing, cell, seen, scan, eye, rays)
-                    shorten(moving, cell, seen_moving, scan, eye, rays)
+                    shorten(standing, cell, visited, scan, eye, rays)
+                    shorten(moving, cell, visited_moving, scan, eye, rays)
                     for at in range(scene.disc_start[cell], scene.disc_start[cell + 1]):
                         i = scene.disc_items[at]
-                        if seen_discs[i] != scan:
-                            seen_discs[i] = scan
+                        if visited_discs[i] != scan:
+                            visited_discs[i] = scan
                             px, py, radius, number = discs[i, 0] - x, discs[i, 1] - y, discs[i, 2], discs[i, 3]
                             reach = range_m + radius
                             if number != owners[scan] and px * px + py * py < reach * reach:

@@ -1,4 +1,4 @@
-"""The rays of a sensor."""
+"""Fans: the ray geometry of range sensors."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ import numpy as np
 from robocorba.errors.sensing import InvalidScan
 from robocorba.spatial.grids import Floats
 
+#: Rays of a fan at most.
 MOST_RAYS = 8192
+#: Longest range of a sensor [m].
 MOST_RANGE_M = 1000.0
 
 
 @dataclass(frozen=True)
 class Fan:
-    """`count` rays in the frame of the sensor, the first at `first_rad`, counter-clockwise from ahead, the others
-    `step_rad` apart, at most a full turn in all; each sees as far as `range_m`. Raises InvalidScan."""
+    """`count` rays of length `range_m` in the sensor's frame, spanning at most a full turn.
+
+    first_rad: angle of the first ray, counter-clockwise from ahead. step_rad: between rays. Raises InvalidScan."""
 
     first_rad: float
     step_rad: float
@@ -33,22 +36,22 @@ class Fan:
         if not 0.0 < self.step_rad <= 2 * math.pi:
             raise InvalidScan("step", f"{self.step_rad} is not above 0 and at most 2 pi")
         if (self.count - 1) * self.step_rad > 2 * math.pi + 1e-9:
-            raise InvalidScan("step", f"{self.count} rays {self.step_rad} apart are more than a full turn")
+            raise InvalidScan("step", f"{self.count} rays {self.step_rad} rad apart span more than a full turn")
         if not 0.0 < self.range_m <= MOST_RANGE_M:
             raise InvalidScan("range", f"{self.range_m} is not above 0 and at most {MOST_RANGE_M:g} m")
 
     @cached_property
     def angles(self) -> Floats:
-        """Of the rays, rad."""
+        """Angles of the rays [rad]."""
         return self.first_rad + self.step_rad * np.arange(self.count, dtype=np.float64)
 
     @cached_property
     def rays(self) -> tuple[Floats, Floats]:
-        """Their cosines and sines."""
+        """Cosines and sines of the rays."""
         return np.cos(self.angles), np.sin(self.angles)
 
 
-#: A laser range finder at the waist: half a turn ahead, a ray a degree.
+#: The paper's laser range finder at the waist: half a turn ahead, one ray per degree.
 LASER = Fan(-math.pi / 2, math.pi / 180, 181, 8.0)
-#: A ring of proximity sensors around the base.
+#: The paper's ring of eight proximity sensors around the base.
 PROXIMITY = Fan(0.0, math.pi / 4, 8, 1.0)

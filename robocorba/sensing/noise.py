@@ -1,4 +1,4 @@
-"""How a real sensor errs: by chance, but by the same chance for the same seed, robot and scan."""
+"""Sensor noise: pseudo-random, and reproducible for the same seed, robot and scan."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from robocorba.errors.sensing import InvalidScan
 from robocorba.kernels import kernel
 from robocorba.spatial.grids import Floats
 
+#: Largest `sigma_m` [m] and `relative` of Noise.
 MOST_SIGMA_M, MOST_RELATIVE = 10.0, 1.0
-#: Of SplitMix64 (Steele, Lea and Flood, 2014).
+#: Constants of SplitMix64 (Steele, Lea and Flood, 2014).
 _STEP, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _30, _27, _31, _11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 
 @dataclass(frozen=True)
 class Noise:
-    """A distance d is read as d with an error of normal distribution and deviation `sigma_m` + `relative` x d, within 0
-    and the range; a share `lost` of the rays gets no echo and reads the range. Raises InvalidScan."""
+    """Noise model: a distance d reads d plus a normal error of deviation `sigma_m` + `relative` x d, within [0, range].
+    A share `lost` of the rays gets no echo and reads the range. Raises InvalidScan."""
 
     sigma_m: float = 0.0
     relative: float = 0.0
@@ -40,7 +41,7 @@ class Noise:
         return bool(self.sigma_m or self.relative or self.lost)
 
     def disturb(self, distances: Floats, range_m: float, seed: int, robots: NDArray[np.int64], scan: int) -> Floats:
-        """The same distances (m, rays) as the sensors of robots (m,) read them in their scan of this number."""
+        """Distances (m, rays) with noise, for the robots (m,) and the number of their scan."""
         keys = robots.astype(np.uint64)
         return _disturb(
             distances, range_m, self.sigma_m, self.relative, self.lost, np.uint64(seed), keys, np.uint64(scan)

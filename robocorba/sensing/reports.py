@@ -1,4 +1,4 @@
-"""What a virtual sensor process says of itself: how busy it is, and what its robots saw last."""
+"""Reports of a virtual sensor server: its load, and the last scans of its robots."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.sensing.virtual_sensor import ScanSpec, Sighting, VirtualSensor
+from robocorba.sensing.virtual_sensor import ScanResult, ScanSpec, VirtualSensor
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_state import Pose
 
 
 class Reports:
-    """Safe from any thread. clock: time, s; cpu: time that this process has worked, s."""
+    """Thread-safe. clock: returns the time [s]. cpu: returns the CPU time of this process [s]."""
 
     def __init__(
         self,
@@ -24,37 +24,37 @@ class Reports:
         self._sensor, self._clock, self._cpu = sensor, clock, cpu
         self._lock = threading.Lock()
         self._scans = 0
-        self._last: dict[str, tuple[str, ScanSpec, Sighting]] = {}
-        self._marked_at, self._cpu_at_mark = clock(), cpu()
+        self._last: dict[str, tuple[str, ScanSpec, ScanResult]] = {}
+        self._measured_at, self._cpu_at_measurement = clock(), cpu()
         self._busy = self._scan_rate = 0.0
-        #: Robots that were given to this process.
+        #: Robots assigned to this server.
         self.robots = 0
 
-    def saw(self, robot: str | None, floor: str, spec: ScanSpec, seen: Sighting) -> None:
-        """A scan of one sensor was made, for a robot where it is not None."""
+    def record_scan(self, robot: str | None, floor: str, spec: ScanSpec, result: ScanResult) -> None:
+        """Count a scan, and keep it as the last one of `robot` unless that is None."""
         with self._lock:
             self._scans += 1
             if robot is not None:
-                self._last[robot] = (floor, spec, seen)
+                self._last[robot] = (floor, spec, result)
 
     @property
     def load(self) -> Load:
-        """Measured between the last two calls of `mark`."""
+        """Load between the last two calls of `collect`."""
         with self._lock:
             return Load(self._busy, min(self._sensor.lag_s, 1e9), self._scan_rate, self.robots)
 
-    def mark(self) -> list[LastScan]:
-        """Measure the load anew; what was seen since."""
+    def collect(self) -> list[LastScan]:
+        """Measure the load since the last call; return the last scan of each robot that scanned since."""
         with self._lock:
             now, cpu = self._clock(), self._cpu()
-            passed = max(now - self._marked_at, 1e-6)
-            self._busy, self._scan_rate = (cpu - self._cpu_at_mark) / passed, self._scans / passed
-            self._marked_at, self._cpu_at_mark, self._scans = now, cpu, 0
+            passed = max(now - self._measured_at, 1e-6)
+            self._busy, self._scan_rate = (cpu - self._cpu_at_measurement) / passed, self._scans / passed
+            self._measured_at, self._cpu_at_measurement, self._scans = now, cpu, 0
             last, self._last = self._last, {}
-        return [_last_scan(robot, *saw) for robot, saw in last.items()]
+        return [_last_scan(robot, *scan) for robot, scan in last.items()]
 
 
-def _last_scan(robot: str, floor: str, spec: ScanSpec, seen: Sighting) -> LastScan:
-    x, y, heading = seen.sensors[0].tolist()
+def _last_scan(robot: str, floor: str, spec: ScanSpec, result: ScanResult) -> LastScan:
+    x, y, heading = result.sensors[0].tolist()
     place, fan = Pose(floor, x, y, heading), spec.fan
-    return LastScan(robot, seen.time, place, fan.first_rad, fan.step_rad, seen.distances[0] + spec.rim_m)
+    return LastScan(robot, result.time, place, fan.first_rad, fan.step_rad, result.distances[0] + spec.rim_m)

@@ -1,4 +1,4 @@
-"""A floor as its sensors see it: walls, objects, robots."""
+"""The obstacles of a floor as seen by sensors: walls, objects and robots."""
 
 from __future__ import annotations
 
@@ -23,36 +23,38 @@ from robocorba.spatial.grids import (
     starts_of,
 )
 
-#: Segments that a cell holds on average, and bounds of its side, m.
+#: Target average of segments per grid cell.
 SEGMENTS_A_CELL = 4.0
+#: Bounds of the side of a cell [m].
 SMALLEST_CELL_M, LARGEST_CELL_M = 1.0, 8.0
-#: How far beyond the walls things may move before all is sorted anew, m.
+#: Margin of the grid around all obstacles [m]: the grid is rebuilt only for a body that moves beyond it.
 MARGIN_M = 5.0
+#: Carrier number of a sensor that no robot carries.
 NOBODY = -1
 NO_DISCS = np.empty((0, 4))
 
 
-class Sight:
-    """What stands on a floor, as lines and polygons, and what moves there.
+class SensedScene:
+    """Static obstacles of a floor, as lines and polygons, and its moving bodies.
 
-    Both change by replacing what was there; a scan that has begun sees what there was."""
+    An update replaces `scene` as a whole; a running scan continues with the previous one."""
 
-    #: What a scan sees now.
+    #: Current scene for scans.
     scene: Scene
 
     def __init__(self, obstacles: Sequence[BaseGeometry] = ()) -> None:
         self._standing = self._moving = np.empty((0, 4))
         self._discs = NO_DISCS
-        self.stand(obstacles)
+        self.set_obstacles(obstacles)
 
-    def stand(self, obstacles: Sequence[BaseGeometry]) -> None:
-        """Replace what stands."""
+    def set_obstacles(self, obstacles: Sequence[BaseGeometry]) -> None:
+        """Replace the static obstacles."""
         self._standing = lines_of(obstacles)
-        self._sort()
+        self._rebuild()
 
     def move(self, discs: Floats, segments: Floats | None = None) -> None:
-        """Replace the robots, discs (n, 4) of x, y, radius in m and a number; and what else comes and goes, segments
-        (n, 4) of x, y, x, y in m, None for no change."""
+        """Replace the robots, discs (n, 4) of x, y, radius [m] and number, and the moving segments (n, 4) of x, y, x, y
+        [m], which stay unchanged for None."""
         self._discs = np.ascontiguousarray(discs, float).reshape(-1, 4)
         if segments is not None:
             self._moving = np.ascontiguousarray(segments, float).reshape(-1, 4)
@@ -64,20 +66,20 @@ class Sight:
         if is_covered:
             self.scene = Scene(standing, moving, self._discs, start, items)
         else:
-            self._sort()
+            self._rebuild()
 
     def scan(self, poses: Floats, fan: Fan, owners: Sequence[int] | Longs | None = None) -> Floats:
-        """Distances (poses, rays) in m, at most the fan's range; exact, without noise.
+        """Exact distances (m, rays) [m], at most the fan's range.
 
-        poses: (m, 3) of the sensors, x and y in m, heading in rad. owners: numbers of the robots that carry them, which
-        they don't see."""
+        poses: (m, 3) of the sensors: x, y [m], heading [rad]. owners: numbers of the robots that carry them, which the
+        scans ignore."""
         carriers = np.full(len(poses), NOBODY) if owners is None else np.asarray(owners, np.int64)
         places = np.ascontiguousarray(poses, float).reshape(-1, 3)
         rays = fan.rays
         return cast(self.scene, places, carriers, *rays, fan.first_rad, fan.step_rad, fan.range_m)
 
-    def _sort(self) -> None:
-        """Into a grid that covers all there is."""
+    def _rebuild(self) -> None:
+        """Rebuild the grid around all obstacles."""
         x, y, radius, _ = self._discs.T
         boxes = np.column_stack([x - radius, y - radius, x + radius, y + radius])
         corners = [self._standing, self._moving, boxes]
@@ -96,7 +98,7 @@ class Sight:
 
 @kernel
 def sort_discs(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
-    """start and items of a grid over discs (n, 4) of x, y, radius and anything, and whether it holds all of them."""
+    """Whether a frame covers all discs (n, 4) of x, y, radius, number, and start and items of a grid over them."""
     count = cells_of(frame)
     x1, y1 = frame[0] + frame[3] * frame[2], frame[1] + frame[4] * frame[2]
     is_covered = True
@@ -113,7 +115,7 @@ def sort_discs(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
 
 @kernel
 def _fill(discs: Floats, frame: Floats, position: Longs, items: Longs) -> None:
-    """Count the discs of each cell (items empty) or write them from `position` on."""
+    """Count the discs of each cell (items empty), or write them from `position` on."""
     columns = int(frame[3])
     for disc in range(len(discs)):
         x, y, radius, _ = discs[disc]
@@ -127,7 +129,7 @@ def _fill(discs: Floats, frame: Floats, position: Longs, items: Longs) -> None:
 
 @kernel
 def covers(frame: Floats, segments: Floats) -> bool:
-    """Whether a grid's frame holds all ends of segments (n, 4)."""
+    """Whether a grid's frame contains all ends of segments (n, 4)."""
     x0, y0 = frame[0], frame[1]
     x1, y1 = x0 + frame[3] * frame[2], y0 + frame[4] * frame[2]
     for row in range(len(segments)):
@@ -138,6 +140,6 @@ def covers(frame: Floats, segments: Floats) -> bool:
 
 
 def lines_of(shapes: Sequence[BaseGeometry]) -> Floats:
-    """The sides of shapes as segments (n, 4) of x, y, x, y."""
+    """Sides of shapes as segments (n, 4) of x, y, x, y [m]."""
     kept = [shape for shape in shapes if not shape.is_empty]
     return np.ascontiguousarray(segments_of(np.array(kept, object))[0]) if kept else np.empty((0, 4))

@@ -1,6 +1,6 @@
-"""The virtual sensor: what robots would see of the building from where they stand.
+"""The virtual sensor: scans that robots would make at their poses in the building.
 
-It follows the Omni database floor by floor; walls are those of the map.
+It follows each floor of the Omni database; walls come from the map.
 """
 
 from __future__ import annotations
@@ -23,22 +23,24 @@ from robocorba.maps.movable import landing_doors, standing
 from robocorba.sensing.casting import Scene, cast
 from robocorba.sensing.fan import LASER, MOST_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
-from robocorba.sensing.sight import NOBODY, Sight, lines_of
+from robocorba.sensing.sight import NOBODY, SensedScene, lines_of
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
 from robocorba.spatial.grids import Floats, Longs, column_of, row_of
 
-#: What is older is not sensed any more, s.
+#: Largest age of floor data for a scan [s].
 LAG_LIMIT_S = 1.0
+#: Largest distance of the rays' start from the sensor [m].
 MOST_RIM_M = 100.0
-#: In one call.
+#: Rays of one call at most.
 MOST_RAYS_AT_ONCE = 1_000_000
 NO_NOISE = Noise()
-WHO_STANDS_THERE = -2
+#: Carrier number that denotes the robot at the pose of the scan.
+ROBOT_AT_PLACE = -2
 
 
 class Mount(NamedTuple):
-    """Where on a robot a sensor sits and looks: m ahead and to the left of its middle, rad from straight ahead."""
+    """Pose of a sensor in the robot's frame: ahead, left [m], heading [rad]."""
 
     ahead_m: float = 0.0
     left_m: float = 0.0
@@ -47,7 +49,7 @@ class Mount(NamedTuple):
 
 @dataclass(frozen=True)
 class ScanSpec:
-    """Rays that begin `rim_m` from the sensor and see as far as `fan` says from there. Raises InvalidScan."""
+    """Rays of a fan, measured from a rim at distance `rim_m` around the sensor [m]. Raises InvalidScan."""
 
     fan: Fan
     rim_m: float = 0.0
@@ -62,12 +64,12 @@ class ScanSpec:
 
     @cached_property
     def frame(self) -> tuple[float, float, float, float]:
-        """First angle, step, range and rim."""
+        """First angle, step [rad], range and rim [m]."""
         return self.fan.first_rad, self.fan.step_rad, self.fan.range_m, float(self.rim_m)
 
 
-class Sighting(NamedTuple):
-    """What sensors saw: the simulation's time, places (m, 3) of the sensors, distances (m, rays), m."""
+class ScanResult(NamedTuple):
+    """Result of a scan: simulated time [s], poses (m, 3) of the sensors, distances (m, rays) [m]."""
 
     time: float
     sensors: Floats
@@ -75,90 +77,94 @@ class Sighting(NamedTuple):
 
 
 class VirtualSensor:
-    """One thread tells it what there is; any thread scans. `clock` tells the time in s."""
+    """One thread updates it (`know`, `follow`); scans are thread-safe. `clock` returns the time [s]."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._floors: dict[str, _FloorSight] = {}
+        self._floors: dict[str, _SensedFloor] = {}
 
     @property
     def lag_s(self) -> float:
-        """How old what is known is at most, of the floor that was heard of least recently; infinite for no floor."""
+        """Age of the floor data that was updated least recently [s]; infinite without floors."""
         now = self._clock()
-        return max((now - floor.true_at for floor in self._floors.values()), default=float("inf"))
+        return max((now - floor.valid_at for floor in self._floors.values()), default=float("inf"))
 
     @property
     def robots(self) -> set[str]:
-        """Names of those that are somewhere."""
+        """Names of the robots on all floors."""
         return {name for floor in self._floors.values() for name in floor.numbers}
 
     def know(self, building: Building) -> None:
-        """Take over a map; floors that it does not have are forgotten."""
+        """Take over a map; forget floors that it does not have."""
         for name in [name for name in self._floors if name not in building.floors]:
             del self._floors[name]
         for name in building.floors:
             if name in self._floors:
-                self._floors[name].stand(building)
+                self._floors[name].set_obstacles(building)
             else:
-                self._floors[name] = _FloorSight(name, building)
+                self._floors[name] = _SensedFloor(name, building)
 
     @property
     def floors(self) -> list[str]:
         return list(self._floors)
 
     def warm_up(self) -> None:
-        """Load what following and scanning need, so that the first time takes no longer than the others."""
+        """Compile or load the kernels, so that the first update and scan take no longer than the others."""
         for floor in list(self._floors.values())[:1]:
             place_discs(floor.view.motions, floor.view.moved, floor.view.moved, np.empty(0, bool), np.empty((0, 4)))
-            look(floor.sight.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
+            scan_from(floor.sensed.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
         Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 
     def view(self, floor: str) -> FloorView:
-        """What it was told of a floor. Raises UnknownFloor."""
+        """The copy of a floor. Raises UnknownFloor."""
         return self._floor(floor).view
 
     def version(self, floor: str) -> int:
-        """Of a floor, to ask for what came after."""
+        """Version of the copy of a floor, for the request of later changes. Raises UnknownFloor."""
         return self.view(floor).version
 
     def follow(self, update: FloorUpdate, asked_at: float) -> None:
-        """Take over what changed on a floor, which the Omni database was asked for at this time of the clock.
+        """Apply an update of a floor that was requested from the Omni database at time `asked_at` of the clock [s].
 
         Raises UnknownFloor, OutOfStep."""
         self._floor(update.floor).follow(update, asked_at)
 
-    def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> Sighting:
-        """What sensors on robots at (m, 3) see, x and y in m, heading in rad; not the robot that carries them, which is
-        `carrier` or, where that is None, the one that stands there. Raises InvalidScan, UnknownFloor, SensorBehind."""
+    def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> ScanResult:
+        """Scan with sensors on robots (m, 3) of x, y [m], heading [rad].
+
+        The scan ignores the robot that carries the sensor: `carrier`, or for None the robot at each pose. Raises
+        InvalidScan, UnknownFloor, SensorBehind."""
         here = self._floor(floor)
-        lag_s = self._clock() - here.true_at
+        lag_s = self._clock() - here.valid_at
         if lag_s > LAG_LIMIT_S:
             raise SensorBehind(lag_s, LAG_LIMIT_S)
         _check_rays(len(robots), spec)
-        seen_at, fan = here.view.time, spec.fan
-        scene, numbers = here.seen
-        number = WHO_STANDS_THERE if carrier is None else numbers.get(carrier, NOBODY)
-        is_placed, sensors, carriers, distances = look(scene, robots, mount, number, fan.rays, spec.frame)
+        time_s, fan = here.view.time, spec.fan
+        scene, numbers = here.current
+        number = ROBOT_AT_PLACE if carrier is None else numbers.get(carrier, NOBODY)
+        is_placed, sensors, carriers, distances = scan_from(scene, robots, mount, number, fan.rays, spec.frame)
         if not is_placed:
-            raise InvalidScan("robot", "or where the sensor sits is not a number")
+            raise InvalidScan("robot", "the pose of the robot or of its sensor is not finite")
         if spec.noise:
             distances = spec.noise.disturb(distances, fan.range_m, spec.seed, carriers, 0)
-        return Sighting(seen_at, sensors, distances)
+        return ScanResult(time_s, sensors, distances)
 
     def scan_many(
         self, floors: Sequence[str], robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None
-    ) -> list[Sighting]:
-        """The same of sensors on robots (m, 3) on these floors, one sighting for each. Raises as `scan` does."""
+    ) -> list[ScanResult]:
+        """Scan with sensors on robots (m, 3) on these floors; one result for each. Raises as `scan`."""
         _check_rays(len(robots), spec)
-        found: dict[int, Sighting] = {}
+        found: dict[int, ScanResult] = {}
         for floor in dict.fromkeys(floors):
             places = [place for place, other in enumerate(floors) if other == floor]
-            seen = self.scan(floor, robots[places], mount, spec, carrier)
+            scanned = self.scan(floor, robots[places], mount, spec, carrier)
             for row, place in enumerate(places):
-                found[place] = Sighting(seen.time, seen.sensors[row : row + 1], seen.distances[row : row + 1])
+                found[place] = ScanResult(
+                    scanned.time, scanned.sensors[row : row + 1], scanned.distances[row : row + 1]
+                )
         return [found[place] for place in range(len(robots))]
 
-    def _floor(self, name: str) -> _FloorSight:
+    def _floor(self, name: str) -> _SensedFloor:
         if name not in self._floors:
             raise UnknownFloor("robot", name, list(self._floors))
         return self._floors[name]
@@ -166,51 +172,51 @@ class VirtualSensor:
 
 def _check_rays(robots: int, spec: ScanSpec) -> None:
     if robots * spec.fan.count > MOST_RAYS_AT_ONCE:
-        raise InvalidScan("rays", f"{robots} x {spec.fan.count} are more than {MOST_RAYS_AT_ONCE}")
+        raise InvalidScan("rays", f"{robots} x {spec.fan.count} rays; at most {MOST_RAYS_AT_ONCE} in one call")
 
 
-class _FloorSight:
-    """A floor: what is known of it, and what can be seen of that."""
+class _SensedFloor:
+    """A floor: the copy from the Omni database, and the scene that sensors see."""
 
     def __init__(self, name: str, building: Building) -> None:
         self.view = FloorView(name)
-        self.sight = Sight()
-        #: When all this was true at the latest; long ago for what was never heard of.
-        self.true_at = float("-inf")
+        self.sensed = SensedScene()
+        #: Time of the clock up to which the copy is certainly valid [s]; -inf before the first update.
+        self.valid_at = float("-inf")
         self.numbers: dict[str, int] = {}
         self._discs = np.empty((0, 4))
-        #: Rows of robots in the view's motions.
+        #: Rows of the robots in the view's motions.
         self._robots = np.empty(0, np.int64)
         self._is_object = np.empty(0, bool)
         #: Sides of the objects in their own frames, and the row of the object that each belongs to.
         self._sides, self._side_of = np.empty((0, 4)), np.empty(0, np.int64)
-        self.stand(building)
+        self.set_obstacles(building)
 
-    def stand(self, building: Building) -> None:
+    def set_obstacles(self, building: Building) -> None:
         floor = self.view.floor
-        self.sight.stand(standing(building, floor))
+        self.sensed.set_obstacles(standing(building, floor))
         self._doors = {
             name: lines_of([landing_doors(building, name, floor)])
             for name, elevator in building.elevators.items()
             if floor in elevator.floors()
         }
-        self.sight.move(self._discs, self._things())
-        #: What can be seen, and the robots' numbers in it: replaced together.
-        self.seen = self.sight.scene, self.numbers
+        self.sensed.move(self._discs, self._moving_segments())
+        #: Scene and the robots' numbers in it, replaced together.
+        self.current = self.sensed.scene, self.numbers
 
     def follow(self, update: FloorUpdate, asked_at: float) -> None:
         has_changed = self.view.apply(update)
         if has_changed:
-            self._sort()
+            self._rebuild()
         view = self.view
         discs, has_pushed = place_discs(view.motions, view.moved, self._robots, self._is_object, self._discs)
         is_other = has_changed or update.elevators or has_pushed
-        self.sight.move(discs, self._things() if is_other else None)
-        self._discs, self.true_at = discs, asked_at
-        self.seen = self.sight.scene, self.numbers
+        self.sensed.move(discs, self._moving_segments() if is_other else None)
+        self._discs, self.valid_at = discs, asked_at
+        self.current = self.sensed.scene, self.numbers
 
-    def _sort(self) -> None:
-        """Bodies came or went."""
+    def _rebuild(self) -> None:
+        """Rebuild the discs and sides after bodies came or went."""
         bodies = list(self.view.bodies.values())
         robots = [body for body in bodies if body.kind is BodyKind.ROBOT]
         objects = [body for body in bodies if body.kind is BodyKind.OBJECT]
@@ -223,21 +229,21 @@ class _FloorSight:
         self._sides = np.concatenate(sides) if sides else np.empty((0, 4))
         self._side_of = np.repeat(np.flatnonzero(~is_robot), [len(ring) for ring in sides])
 
-    def _things(self) -> Floats:
-        """What comes and goes beside robots, as segments: movable objects, and doors of elevators that are not open."""
+    def _moving_segments(self) -> Floats:
+        """Segments (n, 4) of movable objects and of elevator doors that are not open."""
         objects = place_sides(self.view.motions, self._side_of, self._sides)
         return np.concatenate([objects, *(lines for name, lines in self._doors.items() if not self._is_open(name))])
 
     def _is_open(self, elevator: str) -> bool:
-        moment = self.view.elevators.get(elevator)
-        return bool(moment and moment.floor == self.view.floor and moment.doors is Doors.OPEN)
+        state = self.view.elevators.get(elevator)
+        return bool(state and state.floor == self.view.floor and state.doors is Doors.OPEN)
 
 
 @kernel
 def place_discs(
     motions: Motions, moved: Longs, robots: Longs, is_object: NDArray[np.bool_], discs: Floats
 ) -> tuple[Floats, bool]:
-    """The discs (n, 4) of the robots in these rows where they are now, and whether an object is among what moved."""
+    """Current discs (n, 4) of the robots in rows `robots`, and whether one of the rows `moved` is an object."""
     placed = discs.copy()
     for disc in range(len(robots)):
         motion = motions[robots[disc]]
@@ -250,7 +256,7 @@ def place_discs(
 
 @kernel
 def place_sides(motions: Motions, side_of: Longs, sides: Floats) -> Floats:
-    """Sides (n, 4) of objects in their own frames, where these are now; `side_of` has the row of each side's object."""
+    """Transform sides (n, 4) from the objects' frames to the floor; `side_of` has the row of each side's object."""
     placed = np.empty_like(sides)
     for side in range(len(sides)):
         motion = motions[side_of[side]]
@@ -263,7 +269,7 @@ def place_sides(motions: Motions, side_of: Longs, sides: Floats) -> Floats:
 
 
 @kernel
-def look(
+def scan_from(
     scene: Scene,
     robots: Floats,
     mount: Mount,
@@ -271,10 +277,10 @@ def look(
     rays: tuple[Floats, Floats],
     frame: tuple[float, float, float, float],
 ) -> tuple[bool, Floats, Longs, Floats]:
-    """What sensors that sit like this on robots (m, 3) see, carried by the robot of this number.
+    """Scan with sensors mounted on robots (m, 3), carried by the robot number `carrier`.
 
-    Whether all places are numbers; if so places (m, 3) of the sensors, numbers (m,) of the robots that carry them, and
-    distances (m, rays) from the rim, m. Rays are those of a Fan, `frame` is that of a ScanSpec."""
+    Returns whether all poses are finite, poses (m, 3) of the sensors, numbers (m,) of their carriers, and distances
+    (m, rays) from the rim [m]. rays: of a Fan. frame: of a ScanSpec."""
     ahead_m, left_m, heading = mount
     cosines, sines = rays
     first, step, range_m, rim_m = frame
@@ -290,9 +296,9 @@ def look(
         total += 0.0 * (sensors[row, 0] + sensors[row, 1] + sensors[row, 2])
     if total != 0.0:
         return False, sensors, carriers, np.empty((0, 0))
-    if carrier == WHO_STANDS_THERE:
+    if carrier == ROBOT_AT_PLACE:
         for row in range(m):
-            carriers[row] = standing_at(robots[row, 0], robots[row, 1], scene)
+            carriers[row] = robot_at(robots[row, 0], robots[row, 1], scene)
     distances = cast(scene, sensors, carriers, cosines, sines, first, step, range_m + rim_m)
     if rim_m > 0.0:
         for row in range(m):
@@ -303,8 +309,8 @@ def look(
 
 
 @kernel
-def standing_at(x: float, y: float, scene: Scene) -> int:
-    """Number of the disc around a place, NOBODY for none."""
+def robot_at(x: float, y: float, scene: Scene) -> int:
+    """Number of the robot whose disc contains a point; NOBODY for none."""
     found, nearest = NOBODY, 0.0
     frame = scene.standing.frame
     cell = row_of(frame, y) * int(frame[3]) + column_of(frame, x)

@@ -1,1 +1,1 @@
-"""The simulated building: floors with robots and objects that move by physics, elevators, time. No CORBA here."""
+"""The simulated building: floors with robots and objects under physics, elevators, simulated time. No CORBA here."""

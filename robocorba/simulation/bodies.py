@@ -1,6 +1,6 @@
-"""All moving bodies of a pymunk space, read and written at once: a thirtieth of what it costs one by one.
+"""Batched access to all moving bodies of a pymunk space, 30 times cheaper than one by one.
 
-`pymunk.batch` reads and writes them too, but what it makes anew for a call costs more than the call itself.
+`pymunk.batch` does the same, but allocates buffers in every call, which costs more than the call itself.
 """
 
 from __future__ import annotations
@@ -19,47 +19,46 @@ _write_one = ffi.addressof(lib, "pmSpaceBodySetIteratorFuncBatched")
 
 
 class Bodies:
-    """A row for each, in the order in which pymunk keeps them.
+    """One row for each body, in pymunk's order.
 
-    Whenever a body has come or gone, `sort` comes before everything else: the rows are where Chipmunk reads and writes
-    by itself."""
+    Call `rebuild` after adding or removing a body, before anything else: Chipmunk accesses the rows directly."""
 
-    #: Rows (n, 6) of x, y, heading, velocity in x and y, turn.
+    #: Rows (n, 6) of x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s].
     state: Floats
-    #: Rows (n, 3) of velocity in x and y, turn, to be written.
+    #: Rows (n, 3) of velocity along x and y, turn, for `write`.
     velocities: Floats
 
     def __init__(self, space: pymunk.Space) -> None:
         self._space = space
         self._first, self._second = ffi.new("cpBody *[1]"), ffi.new("cpBody *[1]")
 
-    def sort(self) -> list[int]:
-        """Make rows for the bodies that there are now, of zeros; their ids."""
+    def rebuild(self) -> list[int]:
+        """Allocate zeroed rows for the current bodies; return the ids of the bodies, row by row."""
         found = Buffer()
         get_space_bodies(self._space, BodyFields.BODY_ID, found)
         ids: list[int] = np.frombuffer(found.int_buf(), np.uintp).tolist()
-        # A row more, since pymunk would look for a larger place before the last one is full.
+        # One spare row, since pymunk reallocates before the last row is full.
         state, self.velocities = np.zeros((len(ids) + 1, 6)), np.zeros((len(ids), 3))
         self._reading, self._writing = _Batch(_STATE, state), _Batch(_MOTION, self.velocities)
         self.state = state[:-1]
         return ids
 
     def touching(self, arbiter: pymunk.Arbiter) -> list[int]:
-        """Ids of the two bodies that an arbiter is about, without making objects of them and their shapes."""
+        """Ids of the two bodies of an arbiter, without creating Python objects for them."""
         lib.cpArbiterGetBodies(arbiter._arbiter, self._first, self._second)
         return [int(ffi.cast("uintptr_t", lib.cpBodyGetUserData(one[0]))) for one in (self._first, self._second)]
 
     def read(self) -> None:
-        """Let `state` be what the space has."""
+        """Copy the state of all bodies to `state`."""
         self._reading.each(self._space, _read_one)
 
     def write(self) -> None:
-        """Let the bodies have `velocities`."""
+        """Set the velocities of all bodies from `velocities`."""
         self._writing.each(self._space, _write_one)
 
 
 class _Batch:
-    """What Chipmunk's functions for a body work on: fields of it, from or to the next of the rows."""
+    """Buffer of Chipmunk's batch functions: the given fields of one body after another, row by row."""
 
     def __init__(self, fields: BodyFields, rows: Floats) -> None:
         self._buffer = Buffer()

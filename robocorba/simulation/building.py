@@ -1,7 +1,7 @@
-"""The simulated building: floors with their physics, elevators between them, and time.
+"""The simulated building: floors with their physics, elevators between them, and simulated time.
 
-Robots and objects belong to the floor on which they stand. A cabin takes along whatever stands in its shaft, which
-is on the floor where the ride begins until the doors open elsewhere.
+Every robot and object belongs to one floor. A cabin moves all bodies within its shaft; these belong to the floor where
+the ride begins until the cabin arrives.
 """
 
 from __future__ import annotations
@@ -17,27 +17,31 @@ from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide,
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import landing_doors, movables, outline, standing
-from robocorba.simulation.elevator import Cabin, Phase, Ride
+from robocorba.simulation.elevator import Cabin, Phase, RideStatus
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservations, Wanted
 from robocorba.simulation.world_record import RobotRecord, WorldRecord
-from robocorba.spatial.elevator_state import Doors, Moment
-from robocorba.spatial.floor_state import Pose, State
+from robocorba.spatial.elevator_state import Doors, ElevatorState
+from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
 
-#: Mass of a movable object, kg for a square metre of its outline; maps don't tell it.
+#: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses.
 KG_A_SQUARE_METRE = 9.0
-#: How far a hand reaches from the middle of its robot, m; how hard it holds, and what it carries.
-REACH_M, HAND_FORCE_N, PAYLOAD_KG = 1.0, 200.0, 4.0
-#: A hand holds a place on or at an object, no farther from its outline, m.
+#: Reach of a hand from the robot's centre [m].
+REACH_M = 1.0
+#: Largest force of a grip [N].
+HAND_FORCE_N = 200.0
+#: Mass that one hand carries [kg].
+PAYLOAD_KG = 4.0
+#: Largest distance of a grip point from the object's outline [m].
 HANDLE_M = 0.05
-#: A command holds for at most so long, s.
+#: Longest validity of a velocity command [s].
 MOST_VALID_S = 5.0
 
 
-class Robot:
-    """A robot in the building. `command`, `state` and `holding` are safe from any thread, at any time."""
+class SimulatedRobot:
+    """A robot in the building. `command`, `brake`, `state` and `holding` are thread-safe."""
 
     __slots__ = ("_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
 
@@ -46,16 +50,18 @@ class Robot:
         self.body = _robot_body(description.name)
         self.floor, self.physics = floor, physics
         self.collisions = 0
-        #: What it collided with last: a robot or an object, empty for what stands.
+        #: Robot or object of the last collision; empty for a wall or another static obstacle.
         self.touched = ""
-        self._last = State(physics.time, description.pose, (0.0, 0.0, 0.0))
+        self._last = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0))
 
     @property
     def name(self) -> str:
         return self.description.name
 
     def command(self, ahead: float, left: float, turn: float, valid_s: float) -> None:
-        """Move like this (m/s, rad/s) for `valid_s` of simulated time, unless told again. Raises InvalidCommand."""
+        """Set the velocity [m/s, rad/s] for `valid_s` of simulated time or until the next command.
+
+        Raises InvalidCommand."""
         if not math.isfinite(ahead + left + turn):
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
         if not 0.0 <= valid_s <= MOST_VALID_S:
@@ -63,26 +69,25 @@ class Robot:
         self.physics.command(self.body, ahead, left, turn, valid_s)
 
     def brake(self) -> None:
-        """Stand as soon as the ground allows, until another command."""
+        """Stop as fast as ground friction allows, until the next command."""
         self.physics.brake(self.body)
 
     @property
     def holding(self) -> str:
-        """The object that it holds, empty for none."""
+        """Name of the held object; empty for none."""
         return _owner(self.physics.holding(self.body))
 
-    def state(self) -> State:
-        """After the last step."""
-        seen = self.physics.seen
-        row = seen.row_of.get(self.body)
-        if row is not None:  # else it came, or changes floors, this very moment
-            self._last = seen.states[row]
+    def state(self) -> RobotMotion:
+        """Pose and velocity after the last step."""
+        snapshot = self.physics.snapshot
+        row = snapshot.row_of.get(self.body)
+        if row is not None:  # else it was just added or is changing floors
+            self._last = snapshot.states[row]
         return self._last
 
 
 class Happening(NamedTuple):
-    """Something that robots and the monitor are told: "collision", "grip lost", "ride lost" or
-    "reservation over"."""
+    """A published event of the simulation. kind: "collision", "grip lost", "ride lost" or "reservation over"."""
 
     time: float
     floor: str
@@ -92,42 +97,42 @@ class Happening(NamedTuple):
 
 
 class SimulatedBuilding:
-    """Floors and elevators as `building` has them; movable objects stand where it says until they are moved.
+    """Simulation of `building`; movable objects start at their places on the map.
 
-    One thread uses it, except for what Robot says."""
+    One thread may use it, except for the members of SimulatedRobot and the methods that are thread-safe."""
 
     def __init__(self, building: Building) -> None:
         self.building = Building(building.name)
-        self.robots: dict[str, Robot] = {}
+        self.robots: dict[str, SimulatedRobot] = {}
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
-        #: What there is to see of the elevators, after the last step.
-        self.moments: Mapping[str, Moment] = {}
-        #: Of robots that have to do with an elevator, likewise.
-        self.rides: Mapping[str, Ride] = {}
-        #: Movable objects: as they are on the map, and their floor now.
+        #: State of the elevators after the last step, by name.
+        self.moments: Mapping[str, ElevatorState] = {}
+        #: Rides after the last step, by robot.
+        self.rides: Mapping[str, RideStatus] = {}
+        #: Movable objects by name: the object on the map, and its current floor.
         self.objects: dict[str, tuple[MapObject, str]] = {}
-        #: Robots and objects by the name of their body.
+        #: Published bodies of robots and objects, by the name of the physical body.
         self.bodies: dict[str, Body] = {}
-        #: Areas that robots keep for themselves; a floor that is gone keeps nobody out.
+        #: Areas reserved by robots; reservations on a removed floor block nobody.
         self.reservations = Reservations()
         self._steps = self._numbers = 0
-        self._where: dict[str, tuple[str, Doors]] = {}
+        self._last_cabins: dict[str, tuple[str, Doors]] = {}
         self._shafts: dict[str, shapely.Polygon] = {}
-        self._resting: set[str] = set()
+        self._idle: set[str] = set()
         self.update(building)
 
     @property
     def time(self) -> float:
-        """Of the simulation, s."""
+        """Simulated time [s]."""
         return self._steps * STEP_S
 
     # ---- the map ----
 
     def update(self, building: Building) -> list[str]:
-        """Follow an edited map; the robots that are gone with their floors.
+        """Take over an edited map; return the robots that were removed with their floors.
 
-        Objects that the edit did not touch stay where they were pushed. A ride in an elevator that changed is lost."""
+        Objects that the edit did not change keep their simulated places. Rides of a changed elevator are lost."""
         before, self.building = self.building, building
         gone = [robot.name for robot in self.robots.values() if robot.floor not in building.floors]
         for robot in gone:
@@ -139,7 +144,7 @@ class SimulatedBuilding:
         for name, entry in building.floors.items():
             was = before.floors.get(name)
             if entry is not was or building.elevators is not before.elevators:
-                self.floors[name].stand(standing(building, name))
+                self.floors[name].set_obstacles(standing(building, name))
         self._update_objects(before)
         for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:
             self._remove_cabin(name, before.elevators[name])
@@ -154,27 +159,27 @@ class SimulatedBuilding:
         was, after = movables(before), movables(self.building)
         for name in [name for name in self.objects if after.get(name) != was[name]]:
             self._remove_object(name)
-        for name, (thing, floor) in after.items():
+        for name, (map_object, floor) in after.items():
             if name not in self.objects:
-                self._add_object(name, thing, floor)
+                self._add_object(name, map_object, floor)
 
     def _add_cabin(self, name: str, cabin: Cabin) -> None:
         self.cabins[name] = cabin
         self._shafts[name] = shaft_polygon(cabin.elevator)
-        self._where[name] = (cabin.floor, Doors.CLOSED)
+        self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
         for floor in cabin.heights:
-            self._shut(name, floor)
+            self._close_landing(name, floor)
 
     def _remove_cabin(self, name: str, elevator: Elevator) -> None:
         for floor in elevator.floors():
             if floor in self.floors:
                 self.floors[floor].open(f"landing/{name}")
-        del self.cabins[name], self._where[name], self._shafts[name]
+        del self.cabins[name], self._last_cabins[name], self._shafts[name]
 
     # ---- robots ----
 
-    def add(self, description: Description) -> Robot:
-        """Let a robot stand where it says. Raises UnknownFloor, PlaceTaken; its name must be free."""
+    def add(self, description: Description) -> SimulatedRobot:
+        """Add a robot at the pose of its description; its name must be free. Raises UnknownFloor, PlaceTaken."""
         floor, x, y, _ = description.pose
         if floor not in self.floors:
             raise UnknownFloor("start", floor, list(self.floors))
@@ -184,7 +189,7 @@ class SimulatedBuilding:
         return self._add_new(description, description.pose)
 
     def remove(self, name: str) -> None:
-        """Take a robot away, with its rides, what it held and what it reserved. Raises UnknownRobot."""
+        """Remove a robot with its ride, grip and reservation. Raises UnknownRobot."""
         robot = self._robot(name)
         robot.physics.remove(robot.body)
         del self.robots[name], self.bodies[robot.body]
@@ -192,33 +197,35 @@ class SimulatedBuilding:
         self.reservations.release(name)
 
     def pose(self, name: str) -> Pose:
-        """Where a robot is. Raises UnknownRobot."""
+        """Current pose of a robot. Raises UnknownRobot."""
         robot = self._robot(name)
         return Pose(robot.floor, *robot.physics.pose(robot.body))
 
-    def grip(self, name: str, thing: str, at: tuple[float, float]) -> None:
-        """Hold an object at a place, x and y in m. Raises UnknownRobot, CannotGrip."""
+    def grip(self, name: str, object_name: str, at: tuple[float, float]) -> None:
+        """Grip an object at the point `at` [m]. Raises UnknownRobot, CannotGrip."""
         robot = self._robot(name)
-        if thing not in self.objects or self.objects[thing][1] != robot.floor:
-            raise CannotGrip(thing, f"there is no such movable object on {robot.floor}")
+        if object_name not in self.objects or self.objects[object_name][1] != robot.floor:
+            raise CannotGrip(object_name, f"there is no such movable object on {robot.floor}")
         if not math.isfinite(at[0] + at[1]):
-            raise CannotGrip(thing, f"({at[0]}, {at[1]}) is not a place")
+            raise CannotGrip(object_name, f"({at[0]}, {at[1]}) is not a finite point")
         x, y, _ = robot.physics.pose(robot.body)
         away = math.hypot(at[0] - x, at[1] - y)
         if away > REACH_M:
-            raise CannotGrip(thing, f"({at[0]:g}, {at[1]:g}) is {away:.2f} m away; hands reach {REACH_M:g} m")
-        beside = robot.physics.distance(_object_body(thing), at)
+            raise CannotGrip(object_name, f"({at[0]:g}, {at[1]:g}) is {away:.2f} m away; hands reach {REACH_M:g} m")
+        beside = robot.physics.distance(_object_body(object_name), at)
         if beside > HANDLE_M:
-            raise CannotGrip(thing, f"({at[0]:g}, {at[1]:g}) is {beside:.2f} m beside it")
-        robot.physics.grip(robot.body, _object_body(thing), at, HAND_FORCE_N, PAYLOAD_KG)
+            raise CannotGrip(
+                object_name, f"({at[0]:g}, {at[1]:g}) is {beside:.2f} m off its outline; at most {HANDLE_M:g} m"
+            )
+        robot.physics.grip(robot.body, _object_body(object_name), at, HAND_FORCE_N, PAYLOAD_KG)
 
     def release(self, name: str) -> None:
-        """Let go of what it holds, if it does. Raises UnknownRobot."""
+        """Release the held object, if any. Raises UnknownRobot."""
         robot = self._robot(name)
         robot.physics.release(robot.body)
 
     def call_elevator(self, name: str, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Reserve a ride from the floor where a robot is, alone or in a party of so many.
+        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.
 
         Raises UnknownRobot, InvalidRide, ElevatorFull."""
         robot = self._robot(name)
@@ -226,81 +233,81 @@ class SimulatedBuilding:
             raise InvalidRide("elevator", f"there is no {elevator[:80]!r}")
         called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
         if called:
-            raise InvalidRide("elevator", f"{name} has called {called} already")
+            raise InvalidRide("elevator", f"{name} has already called {called}")
         self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size)
-        self._look_at_cabins()
+        self._update_elevator_states()
 
     def give_up_elevator(self, name: str) -> None:
-        """Not ride any more, if it wanted to."""
+        """Cancel the robot's ride, if any."""
         for cabin in self.cabins.values():
             if name in cabin.sessions:
-                cabin.give_up(name)
-        self._look_at_cabins()
+                cabin.cancel(name)
+        self._update_elevator_states()
 
     def reserve(self, name: str, wanted: Wanted) -> None:
-        """Ask for areas. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
+        """Request areas for a robot. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
         self._robot(name)
         self.reservations.reserve(name, wanted)
 
     # ---- time ----
 
     def step(self) -> list[Happening]:
-        """Let STEP_S pass; what happened."""
+        """Advance time by STEP_S; return the events."""
         self._steps += 1
-        happened = []
+        events = []
         for name, floor in self.floors.items():
             contacts, lost = floor.step()
             for first, second in contacts:
-                self._collided(first, second)
-                self._collided(second, first)
-                who = tuple(_owner(body) for body in (first, second) if body)
-                happened.append(Happening(self.time, name, "collision", who))
+                self._count_collision(first, second)
+                self._count_collision(second, first)
+                bodies = tuple(_owner(body) for body in (first, second) if body)
+                events.append(Happening(self.time, name, "collision", bodies))
             for robot in lost:
-                happened.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
+                events.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
         for name, cabin in self.cabins.items():
             if cabin.sessions:
-                self._see_who_moved(name, cabin)
+                self._detect_entry_and_exit(name, cabin)
             cabin.advance(STEP_S)
-            self._follow(name, cabin)
+            self._apply_cabin_state(name, cabin)
             for rider, why in cabin.ended:
-                happened.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
+                events.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
             cabin.ended.clear()
         for over in self.reservations.advance(self.time):
             why = f"its limit of {over.limit_s:g} s is over"
-            happened.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
-        self._look_at_cabins()
-        return happened
+            events.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
+        self._update_elevator_states()
+        return events
 
     def refresh(self) -> None:
-        """Let whoever came or went be seen, also while time stands."""
+        """Update the published state after bodies or calls changed, also while time is paused."""
         for floor in self.floors.values():
             floor.refresh()
-        self._look_at_cabins()
+        self._update_elevator_states()
 
-    def moments_on(self, floor: str) -> dict[str, Moment]:
-        """Of the elevators that serve a floor. Safe from any thread."""
+    def moments_on(self, floor: str) -> dict[str, ElevatorState]:
+        """State of the elevators that serve a floor, by name. Thread-safe."""
         served = self.building.elevators
         return {
-            name: moment for name, moment in self.moments.items() if name in served and floor in served[name].floors()
+            name: state for name, state in self.moments.items() if name in served and floor in served[name].floors()
         }
 
-    def _look_at_cabins(self) -> None:
-        """Replaced whole, for readers in other threads; one that rests was looked at before."""
-        resting = {name for name, cabin in self.cabins.items() if cabin.is_at_rest}
-        if len(self.moments) == len(self.cabins) == len(resting) and resting == self._resting:
+    def _update_elevator_states(self) -> None:
+        """Replace both maps as a whole, for readers in other threads; skip this while all elevators stay idle."""
+        idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
+        if len(self.moments) == len(self.cabins) == len(idle) and idle == self._idle:
             return
-        self._resting = resting
-        self.moments = {name: cabin.moment() for name, cabin in self.cabins.items()}
+        self._idle = idle
+        self.moments = {name: cabin.state() for name, cabin in self.cabins.items()}
         self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
 
-    def _collided(self, body: str, other: str) -> None:
+    def _count_collision(self, body: str, other: str) -> None:
         robot = self.robots.get(_owner(body)) if body.startswith(_ROBOT) else None
         if robot:
             robot.collisions += 1
             robot.touched = _owner(other)
 
-    def _see_who_moved(self, name: str, cabin: Cabin) -> None:
-        """A robot that stands in the cabin has entered; one that is clear of it has left."""
+    def _detect_entry_and_exit(self, name: str, cabin: Cabin) -> None:
+        """Advance the rides of robots that are completely inside or completely outside the cabin."""
         shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
             if session.phase not in (Phase.BOARDING, Phase.ALIGHTING):
@@ -309,86 +316,86 @@ class SimulatedBuilding:
             inside = shaft.exterior.distance(shapely.Point(pose.x, pose.y))
             is_in = shaft.contains(shapely.Point(pose.x, pose.y))
             if session.phase is Phase.BOARDING and is_in and inside >= session.radius_m:
-                if not (session.party and self._is_shared(name, cabin, session.party)):
+                if not (session.party and self._has_stranger(name, cabin, session.party)):
                     cabin.enter(session.robot)
             elif session.phase is Phase.ALIGHTING and not is_in and inside >= session.radius_m:
                 cabin.leave(session.robot)
 
-    def _is_shared(self, name: str, cabin: Cabin, party: str) -> bool:
-        """Whether a robot that is not of a party stands in the cabin."""
+    def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:
+        """Whether a robot that is not of the party is in the cabin."""
         of_party = {_robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
-        return any(body.startswith(_ROBOT) and body not in of_party for body in self._inside(name, cabin.floor))
+        return any(body.startswith(_ROBOT) and body not in of_party for body in self._bodies_inside(name, cabin.floor))
 
-    def _inside(self, elevator: str, floor: str) -> list[str]:
-        """The bodies in an elevator's shaft on a floor."""
+    def _bodies_inside(self, elevator: str, floor: str) -> list[str]:
+        """Names of the bodies within an elevator's shaft on a floor."""
         rows = self.floors[floor].state()
         shaft = self._shafts[elevator]
         return [body for body, row in rows.items() if shaft.contains(shapely.Point(row[0], row[1]))]
 
-    def _follow(self, name: str, cabin: Cabin) -> None:
-        """Open and close the landing doors, and take along who is inside."""
-        before, doors = self._where[name]
+    def _apply_cabin_state(self, name: str, cabin: Cabin) -> None:
+        """Open and close landing doors by the cabin's state; move the bodies in it when it changes floors."""
+        before, doors = self._last_cabins[name]
         if (cabin.floor, cabin.doors) == (before, doors):
             return
-        self._where[name] = (cabin.floor, cabin.doors)
+        self._last_cabins[name] = (cabin.floor, cabin.doors)
         if cabin.floor != before:
-            self._move(name, before, cabin.floor)
+            self._transfer(name, before, cabin.floor)
         if cabin.doors is Doors.OPEN:
             self.floors[cabin.floor].open(f"landing/{name}")
         elif doors is Doors.OPEN:
-            self._shut(name, before)
+            self._close_landing(name, before)
 
-    def _move(self, elevator: str, origin: str, destination: str) -> None:
-        """What is in the cabin goes along, and what holds goes on holding."""
+    def _transfer(self, elevator: str, origin: str, destination: str) -> None:
+        """Move all bodies in the cabin to another floor, and restore their grips there."""
         before, after = self.floors[origin], self.floors[destination]
-        inside = self._inside(elevator, origin)
+        inside = self._bodies_inside(elevator, origin)
         poses = {body: before.pose(body) for body in inside}
         grips = {body: held for body in inside if (held := before.held(body))}
         for body, pose in poses.items():
             before.remove(body)
             if body.startswith(_ROBOT):
-                self._stand(self.robots[_owner(body)], destination, pose)
+                self._place_robot(self.robots[_owner(body)], destination, pose)
             else:
-                self._stand_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
-        for body, (thing, at) in grips.items():
-            if thing in poses:
-                after.grip(body, thing, at, HAND_FORCE_N, PAYLOAD_KG)
+                self._place_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
+        for body, (held_body, at) in grips.items():
+            if held_body in poses:
+                after.grip(body, held_body, at, HAND_FORCE_N, PAYLOAD_KG)
 
-    def _shut(self, elevator: str, floor: str) -> None:
+    def _close_landing(self, elevator: str, floor: str) -> None:
         self.floors[floor].shut(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
 
     # ---- bodies ----
 
-    def _robot(self, name: str) -> Robot:
+    def _robot(self, name: str) -> SimulatedRobot:
         if name not in self.robots:
             raise UnknownRobot(name)
         return self.robots[name]
 
-    def _add_new(self, description: Description, pose: Pose) -> Robot:
-        robot = Robot(description, self._number(), pose.floor, self.floors[pose.floor])
+    def _add_new(self, description: Description, pose: Pose) -> SimulatedRobot:
+        robot = SimulatedRobot(description, self._number(), pose.floor, self.floors[pose.floor])
         self.robots[description.name] = robot
         self.bodies[robot.body] = Body(
             robot.number, BodyKind.ROBOT, robot.name, description.radius_m, (), description.mass_kg
         )
-        self._stand(robot, pose.floor, pose[1:])
+        self._place_robot(robot, pose.floor, pose[1:])
         return robot
 
-    def _stand(self, robot: Robot, floor: str, pose: tuple[float, float, float]) -> None:
+    def _place_robot(self, robot: SimulatedRobot, floor: str, pose: tuple[float, float, float]) -> None:
         about = robot.description
         self.floors[floor].add_robot(robot.body, pose, about.radius_m, about.mass_kg, about.limits)
         robot.floor, robot.physics = floor, self.floors[floor]
 
-    def _add_object(self, name: str, thing: MapObject, floor: str) -> None:
-        self._stand_object(name, thing, floor, (*thing.at, thing.heading))
-        corners = list(outline(thing).exterior.coords[:-1])
+    def _add_object(self, name: str, map_object: MapObject, floor: str) -> None:
+        self._place_object(name, map_object, floor, (*map_object.at, map_object.heading))
+        corners = list(outline(map_object).exterior.coords[:-1])
         radius_m = max(math.hypot(x, y) for x, y in corners)
         body = _object_body(name)
         mass_kg = self.floors[floor].mass_kg(body)
         self.bodies[body] = Body(self._number(), BodyKind.OBJECT, name, radius_m, tuple(corners), mass_kg)
 
-    def _stand_object(self, name: str, thing: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
-        shape = outline(thing)
-        self.objects[name] = (thing, floor)
+    def _place_object(self, name: str, map_object: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
+        shape = outline(map_object)
+        self.objects[name] = (map_object, floor)
         self.floors[floor].add_object(_object_body(name), pose, shape, KG_A_SQUARE_METRE * shape.area)
 
     def _remove_object(self, name: str) -> None:
@@ -401,10 +408,10 @@ class SimulatedBuilding:
         self._numbers += 1
         return self._numbers
 
-    # ---- what is kept ----
+    # ---- records ----
 
     def record(self) -> WorldRecord:
-        """Everything that is not on the map, to go on from."""
+        """Everything that the map does not hold, for `restore`."""
         robots = {}
         for robot in self.robots.values():
             held = robot.physics.held(robot.body)
@@ -417,17 +424,17 @@ class SimulatedBuilding:
         return WorldRecord(self._steps, robots, objects, cabins, reservations=self.reservations.record())
 
     def restore(self, world: WorldRecord, robots: list[Description]) -> None:
-        """Go on from a record with these robots, in a building that is as its map says; everything stands still.
+        """Restore a record with these robots in a freshly built building; all bodies start at rest.
 
-        What is not on the map any more is left out; robots that the record does not know stand where they began."""
+        Skips what the map no longer has. Robots that are not in the record get their start poses."""
         self._steps = world.steps
         for physics in self.floors.values():
-            physics.go_on_from(world.steps)
+            physics.set_steps(world.steps)
         for name, (floor, x, y, heading) in world.objects.items():
             if name in self.objects and floor in self.floors:
-                thing, before = self.objects[name]
+                map_object, before = self.objects[name]
                 self.floors[before].remove(_object_body(name))
-                self._stand_object(name, thing, floor, (x, y, heading))
+                self._place_object(name, map_object, floor, (x, y, heading))
         for about in robots:
             known = world.robots.get(about.name)
             place = Pose(known.floor, known.x, known.y, known.heading) if known else about.pose
@@ -436,12 +443,12 @@ class SimulatedBuilding:
             robot = self._add_new(about, place)
             robot.collisions = known.collisions if known else 0
             if known and known.grip and self.objects.get(known.grip[0], (None, ""))[1] == place.floor:
-                thing_name, x, y = known.grip
-                robot.physics.grip(robot.body, _object_body(thing_name), (x, y), HAND_FORCE_N, PAYLOAD_KG)
+                held_name, x, y = known.grip
+                robot.physics.grip(robot.body, _object_body(held_name), (x, y), HAND_FORCE_N, PAYLOAD_KG)
         for name, cabin in self.cabins.items():
             if name in world.cabins and world.cabins[name].floor in cabin.heights:
                 cabin.restore(world.cabins[name], self.time, self.robots.keys())
-                self._where[name] = (cabin.floor, Doors.CLOSED)
+                self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
             else:
                 cabin.now = self.time
         known_here = world.robots.keys() & self.robots.keys()
@@ -456,8 +463,8 @@ def _robot_body(robot: str) -> str:
     return f"{_ROBOT}{robot}"
 
 
-def _object_body(thing: str) -> str:
-    return f"object/{thing}"
+def _object_body(name: str) -> str:
+    return f"object/{name}"
 
 
 def _owner(body: str) -> str:

@@ -1,4 +1,4 @@
-"""The communication management agent: lets robots log on to the simulated building, and off, and lets time pass."""
+"""The communication management agent: robots log on and off, and simulated time runs."""
 
 from __future__ import annotations
 
@@ -17,28 +17,30 @@ from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import Happening, SimulatedBuilding
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import LastScan, OmniDatabase
-from robocorba.simulation.registry import Client, Description, Registry
+from robocorba.simulation.registry import Description, Registry, RobotClient
 from robocorba.simulation.session import Session
-from robocorba.simulation.simulation_loop import Pace, check_pace
-from robocorba.simulation.state_writer import Keeper
+from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
+from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
 
-#: Robots at most, unless an administrator chose another limit, and how many he may choose.
-DEFAULT_LIMIT, MOST_ROBOTS = 300, 10_000
-#: Poses are kept at least so often, s: twice as often as what may be lost by a kill.
-KEEP_S = 0.1
-#: Leases are looked at so often, s.
-LEASE_CHECK_S = 0.1
-#: Event rates are those of so many seconds.
-RATE_S = 2.0
+#: Default limit of logged-on robots.
+DEFAULT_LIMIT = 300
+#: Highest limit that an administrator may set.
+MOST_ROBOTS = 10_000
+#: Interval between writes of all poses [s]; a kill may lose at most twice as much.
+WRITE_INTERVAL_S = 0.1
+#: Interval between checks of leases [s].
+LEASE_CHECK_INTERVAL_S = 0.1
+#: Window over which the event rate is averaged [s].
+RATE_WINDOW_S = 2.0
 
 _log = logging.getLogger(__name__)
 
 
 class ServerState(NamedTuple):
-    """limit and robots: that may be, and are, logged on. pace: simulated seconds in a second, as asked for (0: as many
-    as possible) and achieved. event_rate: happenings a second."""
+    """State of the server. limit, robots: allowed and logged-on robots. time: simulated [s]. pace, achieved: requested
+    (0: as fast as possible) and achieved simulated seconds per second. event_rate: published events per second."""
 
     limit: int
     robots: int
@@ -52,80 +54,80 @@ class ServerState(NamedTuple):
 
 
 class ManagementAgent:
-    """The simulation of a building, as `store` remembers it, else as it is on the map.
+    """The simulation of a building, restored from `store` or, without a record, started from the map.
 
-    announce: is told what happens, in the thread of the simulation; must not wait. gone: is told whose session ended.
-    Everything else is safe from any thread, once `start` was called. Leases run from `begin_leases` on."""
+    publish: called with each event in the simulation thread; must not block. session_ended: called with each ended
+    session. After `start`, everything is thread-safe except `step`. Leases run from `begin_leases` on."""
 
     def __init__(
         self,
         building: Building,
         map_version: int,
         store: SimulationStore,
-        announce: Callable[[Happening], None] = lambda happening: None,
-        gone: Callable[[Session], None] = lambda session: None,
+        publish: Callable[[Happening], None] = lambda happening: None,
+        session_ended: Callable[[Session], None] = lambda session: None,
     ) -> None:
-        self._store, self._announce, self._gone = store, announce, gone
+        self._store, self._publish, self._session_ended = store, publish, session_ended
         choices = store.choices() or Choices(DEFAULT_LIMIT)
         self.registry = Registry(choices.limit, time.monotonic)
         self.building = SimulatedBuilding(building)
         self.database = OmniDatabase(self.building)
         self.database.map_version = map_version
         self.sensors = LoadBalance(time.monotonic)
-        self.pace = Pace(self.step, self._between)
-        self.pace.choose(choices.pace, choices.paused)
+        self.loop = SimulationLoop(self.step, self._housekeeping)
+        self.loop.configure(choices.pace, choices.paused)
         self.sessions: dict[str, Session] = {}
         self.collisions = 0
-        self._happened = self._counted = 0
-        self._counted_at = self._kept_at = self._checked_at = time.monotonic()
+        self._event_count = self._counted_events = 0
+        self._counted_at = self._written_at = self._checked_at = time.monotonic()
         self._event_rate = 0.0
-        self._keeper = Keeper(store)
+        self._writer = StateWriter(store)
         self._are_leases_running = False
         self._restore()
 
     def start(self) -> None:
-        """Let time pass."""
+        """Start simulated time and the writer."""
         physics.warm_up()
         omni_database.warm_up()
-        self._keeper.start()
-        self.pace.start()
+        self._writer.start()
+        self.loop.start()
 
     def close(self) -> None:
-        """Let time end; keep how everything is."""
-        self.pace.close()
-        self._keeper.close()
+        """Stop simulated time, and save the final state."""
+        self.loop.close()
+        self._writer.close()
         with contextlib.suppress(ServiceError):
             self._store.save_world(self._record())
 
     def begin_leases(self) -> None:
-        """Calls are let in: whoever was logged on before has a whole lease from now on."""
+        """Start the leases once calls are accepted: restored robots get a full lease from now on."""
 
         def begin() -> None:
             for client in self.registry.clients:
-                client.heard_at = time.monotonic()
+                client.last_call_at = time.monotonic()
             self._are_leases_running = True
 
-        self.pace.do(begin)
+        self.loop.do(begin)
 
     # ---- robots ----
 
     def register(self, description: Description) -> Session:
         """Log a robot on. Raises NameTaken, ServerFull, UnknownFloor, PlaceTaken, SimulationBusy, ServiceError."""
-        session = self.pace.do(lambda: self._log_on(description))
+        session = self.loop.do(lambda: self._log_on(description))
         try:
             self._store.save_client(ClientRecord.of(session.client.key, session.client.since, description))
         except ServiceError:
-            self.pace.do(lambda: self._log_off(session.client))
+            self.loop.do(lambda: self._log_off(session.client))
             raise
         return session
 
-    def sensed(self, latest: Iterable[LastScan]) -> None:
-        """What robots' sensors saw last; a robot that scans is heard."""
+    def record_scans(self, latest: Iterable[LastScan]) -> None:
+        """Record the robots' last scans; a scan renews its robot's lease."""
         now = time.monotonic()
         for scan in latest:
             with contextlib.suppress(UnknownRobot, SessionExpired):
-                self.registry.find(scan.robot).heard(now)
-                self.database.saw(scan)
+                self.registry.find(scan.robot).renew_lease(now)
+                self.database.record_scan(scan)
 
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""
@@ -134,14 +136,14 @@ class ManagementAgent:
     # ---- time ----
 
     def step(self) -> None:
-        """Let one step of STEP_S pass. Where `start` was called, time passes by itself: not for use then."""
+        """Advance by STEP_S. For use without `start` only: a started simulation advances in its own thread."""
         for happening in self.building.step():
             self.collisions += happening.kind == "collision"
-            self._happened += 1
-            self._announce(happening)
+            self._event_count += 1
+            self._publish(happening)
 
-    def choose(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
-        """What an administrator sets, kept before this returns. Raises InvalidChoice, SimulationBusy, ServiceError."""
+    def configure(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
+        """Change settings and store them before returning. Raises InvalidChoice, SimulationBusy, ServiceError."""
         if limit is not None and not 0 <= limit <= MOST_ROBOTS:
             raise InvalidChoice("robots", f"{limit} is not 0 to {MOST_ROBOTS}")
         if pace is not None:
@@ -149,28 +151,28 @@ class ManagementAgent:
 
         def change() -> Choices:
             self.registry.limit = self.registry.limit if limit is None else limit
-            self.pace.choose(
-                self.pace.pace if pace is None else pace, self.pace.is_paused if is_paused is None else is_paused
+            self.loop.configure(
+                self.loop.pace if pace is None else pace, self.loop.is_paused if is_paused is None else is_paused
             )
-            return Choices(self.registry.limit, self.pace.pace, self.pace.is_paused)
+            return Choices(self.registry.limit, self.loop.pace, self.loop.is_paused)
 
-        self._store.save_choices(self.pace.do(change))
+        self._store.save_choices(self.loop.do(change))
 
     # ---- the map ----
 
     def follow_map(self, building: Building, version: int) -> None:
-        """Follow an edited map; robots whose floor is gone are logged off. Raises SimulationBusy."""
+        """Take over an edited map; robots on removed floors are logged off. Raises SimulationBusy."""
 
         def change() -> None:
             for name in self.building.update(building):
                 client = self.registry.find(name)
                 self._forget(client)
-                self._keeper.forget(client.key)
+                self._writer.forget(client.key)
             self.database.map_version = version
 
-        self.pace.do(change)
+        self.loop.do(change)
 
-    # ---- what there is to see ----
+    # ---- state ----
 
     @property
     def state(self) -> ServerState:
@@ -178,27 +180,27 @@ class ManagementAgent:
             self.registry.limit,
             len(self.registry),
             self.building.time,
-            self.pace.pace,
-            self.pace.achieved,
-            self.pace.is_paused,
+            self.loop.pace,
+            self.loop.achieved,
+            self.loop.is_paused,
             self.database.map_version,
             self.collisions,
             self._event_rate,
         )
 
-    # ---- inside, all in the thread of the simulation ----
+    # ---- internals, all in the simulation thread ----
 
     def _restore(self) -> None:
         kept = self._store.clients()
-        # A kill may have come between a log-off and its being kept, when the name had been taken anew.
+        # A kill between a log-off and its write can leave two records of one name: the later one counts.
         clients = {record.name: record for record in kept}
         world = self._store.world() or self.building.record()
-        # Nor may it tell of somebody else who had the name before.
-        same = {name: robot for name, robot in world.robots.items() if _is_of(world, clients.get(name))}
-        world = msgspec.structs.replace(world, robots=same)
+        # The world record may hold the pose of an earlier robot of the same name.
+        own = {name: robot for name, robot in world.robots.items() if _belongs_to(world, clients.get(name))}
+        world = msgspec.structs.replace(world, robots=own)
         self.building.restore(world, [record.description for record in clients.values()])
         for record in kept:
-            is_here = record.name in self.building.robots  # else its floor is not on the map any more
+            is_here = record.name in self.building.robots  # else its floor was removed from the map
             if is_here and clients[record.name] is record:
                 self._open(self.registry.restore(record.description, record.key, record.since))
             else:
@@ -210,59 +212,59 @@ class ManagementAgent:
         self.building.refresh()
         return self._open(self.registry.register(description))
 
-    def _open(self, client: Client) -> Session:
+    def _open(self, client: RobotClient) -> Session:
         robot = self.building.robots[client.name]
-        self.sensors.hand(client.name)
-        session = Session(client, robot, self.building, self._do_kept, self._end)
+        self.sensors.assign(client.name)
+        session = Session(client, robot, self.building, self._do_durably, self._end)
         self.sessions[client.key] = session
         return session
 
-    def _end(self, client: Client) -> None:
-        self.pace.do(lambda: self._log_off(client))
+    def _end(self, client: RobotClient) -> None:
+        self.loop.do(lambda: self._log_off(client))
         self._store.forget_client(client.key)
 
-    def _log_off(self, client: Client) -> None:
-        if client.is_over:
+    def _log_off(self, client: RobotClient) -> None:
+        if client.is_logged_off:
             raise SessionExpired()
         self.building.remove(client.name)
         self.building.refresh()
         self._forget(client)
 
-    def _forget(self, client: Client) -> None:
-        self.registry.dismiss(client)
-        self.sensors.take_back(client.name)
+    def _forget(self, client: RobotClient) -> None:
+        self.registry.remove(client)
+        self.sensors.release(client.name)
         self.database.forget_scans(client.name)
-        self._gone(self.sessions.pop(client.key))
+        self._session_ended(self.sessions.pop(client.key))
 
-    def _do_kept(self, change: Callable[[], None]) -> None:
-        """Make a change, and wait until it can't be lost any more."""
+    def _do_durably(self, change: Callable[[], None]) -> None:
+        """Make a change in the simulation thread, and wait until it is written to disk."""
 
-        def change_and_keep() -> int:
+        def change_and_submit() -> int:
             change()
-            return self._keeper.keep(self._record())
+            return self._writer.submit(self._record())
 
-        self._keeper.wait(self.pace.do(change_and_keep))
+        self._writer.wait(self.loop.do(change_and_submit))
 
     def _record(self) -> WorldRecord:
         keys = {client.name: client.key for client in self.registry.clients}
         return msgspec.structs.replace(self.building.record(), keys=keys)
 
-    def _between(self) -> None:
+    def _housekeeping(self) -> None:
         now = time.monotonic()
-        if now - self._checked_at >= LEASE_CHECK_S:
+        if now - self._checked_at >= LEASE_CHECK_INTERVAL_S:
             self._checked_at = now
             for client in self.registry.expired() if self._are_leases_running else ():
-                _log.info("%s was silent for %g s: logged off", client.name, self.registry.lease_s)
+                _log.info("%s logged off: its lease of %g s expired", client.name, self.registry.lease_s)
                 self._log_off(client)
-                self._keeper.forget(client.key)
-        if now - self._kept_at >= KEEP_S:
-            self._kept_at = now
-            self._keeper.keep(self._record())
-        if now - self._counted_at >= RATE_S:
-            self._event_rate = (self._happened - self._counted) / (now - self._counted_at)
-            self._counted, self._counted_at = self._happened, now
+                self._writer.forget(client.key)
+        if now - self._written_at >= WRITE_INTERVAL_S:
+            self._written_at = now
+            self._writer.submit(self._record())
+        if now - self._counted_at >= RATE_WINDOW_S:
+            self._event_rate = (self._event_count - self._counted_events) / (now - self._counted_at)
+            self._counted_events, self._counted_at = self._event_count, now
 
 
-def _is_of(world: WorldRecord, client: ClientRecord | None) -> bool:
-    """Whether a record tells of this client's robot."""
+def _belongs_to(world: WorldRecord, client: ClientRecord | None) -> bool:
+    """Whether the record of a robot's name belongs to this client."""
     return client is not None and world.keys.get(client.name) == client.key

@@ -1,6 +1,6 @@
-"""The monitor: how a floor of the running simulation looks, for the 2D simulator.
+"""The monitor: renders a floor of the running simulation for the 2D simulator.
 
-What draws is loaded with the first picture: a server that comes back after a crash must not wait for it."""
+Drawing libraries are imported with the first picture, so that they do not delay a restart after a crash."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from robocorba.spatial.floor_update import BodyKind, FloorView
 if TYPE_CHECKING:
     from robocorba.simulation.picture import FloorPainter
 
-#: Scans that are older are not shown, simulated s.
+#: Age of the oldest scan shown, in simulated time [s].
 OLD_S = 1.0
 
 
 class Monitor:
-    """Of a simulation on this map. Safe from any thread."""
+    """Renders the simulation of a building. Thread-safe."""
 
     def __init__(self, agent: ManagementAgent, building: Building) -> None:
         self._agent, self._building = agent, building
@@ -31,19 +31,19 @@ class Monitor:
         return FloorPainter(self._building)
 
     def png(self, floor: str, width_px: int) -> bytes:
-        """A floor as it is now. Raises UnknownFloor, InvalidPicture."""
-        from robocorba.simulation.picture import SightFan
+        """Render a floor in its current state. Raises UnknownFloor, InvalidPicture."""
+        from robocorba.simulation.picture import ScanFan
 
         database = self._agent.database
         view = FloorView(floor)
         view.apply(database.floor(floor))
         fans = [
-            SightFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
+            ScanFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
             for scan in database.last_scans(floor)
             if scan.time >= view.time - OLD_S
         ]
         robots = sum(body.kind is BodyKind.ROBOT for body in view.bodies.values())
         rate = self._agent.state.event_rate
-        who = f"{robots} robot{'s' * (robots != 1)}"
-        caption = f"{self._building.name} · {floor} · {view.time:.1f} s · {who} · {rate:.1f} events/s"
+        count = f"{robots} robot{'s' * (robots != 1)}"
+        caption = f"{self._building.name} · {floor} · {view.time:.1f} s · {count} · {rate:.1f} events/s"
         return self._painter.png(view, fans, width_px, caption)

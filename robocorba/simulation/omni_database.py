@@ -1,6 +1,6 @@
-"""The Omni database: what is where on each floor, in versions, so that whoever knows one is told what changed since.
+"""The Omni database: the state of each floor in versions; a client asks for the changes since its own version.
 
-Versions are made when somebody asks, not with every step. Nothing here waits for the simulation.
+Versions are created on request, not with every step. Nothing here waits for the simulation.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from robocorba.errors.paths import UnknownFloor
 from robocorba.kernels import kernel
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.spatial.elevator_state import Moment
-from robocorba.spatial.floor_state import Pose, Seen
+from robocorba.spatial.elevator_state import ElevatorState
+from robocorba.spatial.floor_state import FloorState, Pose
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
 from robocorba.spatial.grids import Floats, Longs
 
-#: Bodies that left a floor and are remembered; who knows an older version gets the whole floor.
-MOST_GONE = 10_000
+#: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
+MOST_DEPARTED = 10_000
 
 
 class LastScan(NamedTuple):
-    """What a robot's sensor saw last: where it was, the first of its rays and the angle between them, rad, and their
-    lengths, m; `time` is the simulation's."""
+    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: first ray and step [rad].
+    distances: lengths of the rays [m]."""
 
     robot: str
     time: float
@@ -37,15 +37,15 @@ class LastScan(NamedTuple):
 
 
 class OmniDatabase:
-    """Of a building whose robots and elevators another thread moves. Safe from any thread."""
+    """Database of a building that another thread simulates. Thread-safe."""
 
     def __init__(self, building: SimulatedBuilding) -> None:
         self._building = building
         self.map_version = 0
         self._lock = threading.Lock()
-        # Whoever followed an earlier process knows smaller versions, and is told the whole.
+        # Clients of an earlier process hold smaller versions, and so get whole floors.
         self._first_version = time.time_ns() // 1000
-        self._floors: dict[str, _Floor] = {}
+        self._floors: dict[str, _FloorVersions] = {}
         self._scans: dict[str, LastScan] = {}
 
     @property
@@ -53,71 +53,75 @@ class OmniDatabase:
         return list(self._building.floors)
 
     def floor(self, name: str) -> FloorUpdate:
-        """All of a floor. Raises UnknownFloor."""
+        """The whole floor. Raises UnknownFloor."""
         return self.changes(name, WHOLE)
 
     def changes(self, name: str, since: int) -> FloorUpdate:
-        """What changed since a version; all of the floor where nobody remembers that one. Raises UnknownFloor."""
+        """Changes since a version; the whole floor if that version is not remembered. Raises UnknownFloor."""
         with self._lock:
             physics = self._building.floors.get(name)
             if physics is None:
                 self._floors.pop(name, None)
                 raise UnknownFloor("floorName", name, self.floors)
-            floor = self._floors.setdefault(name, _Floor(self._first_version))
-            floor.look(physics.seen, self._building.bodies, self._building.moments_on(name))
+            floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
+            floor.update(physics.snapshot, self._building.bodies, self._building.moments_on(name))
             return floor.since(name, since, self.map_version)
 
-    def elevators(self) -> dict[str, Moment]:
-        """All of them, by name."""
+    def elevators(self) -> dict[str, ElevatorState]:
+        """State of all elevators, by name."""
         return dict(self._building.moments)
 
-    # ---- sensors' data ----
+    # ---- scans ----
 
-    def saw(self, scan: LastScan) -> None:
-        """What a robot's sensor saw."""
+    def record_scan(self, scan: LastScan) -> None:
+        """Keep a scan as the last one of its robot."""
         self._scans[scan.robot] = scan
 
     def forget_scans(self, robot: str) -> None:
-        """The robot is gone."""
+        """Forget the scan of a robot that logged off."""
         self._scans.pop(robot, None)
 
     def last_scans(self, floor: str) -> list[LastScan]:
-        """Raises UnknownFloor."""
+        """Last scans on a floor. Raises UnknownFloor."""
         if floor not in self._building.floors:
             raise UnknownFloor("floorName", floor, self.floors)
         return [scan for scan in list(self._scans.values()) if scan.at.floor == floor]
 
 
-class _Floor:
-    """A floor as it was looked at last, and the version in which each thing changed."""
+class _FloorVersions:
+    """The last examined state of a floor, and the version in which each part changed."""
 
     def __init__(self, version: int) -> None:
         self.version = self._oldest = version
-        self._seen: Seen | None = None
+        self._snapshot: FloorState | None = None
         self._bodies: dict[str, Body] = {}
-        #: In the order of the bodies: their numbers, their rows in what was seen, these rows, and since when they hold.
+        #: Body by body: numbers, row indices in the snapshot, rows, and the version of the last change.
         self._numbers = self._places = self._moved_in = np.empty(0, np.int64)
         self._rows: Floats = np.empty((0, 6))
-        self._came_in: dict[str, int] = {}
-        self._last_came = version
+        self._arrived_in: dict[str, int] = {}
+        self._last_arrival = version
         self._went: deque[tuple[int, int]] = deque()
-        self._elevators: dict[str, tuple[Moment, int]] = {}
+        self._elevators: dict[str, tuple[ElevatorState, int]] = {}
 
-    def look(self, seen: Seen, known: dict[str, Body], elevators: dict[str, Moment]) -> None:
-        """Make a new version of it, where anything has changed."""
+    def update(self, snapshot: FloorState, known: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
+        """Create a new version if anything changed."""
         next_version = self.version + 1
         has_changed = False
-        if seen is not self._seen:
-            is_same = self._seen is not None and seen.names is self._seen.names
-            has_changed = self._look_at_motion(seen, next_version) if is_same else self._sort(seen, known, next_version)
-            self._seen = seen
-        for name, moment in elevators.items():
-            if name not in self._elevators or self._elevators[name][0] != moment:
-                self._elevators[name] = (moment, next_version)
+        if snapshot is not self._snapshot:
+            is_same = self._snapshot is not None and snapshot.names is self._snapshot.names
+            has_changed = (
+                self._merge_motion(snapshot, next_version)
+                if is_same
+                else self._rebuild_rows(snapshot, known, next_version)
+            )
+            self._snapshot = snapshot
+        for name, state in elevators.items():
+            if name not in self._elevators or self._elevators[name][0] != state:
+                self._elevators[name] = (state, next_version)
                 has_changed = True
         for name in [name for name in self._elevators if name not in elevators]:
             del self._elevators[name]
-            self._oldest, has_changed = next_version, True  # so that everybody forgets it
+            self._oldest, has_changed = next_version, True  # clients can drop it only with a whole floor
         if has_changed:
             self.version = next_version
 
@@ -125,48 +129,48 @@ class _Floor:
         if not self._oldest <= since <= self.version:
             since = WHOLE
         came = []
-        if since < self._last_came:
-            came = [self._bodies[body] for body, version in self._came_in.items() if version > since]
+        if since < self._last_arrival:
+            came = [self._bodies[body] for body, version in self._arrived_in.items() if version > since]
         went = [] if since == WHOLE else [number for version, number in self._went if version > since]
-        elevators = {elevator: moment for elevator, (moment, version) in self._elevators.items() if version > since}
-        seen_at = self._seen.time if self._seen else 0.0
+        elevators = {elevator: state for elevator, (state, version) in self._elevators.items() if version > since}
+        time_s = self._snapshot.time if self._snapshot else 0.0
         motions = np.empty(len(self._bodies), MOTION)
-        moved = tell_motion(self._numbers, self._rows, self._moved_in, since, motions)
-        return FloorUpdate(name, since, self.version, seen_at, map_version, came, went, motions[:moved], elevators)
+        moved = write_motion(self._numbers, self._rows, self._moved_in, since, motions)
+        return FloorUpdate(name, since, self.version, time_s, map_version, came, went, motions[:moved], elevators)
 
-    def _look_at_motion(self, seen: Seen, version: int) -> bool:
-        return note_motion(seen.rows, self._places, self._rows, self._moved_in, version)
+    def _merge_motion(self, snapshot: FloorState, version: int) -> bool:
+        return merge_motion(snapshot.rows, self._places, self._rows, self._moved_in, version)
 
-    def _sort(self, seen: Seen, known: dict[str, Body], version: int) -> bool:
-        """Bodies came, went, or are kept in another order."""
-        # What stands, and who has just gone, is not known.
-        bodies = {name: body for name in seen.names if (body := known.get(name))}
+    def _rebuild_rows(self, snapshot: FloorState, known: dict[str, Body], version: int) -> bool:
+        """Rebuild the rows after bodies came, went or changed their order."""
+        # `known` has neither the static body nor bodies that were just removed.
+        bodies = {name: body for name in snapshot.names if (body := known.get(name))}
         same = {name for name, body in bodies.items() if self._bodies.get(name) is body}
-        places = np.array([seen.row_of[name] for name in bodies], np.int64)
-        rows, moved_in = seen.rows[places], np.full(len(bodies), version)
+        places = np.array([snapshot.row_of[name] for name in bodies], np.int64)
+        rows, moved_in = snapshot.rows[places], np.full(len(bodies), version)
         before = {name: row for row, name in enumerate(self._bodies)}
         for row, name in enumerate(bodies):
             if name in same and np.array_equal(rows[row], self._rows[before[name]]):
                 moved_in[row] = self._moved_in[before[name]]
         self._went.extend((version, body.number) for name, body in self._bodies.items() if name not in same)
-        while len(self._went) > MOST_GONE:
+        while len(self._went) > MOST_DEPARTED:
             self._oldest = self._went.popleft()[0]
-        self._came_in = {name: self._came_in[name] if name in same else version for name in bodies}
-        self._last_came = max(self._came_in.values(), default=version)
+        self._arrived_in = {name: self._arrived_in[name] if name in same else version for name in bodies}
+        self._last_arrival = max(self._arrived_in.values(), default=version)
         self._bodies, self._places, self._rows, self._moved_in = bodies, places, rows, moved_in
         self._numbers = np.array([body.number for body in bodies.values()], np.int64)
         return True
 
 
 @kernel
-def note_motion(seen: Floats, places: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
-    """Take the rows (n, 6) that differ over from those that were seen, at these places; whether any did."""
+def merge_motion(snapshot: Floats, places: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
+    """Copy changed rows from `snapshot`, at indices `places`, to `rows` (n, 6); return whether any changed."""
     has_moved = False
     for body in range(len(places)):
         place = places[body]
         for k in range(6):
-            if seen[place, k] != rows[body, k]:
-                rows[body] = seen[place]
+            if snapshot[place, k] != rows[body, k]:
+                rows[body] = snapshot[place]
                 moved_in[body] = version
                 has_moved = True
                 break
@@ -174,8 +178,8 @@ def note_motion(seen: Floats, places: Longs, rows: Floats, moved_in: Longs, vers
 
 
 @kernel
-def tell_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motions: Motions) -> int:
-    """Write how the bodies move that have moved since a version; how many."""
+def write_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motions: Motions) -> int:
+    """Write the motions of bodies that changed after version `since`; return their count."""
     count = 0
     for body in range(len(numbers)):
         if moved_in[body] > since:
@@ -188,7 +192,7 @@ def tell_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, motio
 
 
 def warm_up() -> None:
-    """Load what looking and telling need, so that the first answer takes no longer than the others."""
+    """Compile or load the kernels, so that the first answer takes no longer than the others."""
     numbers, rows = np.zeros(1, np.int64), np.zeros((1, 6))
-    note_motion(rows, numbers, rows, numbers, 1)
-    tell_motion(numbers, rows, numbers, 0, np.empty(1, MOTION))
+    merge_motion(rows, numbers, rows, numbers, 1)
+    write_motion(numbers, rows, numbers, 0, np.empty(1, MOTION))

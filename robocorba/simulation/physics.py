@@ -1,10 +1,9 @@
-"""One floor's physics: robots that follow velocity commands, objects that are pushed and carried, and what stands.
+"""Physics of one floor: robots that follow velocity commands, objects that are pushed and carried, static obstacles.
 
-Bodies are read and written all at once. The order in which pymunk keeps them changes whenever one goes; `_names` says
-which row is whose.
+Bodies are read and written in one batch. pymunk reorders them whenever one is removed; `_names` maps rows to names.
 
-One thread uses a floor: pymunk lets others run while it steps, and would crash if they came in. Any thread may leave
-orders by `command`, which wait for the next step, and read what was `seen` after the last one.
+One thread owns a floor: pymunk releases the interpreter's lock while it steps, and concurrent access would crash it.
+Any thread may call `command` and `brake`, which take effect in the next step, and read `snapshot`.
 """
 
 from __future__ import annotations
@@ -23,115 +22,120 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
-from robocorba.spatial.floor_state import Seen, in_own_frames
+from robocorba.spatial.floor_state import FloorState, in_own_frames
 from robocorba.spatial.grids import Floats, segments_of
 from robocorba.spatial.pose import Limits
 
-#: The time of a step, s.
+#: Duration of a step [s].
 STEP_S = 0.02
-#: Of what slides on the floor; ours.
-GROUND_FRICTION, GRAVITY_M_S2 = 0.5, 9.81
+#: Coulomb friction coefficient between a sliding body and the floor; our choice.
+GROUND_FRICTION = 0.5
+#: Gravity [m/s^2].
+GRAVITY_M_S2 = 9.81
+#: Overlap that Chipmunk tolerates between touching bodies [m].
 _SLOP_M = 0.001
-#: Of an order: velocities, and until when they hold, s.
-_pack_order = Struct("4d").pack
+#: Packs a command: velocity ahead, to the left [m/s] and turn [rad/s], and the time until which it is valid [s].
+_pack_command = Struct("4d").pack
 
 
-#: What is not a robot slows down by friction, or stands.
+#: Limits of an object on the floor: friction slows it down.
 SLIDING = Limits(0.0, 0.0, GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2)
-STANDING = Limits(0.0, 0.0, 0.0, 0.0)
-_NO_ORDER = _pack_order(0.0, 0.0, 0.0, math.inf)
-#: To brake is to stand as fast as the ground allows, whatever the limits.
-_BRAKE = _pack_order(0.0, 0.0, 0.0, -math.inf)
+#: Limits of the static body.
+STATIC = Limits(0.0, 0.0, 0.0, 0.0)
+_NO_COMMAND = _pack_command(0.0, 0.0, 0.0, math.inf)
+#: Marks braking: stop as fast as ground friction allows, regardless of the robot's limits.
+_BRAKE = _pack_command(0.0, 0.0, 0.0, -math.inf)
+#: Deceleration while braking [m/s^2, rad/s^2].
 BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
-#: What robots have lifted goes where they go; a little is lost in their hands.
+#: Limits of a lifted object: it follows its carriers, with a little damping in their hands.
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
-#: A hand that is farther from what it held has lost it, m.
+#: Distance between a hand and its grip point beyond which the grip slips [m].
 SLIPPED_M = 0.05
 
 
 class Contact(NamedTuple):
-    """Two bodies that have begun to touch; names of robots and objects, empty for what stands."""
+    """Two bodies that began to touch, by name; empty for a static obstacle."""
 
     first: str
     second: str
 
 
-class Step(NamedTuple):
-    """What happened in a step; lost: robots whose grip slipped."""
+class StepResult(NamedTuple):
+    """Outcome of a step. lost: robots whose grip slipped."""
 
     contacts: list[Contact]
     lost: list[str]
 
 
 class _Grip(NamedTuple):
-    """A robot holds an object by a joint, and carries so much of it, kg."""
+    """A joint between a robot and an object. payload_kg: share of the object's mass that the robot carries [kg]."""
 
-    thing: str
+    held: str
     joint: pymunk.PivotJoint
     payload_kg: float
 
 
 class FloorPhysics:
-    """obstacles: what stands, lines and polygons. steps: that have passed. name: of the floor."""
+    """Physics of floor `name` after `steps` steps. obstacles: static lines and polygons."""
 
-    #: How things are after the last step; whoever came since is missing.
-    seen: Seen
+    #: State after the last step, without bodies that were added since.
+    snapshot: FloorState
 
     def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0, name: str = "") -> None:
         self.name = name
         self._space = pymunk.Space()
         self._space.collision_slop = _SLOP_M
-        self._space.on_collision(begin=self._begun)
+        self._space.on_collision(begin=self._contact_began)
         self._ground = self._space.static_body  # pymunk adds it when it is first asked for
         self._bodies: dict[str, pymunk.Body] = {}
         self._robots: dict[str, Limits] = {}
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
-        self._standing: list[pymunk.Shape] = []
+        self._static: list[pymunk.Shape] = []
         self._gates: dict[str, list[pymunk.Shape]] = {}
         self._moving = Bodies(self._space)
         self._contacts: list[Contact] = []
-        self.go_on_from(steps)
-        #: The last order of each robot, packed: to replace one takes no lock, and to read all of them no loop.
-        self._orders: dict[str, bytes] = {}
+        self.set_steps(steps)
+        #: Last command of each robot, packed: replacing one needs no lock, reading all of them needs no loop.
+        self._packed_commands: dict[str, bytes] = {}
         self._name_of: dict[int, str] = {}
-        self._sort()
-        self.stand(obstacles)
+        self._rebuild_rows()
+        self.set_obstacles(obstacles)
 
-    # ---- what there is ----
+    # ---- obstacles and bodies ----
 
-    def stand(self, obstacles: Iterable[BaseGeometry]) -> None:
-        """Replace what stands: lines, and polygons, which are solid."""
+    def set_obstacles(self, obstacles: Iterable[BaseGeometry]) -> None:
+        """Replace the static obstacles: lines, and solid polygons."""
         parts = shapely.get_parts([shape for shape in obstacles if not shape.is_empty])
         is_solid = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-        self._space.remove(*self._standing)
-        self._standing = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]
-        self._standing += self._segments(parts[~is_solid])
-        self._space.add(*self._standing)
+        self._space.remove(*self._static)
+        self._static = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]
+        self._static += self._segments(parts[~is_solid])
+        self._space.add(*self._static)
 
     def shut(self, name: str, line: BaseGeometry) -> None:
-        """Let something stand that comes and goes by itself, such as a closed door; under a name, until `open`."""
+        """Add a named static line that can disappear again, such as a closed door; `open` removes it."""
         self.open(name)
         leaves = self._gates[name] = self._segments(np.array([line], object))
         self._space.add(*leaves)
 
     def open(self, name: str) -> None:
-        """Take away what `shut` has put there, if it has."""
+        """Remove the line that `shut` added under this name, if any."""
         self._space.remove(*self._gates.pop(name, ()))
 
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
-        """What stands where these are."""
+        """Static segments along lines."""
         return [pymunk.Segment(self._ground, row[:2], row[2:], 0.0) for row in segments_of(lines)[0].tolist()]
 
     def add_robot(
         self, name: str, pose: tuple[float, float, float], radius_m: float, mass_kg: float, limits: Limits
     ) -> None:
-        """A disc that stands still until it is commanded. Raises KeyError for a name that is there."""
+        """Add a disc that is stationary until commanded. Raises KeyError if the name is taken."""
         body = pymunk.Body(mass_kg, pymunk.moment_for_circle(mass_kg, 0.0, radius_m))
         self._add(name, body, [pymunk.Circle(body, radius_m)], pose, limits)
 
     def add_object(self, name: str, pose: tuple[float, float, float], outline: BaseGeometry, mass_kg: float) -> None:
-        """A thing that can be pushed; its outline is a polygon in its own frame. Raises KeyError as above."""
+        """Add a movable object; `outline` is a polygon in its own frame [m]. Raises KeyError if the name is taken."""
         parts = [pymunk.Poly(None, part) for part in convex_parts(outline)]
         total = sum(part.area for part in parts)
         for part in parts:
@@ -142,64 +146,64 @@ class FloorPhysics:
         self._add(name, body, parts, pose, None)
 
     def remove(self, name: str) -> None:
-        """Take a robot or an object away. Raises KeyError where there is none."""
+        """Remove a robot or an object with its grips. Raises KeyError for an unknown name."""
         body = self._bodies.pop(name)
         del self._name_of[body.id]
         self._robots.pop(name, None)
-        self._orders.pop(name, None)
-        for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.thing)]:
-            self._let_go(robot)
+        self._packed_commands.pop(name, None)
+        for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.held)]:
+            self._remove_grip(robot)
         self._space.remove(body, *body.shapes)
         self._has_changed = True
 
-    def grip(self, robot: str, thing: str, at: tuple[float, float], force_n: float, payload_kg: float) -> None:
-        """Let a robot hold an object at a place in the world, x and y in m, with at most so much force.
+    def grip(self, robot: str, object_name: str, at: tuple[float, float], force_n: float, payload_kg: float) -> None:
+        """Connect a robot to an object at a point of the floor [m], with at most `force_n`.
 
-        Held by robots whose payloads together are as heavy as itself, it is off the ground. A robot holds one thing; it
-        lets go of what it held before. Raises KeyError for an unknown robot or object."""
-        if robot not in self._robots or thing in self._robots:
-            raise KeyError(f"{robot} is no robot, or {thing} no object")
-        hand, held = self._bodies[robot], self._bodies[thing]
+        The object is lifted as soon as the payloads of its holders add up to its mass. A robot holds one object and
+        releases its previous one. Raises KeyError for an unknown robot or object."""
+        if robot not in self._robots or object_name in self._robots:
+            raise KeyError(f"{robot} is no robot, or {object_name} no object")
+        hand, held = self._bodies[robot], self._bodies[object_name]
         if robot in self._grips:
-            self._let_go(robot)
+            self._remove_grip(robot)
         joint = pymunk.PivotJoint(hand, held, hand.world_to_local(at), held.world_to_local(at))
         joint.max_force, joint.collide_bodies = force_n, False
-        joint.error_bias = 1e-6  # what is left of an error after a second: hands are stiff
+        joint.error_bias = 1e-6  # share of an error that remains after a second: hands are stiff
         self._space.add(joint)
-        self._grips[robot] = _Grip(thing, joint, payload_kg)
+        self._grips[robot] = _Grip(object_name, joint, payload_kg)
         self._has_changed = True
 
     def release(self, robot: str) -> None:
-        """Let a robot let go of what it holds, if it does."""
+        """Release the object that a robot holds, if any."""
         if robot in self._grips:
-            self._let_go(robot)
+            self._remove_grip(robot)
             self._has_changed = True
 
     def held(self, robot: str) -> tuple[str, tuple[float, float]] | None:
-        """What a robot holds, and where in the world, m."""
+        """The object that a robot holds, and the grip point on the floor [m]; None without a grip."""
         grip = self._grips.get(robot)
         if grip is None:
             return None
         x, y = grip.joint.a.local_to_world(grip.joint.anchor_a)
-        return grip.thing, (x, y)
+        return grip.held, (x, y)
 
     def holding(self, robot: str) -> str:
-        """The object that a robot holds, empty for none. Safe from any thread."""
+        """Name of the object that a robot holds; empty for none. Thread-safe."""
         grip = self._grips.get(robot)
-        return grip.thing if grip else ""
+        return grip.held if grip else ""
 
     def distance(self, name: str, at: tuple[float, float]) -> float:
-        """From a place to a body, m; 0 or less inside. Raises KeyError."""
+        """Distance from a point to a body [m]; 0 or negative inside. Raises KeyError."""
         return float(min(shape.point_query(at).distance for shape in self._bodies[name].shapes))
 
     def mass_kg(self, name: str) -> float:
-        """Raises KeyError."""
+        """Mass of a body [kg]. Raises KeyError."""
         return float(self._bodies[name].mass)
 
-    def _let_go(self, robot: str) -> None:
+    def _remove_grip(self, robot: str) -> None:
         self._space.remove(self._grips.pop(robot).joint)
 
-    def _slipped(self) -> list[str]:
+    def _drop_slipped_grips(self) -> list[str]:
         lost = []
         for robot, grip in self._grips.items():
             hand = grip.joint.a.local_to_world(grip.joint.anchor_a)
@@ -207,18 +211,18 @@ class FloorPhysics:
             if hand.get_distance(held) > SLIPPED_M:
                 lost.append(robot)
         for robot in lost:
-            self._let_go(robot)
+            self._remove_grip(robot)
         if lost:
             self._has_changed = True
         return lost
 
     def _limits_of(self, name: str) -> Limits:
-        """How a body may change its velocity by itself."""
+        """Motion limits of a body."""
         if name in self._robots:
             return self._robots[name]
         if not name:
-            return STANDING
-        lifted_kg = sum(grip.payload_kg for grip in self._grips.values() if grip.thing == name)
+            return STATIC
+        lifted_kg = sum(grip.payload_kg for grip in self._grips.values() if grip.held == name)
         return CARRIED if lifted_kg >= self._bodies[name].mass > 0.0 else SLIDING
 
     def _add(
@@ -230,7 +234,7 @@ class FloorPhysics:
         limits: Limits | None,
     ) -> None:
         if name in self._bodies:
-            raise KeyError(f"there is a body {name} already")
+            raise KeyError(f"a body {name} exists already")
         body.position, body.angle = pose[:2], pose[2]
         for shape in shapes:
             shape.friction = 0.3
@@ -238,107 +242,109 @@ class FloorPhysics:
         self._bodies[name], self._name_of[body.id] = body, name
         if limits:
             self._robots[name] = limits
-            self._orders[name] = _NO_ORDER  # whoever had this name before does not drive on
+            self._packed_commands[name] = _NO_COMMAND  # drops a command of an earlier robot of this name
         self._has_changed = True
 
-    def _sort_if_changed(self) -> None:
+    def _rebuild_rows_if_changed(self) -> None:
         if self._has_changed:
-            self._sort()
+            self._rebuild_rows()
 
-    def _sort(self) -> None:
-        """Learn in which order pymunk keeps the bodies now."""
-        names = [self._name_of.get(id, "") for id in self._moving.sort()]  # the body of what stands is among them
+    def _rebuild_rows(self) -> None:
+        """Rebuild names, limits and commands in pymunk's current order of bodies."""
+        names = [self._name_of.get(id, "") for id in self._moving.rebuild()]  # includes the static body
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
         self._commands = np.empty((len(names), 4))
         self._commanded = [name if name in self._robots else "" for name in names]
-        self._has_changed, self._has_orders = False, True
-        self._look()
+        self._has_changed, self._has_new_commands = False, True
+        self._take_snapshot()
 
     def touching(self, x: float, y: float, radius_m: float) -> str | None:
-        """What a disc there would touch: the name of the nearest body, empty for what stands; None for nothing."""
+        """Name of the nearest body that a disc would touch, empty for a static obstacle; None if the disc is free."""
         found = self._space.point_query_nearest((x, y), radius_m, pymunk.ShapeFilter())
         return self._name_of.get(found.shape.body.id, "") if found and found.shape and found.shape.body else None
 
     # ---- time ----
 
     def command(self, name: str, ahead: float, left: float, turn: float, valid_s: float = math.inf) -> None:
-        """Move ahead, to the left and turn at these speeds, m/s and rad/s, for `valid_s`; what is beyond the robot's
-        limits is slowed down, not turned aside. Nothing happens where there is no such robot."""
-        self._orders[name] = _pack_order(ahead, left, turn, self.time + valid_s)
-        self._has_orders = True
+        """Set a robot's velocity ahead, to the left [m/s] and turn [rad/s] for `valid_s`. Thread-safe.
+
+        Beyond the robot's limits the speed is reduced and the direction kept. Ignores an unknown robot."""
+        self._packed_commands[name] = _pack_command(ahead, left, turn, self.time + valid_s)
+        self._has_new_commands = True
 
     def brake(self, name: str) -> None:
-        """Stand as soon as the ground allows, until another command. Nothing happens where there is no such robot."""
-        self._orders[name] = _BRAKE
-        self._has_orders = True
+        """Stop a robot as fast as ground friction allows, until its next command. Ignores an unknown robot."""
+        self._packed_commands[name] = _BRAKE
+        self._has_new_commands = True
 
-    def step(self) -> Step:
-        """Let STEP_S pass."""
-        self._sort_if_changed()
-        if self._has_orders:
-            self._obey()
+    def step(self) -> StepResult:
+        """Advance by STEP_S."""
+        self._rebuild_rows_if_changed()
+        if self._has_new_commands:
+            self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
         moving = self._moving
         control(moving.state, self._commands, self._limits, self.time, moving.velocities)
         moving.write()
         self._space.step(STEP_S)
-        self._look()
+        self._take_snapshot()
         contacts = self._contacts
         if contacts:
             self._contacts = []
-        return Step(contacts, self._slipped() if self._grips else [])
+        return StepResult(contacts, self._drop_slipped_grips() if self._grips else [])
 
-    def go_on_from(self, steps: int) -> None:
-        """Let so many steps have passed."""
+    def set_steps(self, steps: int) -> None:
+        """Set the number of passed steps, and the time accordingly."""
         self._steps, self.time = steps, steps * STEP_S
 
-    def _obey(self) -> None:
-        """Take over the orders that were left; one that is left meanwhile waits for the next step."""
-        self._has_orders = False  # first, so that none is passed over
-        packed = b"".join(map(self._orders.get, self._commanded, repeat(_NO_ORDER)))
+    def _take_commands(self) -> None:
+        """Take over the pending commands; a concurrent command takes effect in the next step."""
+        self._has_new_commands = False  # reset before reading, so that no command is missed
+        packed = b"".join(map(self._packed_commands.get, self._commanded, repeat(_NO_COMMAND)))
         self._commands[:] = np.frombuffer(packed).reshape(-1, 4)
 
     def refresh(self) -> None:
-        """Let whoever came or went be `seen`, also while time stands."""
-        self._sort_if_changed()
+        """Update `snapshot` after bodies came or went, also while time is paused."""
+        self._rebuild_rows_if_changed()
 
     def row(self, name: str) -> tuple[float, ...]:
-        """x, y, heading, velocity in x and y, turn of a body now. Raises KeyError."""
-        self._sort_if_changed()
+        """Current x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s] of a body. Raises KeyError."""
+        self._rebuild_rows_if_changed()
         return tuple(self._moving.state[self._row_of[name]].tolist())
 
     def pose(self, name: str) -> tuple[float, float, float]:
-        """x, y, heading of a body now. Raises KeyError."""
+        """Current x, y [m], heading [rad] of a body. Raises KeyError."""
         x, y, heading = self.row(name)[:3]
         return x, y, heading
 
     def state(self) -> dict[str, tuple[float, ...]]:
-        """The same of all bodies, by name."""
-        self._sort_if_changed()
+        """Rows as of `row` for all bodies, by name."""
+        self._rebuild_rows_if_changed()
         return {name: tuple(row) for name, row in zip(self._names, self._moving.state.tolist(), strict=True) if name}
 
-    def _look(self) -> None:
+    def _take_snapshot(self) -> None:
         self._moving.read()
-        self.seen = Seen(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
+        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
 
-    def _begun(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
-        """Two shapes begin to touch, in the middle of a step."""
+    def _contact_began(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        """Record a contact; pymunk calls this within a step."""
         first, second = self._moving.touching(arbiter)
         self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
 
 
 @kernel
 def control(state: Floats, commands: Floats, limits: Floats, now: float, velocities: Floats) -> None:
-    """Velocities (n, 3) for the next step, as far as nothing is in the way: from those in `state` (n, 6) toward the
-    commands (n, 4), which are in the frame of each body and hold until a time, no faster than `limits` (n, 4), in the
-    order of Limits, allow."""
+    """Compute velocities (n, 3) for the next step, before contacts.
+
+    They approach the commands (n, 4) from those in `state` (n, 6) within `limits` (n, 4), columns as in Limits.
+    A command is a velocity in the body's frame and the time until which it is valid [s]."""
     for i in range(len(state)):
         ahead, left, turn, until = commands[i]
         if until < now:
             ahead = left = turn = 0.0
-        # Roots, sines and cosines are most of the work; few bodies need them all in every step.
+        # Square roots, sines and cosines dominate the cost, so skip them where possible.
         if abs(ahead) + abs(left) > limits[i, 0]:
             # not ahead * limit, which may be infinite
             share = min(1.0, limits[i, 0] / max(math.hypot(ahead, left), 1e-12))
@@ -360,14 +366,14 @@ def control(state: Floats, commands: Floats, limits: Floats, now: float, velocit
 
 
 def warm_up() -> None:
-    """Load what stepping needs, so that the first step takes no longer than the others."""
+    """Compile or load the kernels, so that the first step takes no longer than the others."""
     physics = FloorPhysics()
     physics.step()
-    in_own_frames(physics.seen.rows)
+    in_own_frames(physics.snapshot.rows)
 
 
 def convex_parts(outline: BaseGeometry) -> list[list[tuple[float, float]]]:
-    """Convex polygons that make up a polygon."""
+    """Decompose a polygon into convex polygons."""
     hull = outline.convex_hull
     if hull.area - outline.area < 1e-9 * hull.area:
         return [list(hull.exterior.coords[:-1])]

@@ -1,8 +1,8 @@
-"""The 2D simulator: a floor with all that moves on it, as a PNG file.
+"""The 2D simulator: renders a floor with its moving bodies as a PNG file.
 
-What stands is drawn once by matplotlib and kept. A picture is a copy of that, and the rest is drawn over it in colours
-of a palette, which are several times as fast to encode as true colours. The palette has every colour of what stands
-twice, the second time in the light of a laser.
+matplotlib draws the static layer of a floor once. A picture is a copy of that layer with the moving parts drawn on top,
+in palette colours, which encode several times as fast as true colours. The palette has each static colour twice: plain
+and lit by a laser.
 """
 
 from __future__ import annotations
@@ -29,38 +29,44 @@ from robocorba.maps.geometry import landing_line, shaft_polygon
 from robocorba.maps.model import Building, Elevator, FloorMap
 from robocorba.maps.movable import movables
 from robocorba.maps.sheet import GROUND, HEAD_PX, INK, MAX_LETTERS, Frame, Sheet
-from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import Body, BodyKind, FloorView
 from robocorba.spatial.pose import XY
 
+#: Width of a picture [px].
 LEAST_WIDTH_PX, MOST_WIDTH_PX = 200, 4096
-#: Of all layers that a painter keeps, a byte each.
-MOST_KEPT_PX = 64_000_000
+#: Pixels of all cached layers of a painter; one byte each.
+MOST_CACHED_PX = 64_000_000
+#: Characters of a caption at most.
 MAX_CAPTION = 200
 ROBOT, VELOCITY, LASER = "#7b2cbf", "#0b5d51", "#f03e3e"
-#: How much of its colour a laser gives to what it lights.
+#: Share of the laser's colour in lit areas.
 LIGHT = 0.2
-#: Of a fan with this many rays or more, every second, third ... is drawn.
+#: Number of rays from which on a fan is thinned out: every second ray is drawn, every third, and so on.
 MOST_RAYS = 720
-#: A robot's arrow is as long as its way in so many s.
+#: A velocity arrow shows the distance covered in this time [s].
 ARROW_S = 1.0
-#: Robots are no smaller, so that they can be seen.
+#: Least drawn radius of a robot, for visibility [px].
 LEAST_RADIUS_PX = 3.0
-#: What is farther than this is not drawn, m; what is farther from the picture is drawn nearer, px.
-_FAR_M, _FAR_PX = 1e9, 20_000.0
+#: Coordinates beyond this are not drawn [m].
+_FAR_M = 1e9
+#: Pixel coordinates are clipped to this, for Pillow [px].
+_FAR_PX = 20_000.0
+#: Width of the halo around letters [px].
 _HALO_PX = 2
-#: Of letters, from their colour to that of the ground.
+#: Shades between the colours of letters and ground.
 _SHADES = 16
 _MOVING = (ROBOT, VELOCITY, LASER, MOVABLE, CABIN, CLOSED_SHAFT, DOOR)
-#: How many colours what stands may have. The palette: these, the same in the light, those of what moves, the shades.
-_STANDING = (256 - len(_MOVING) - _SHADES) // 2
-_NUMBER = {colour: 2 * _STANDING + i for i, colour in enumerate(_MOVING)} | {INK: 256 - _SHADES, GROUND: 255}
-#: By the number of a colour: its number in the light.
-_LIT = [i + _STANDING if i < _STANDING else i for i in range(256)]
-#: By how much a letter covers of a pixel, 0 to 255: the number of its shade; 255 where its halo is drawn, else 0.
+#: Colours of the static layer. The palette consists of these, their lit versions, moving colours, and shades.
+_STATIC = (256 - len(_MOVING) - _SHADES) // 2
+_NUMBER = {colour: 2 * _STATIC + i for i, colour in enumerate(_MOVING)} | {INK: 256 - _SHADES, GROUND: 255}
+#: Palette index of the lit version, by palette index.
+_LIT = [i + _STATIC if i < _STATIC else i for i in range(256)]
+#: Palette index of a letter's shade, by the coverage of a pixel (0 to 255).
 _SHADE = [255 - round(i / 255 * (_SHADES - 1)) for i in range(256)]
+#: Mask of a letter with its halo, by the coverage of a pixel (0 to 255).
 _SOLID = [255 if i >= 128 else 0 for i in range(256)]
-#: Colour and words; ~ marks what is drawn as a thin line.
+#: Colour and label; ~ marks a thin line.
 _LEGEND = (
     (ROBOT, "robot"),
     (VELOCITY, "~velocity"),
@@ -74,9 +80,10 @@ _LEGEND = (
 )
 
 
-class SightFan(NamedTuple):
-    """What a laser at x, y (m) sees: `distances` in m of rays, the first at `first_rad` from its heading (rad), the
-    others `step_rad` apart, counter-clockwise."""
+class ScanFan(NamedTuple):
+    """A scan to draw: sensor at x, y [m] and heading [rad], distances of its rays [m].
+
+    The first ray is at `first_rad` from the heading, the others `step_rad` apart, counter-clockwise [rad]."""
 
     x: float
     y: float
@@ -87,7 +94,7 @@ class SightFan(NamedTuple):
 
 
 class _Shaft(NamedTuple):
-    """An elevator that serves the floor, in pixels: the ground within, and the floor's doors."""
+    """Shaft of an elevator that serves the floor [px]: its ground and the floor's doors."""
 
     name: str
     ground: list[XY]
@@ -95,7 +102,7 @@ class _Shaft(NamedTuple):
 
 
 class _Layer(NamedTuple):
-    """What stands on a floor. `pixels` are the numbers of colours in `palette`; `elevation` in m."""
+    """Static layer of a floor. elevation: of the floor [m]. pixels: indices into `palette`."""
 
     frame: Frame
     elevation: float
@@ -105,21 +112,21 @@ class _Layer(NamedTuple):
 
 
 class FloorPainter:
-    """Draws the floors of `building`. Several threads may use one."""
+    """Draws the floors of `building`. Thread-safe."""
 
     def __init__(self, building: Building) -> None:
         self._building = building
-        #: By floor and width, what was used last at the end.
+        #: Layers by floor and width, least recently used first.
         self._layers: OrderedDict[tuple[str, int], _Layer] = OrderedDict()
         self._lock = threading.Lock()
-        #: Held while a layer is drawn: nobody draws it a second time.
+        #: Held while a layer is drawn, so that no layer is drawn twice.
         self._drawing = threading.Lock()
 
-    def png(self, view: FloorView, fans: Sequence[SightFan], width_px: int, caption: str = "") -> bytes:
-        """A floor as a PNG file, everything where drawing.to_pixel says; `view` must not change meanwhile.
+    def png(self, view: FloorView, fans: Sequence[ScanFan], width_px: int, caption: str = "") -> bytes:
+        """Render a floor as a PNG file in the pixel coordinates of drawing.to_pixel; `view` must not change meanwhile.
 
-        What has no finite place is left out. The first picture of a floor and a width takes as long as draw_floor does.
-        Raises UnknownFloor, and InvalidPicture for a width outside LEAST_WIDTH_PX to MOST_WIDTH_PX."""
+        Skips bodies without a finite pose. The first picture of a floor and width takes as long as draw_floor. Raises
+        UnknownFloor, and InvalidPicture for a width outside LEAST_WIDTH_PX to MOST_WIDTH_PX."""
         if view.floor not in self._building.floors:
             raise UnknownFloor("picture", view.floor, list(self._building.floors))
         if not LEAST_WIDTH_PX <= width_px <= MOST_WIDTH_PX:
@@ -132,28 +139,28 @@ class FloorPainter:
         return picture.png()
 
     def _layer(self, key: tuple[str, int]) -> _Layer:
-        layer = self._kept(key)
+        layer = self._cached(key)
         if layer is None:
             with self._drawing:
-                layer = self._kept(key) or self._keep(key, _layer(self._building, *key))
+                layer = self._cached(key) or self._cache(key, _layer(self._building, *key))
         return layer
 
-    def _kept(self, key: tuple[str, int]) -> _Layer | None:
+    def _cached(self, key: tuple[str, int]) -> _Layer | None:
         with self._lock:
             if key in self._layers:
                 self._layers.move_to_end(key)
             return self._layers.get(key)
 
-    def _keep(self, key: tuple[str, int], layer: _Layer) -> _Layer:
+    def _cache(self, key: tuple[str, int], layer: _Layer) -> _Layer:
         with self._lock:
             self._layers[key] = layer
-            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > MOST_KEPT_PX:
+            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > MOST_CACHED_PX:
                 self._layers.popitem(last=False)
         return layer
 
 
 class _Picture:
-    """A copy of a layer, and what is drawn over it, from the ground up. Pixels count from the top left."""
+    """A copy of a layer with moving parts on top. Pixel (0, 0) is the top left."""
 
     def __init__(self, layer: _Layer) -> None:
         self._layer, self._frame = layer, layer.frame
@@ -162,27 +169,29 @@ class _Picture:
         self._letter_px = round(_px(layer.frame, 0.36, 9, 15))
 
     def png(self) -> bytes:
-        """The picture as it is; nothing can be drawn any more."""
+        """Encode the picture; nothing can be drawn afterwards."""
         self._pixels.putpalette(self._layer.palette)
         buffer = io.BytesIO()
         self._pixels.save(buffer, "PNG", compress_level=1)
         return buffer.getvalue()
 
-    def add_cabins(self, floor: str, moments: Mapping[str, Moment]) -> None:
-        """A layer has all cabins, with closed doors: open the doors, and tell where a cabin is that is not here."""
+    def add_cabins(self, floor: str, states: Mapping[str, ElevatorState]) -> None:
+        """Open doors of cabins at this floor, and mark shafts whose cabin is elsewhere.
+
+        The layer shows every cabin at this floor with closed doors."""
         for shaft in self._layer.shafts:
-            moment, says = moments.get(shaft.name), shaft.name
-            if moment is not None and moment.floor == floor:
+            state, label = states.get(shaft.name), shaft.name
+            if state is not None and state.floor == floor:
                 for door in shaft.doors:
-                    self._open(door, moment.opening)
+                    self._open(door, state.opening)
             else:
                 self._pen.polygon(shaft.ground, _NUMBER[CLOSED_SHAFT])
-                if moment is not None:
-                    says += f" {'▲' if moment.height > self._layer.elevation else '▼'} {moment.floor}"
-            self._write(says, *_middle(shaft.ground))
+                if state is not None:
+                    label += f" {'▲' if state.height > self._layer.elevation else '▼'} {state.floor}"
+            self._write(label, *_middle(shaft.ground))
 
     def _open(self, door: list[XY], share: float) -> None:
-        """Let both leaves of a closed door withdraw by a share of their way."""
+        """Draw both leaves of a door open by a share of 0 to 1."""
         if not share > 0.0:
             return
         (ax, ay), (bx, by) = door
@@ -192,8 +201,8 @@ class _Picture:
         for leaf in ((ax, ay, ax + dx, ay + dy), (bx, by, bx - dx, by - dy)):
             self._pen.line(leaf, _NUMBER[DOOR], round(_px(self._frame, 0.09, 2, 4)))
 
-    def add_fans(self, fans: Sequence[SightFan]) -> None:
-        """Light what lies between lasers and what they see, with a line around each fan."""
+    def add_fans(self, fans: Sequence[ScanFan]) -> None:
+        """Light the area of each fan, and outline it."""
         outlines = [outline for fan in fans if len(outline := self._outline(fan)) > 2]
         light = Image.new("L", self._pixels.size)
         pen = ImageDraw.Draw(light)
@@ -205,8 +214,8 @@ class _Picture:
         for outline in outlines:
             self._pen.polygon(outline, outline=_NUMBER[LASER])
 
-    def _outline(self, fan: SightFan) -> list[XY]:
-        """The laser, and where its rays end; nothing for one without a place."""
+    def _outline(self, fan: ScanFan) -> list[XY]:
+        """Polygon of the sensor and its ray ends [px]; empty for a sensor without a finite pose."""
         if not all(abs(value) < _FAR_M for value in fan[:5]):
             return []
         rays = np.arange(0, len(fan.distances), 1 + len(fan.distances) // MOST_RAYS)
@@ -216,7 +225,7 @@ class _Picture:
         return _polygon(self._frame, fan.x + np.append(0.0, x), fan.y + np.append(0.0, y))
 
     def add_bodies(self, view: FloorView) -> None:
-        """Objects, over them robots, over them names."""
+        """Draw objects, robots above them, and names above both."""
         found = [
             (body, *motion[1:])
             for body, motion in zip(view.bodies.values(), view.motions.tolist(), strict=True)
@@ -235,7 +244,7 @@ class _Picture:
             self._write(name, column, row)
 
     def _add_object(self, body: Body, x: float, y: float, heading: float) -> None:
-        """With its name, where that has room on it."""
+        """Draw an object, with its name if that fits on it."""
         if len(body.outline) < 3:
             return
         (ahead, aside), cos, sin = np.transpose(body.outline), math.cos(heading), math.sin(heading)
@@ -246,7 +255,7 @@ class _Picture:
             self._write(body.name, column, row, room_px=2 * (column - min(corners)[0]))
 
     def _add_robot(self, column: float, row: float, radius: float, heading: float, vx: float, vy: float) -> None:
-        """`radius` in pixels, the velocity in m/s along the floor's axes."""
+        """Draw a robot. radius: [px]. vx, vy: velocity along the floor's axes [m/s]."""
         speed, course = math.hypot(vx, vy), math.atan2(vy, vx)
         if speed < math.inf:
             tip = _ahead(column, row, course, min(radius + ARROW_S * speed * self._frame.scale, _FAR_PX))
@@ -258,12 +267,12 @@ class _Picture:
         self._pen.polygon(_wedge(*front, heading, 0.3 * radius), _NUMBER[GROUND])
 
     def add_caption(self, caption: str) -> None:
-        """A line above the floor."""
+        """Draw a caption above the floor."""
         letters, halo = _written(caption[:MAX_CAPTION], round(min(18.0, max(10.0, self._frame.width / 50))), bold=True)
         self._pixels.paste(letters, (12, (HEAD_PX - letters.height) // 2), halo)
 
     def _write(self, name: str, column: float, row: float, room_px: float = math.inf) -> None:
-        """A name around a place, moved as far as the picture needs; nothing where it is wider than its room."""
+        """Draw a name centred at a pixel, shifted to lie within the picture; skip a name wider than `room_px`."""
         shown = name if len(name) <= MAX_LETTERS else f"{name[: MAX_LETTERS - 2]}…"
         letters, halo = _name(shown, self._letter_px)
         if letters.width < room_px:
@@ -273,12 +282,10 @@ class _Picture:
 
 
 def _layer(building: Building, floor: str, width_px: int) -> _Layer:
-    """Draw what stands, and find a palette for it."""
+    """Draw the static layer of a floor, and quantize its colours."""
     frame = Frame(building, floor, width_px, titled=True)
     served = [elevator for elevator in building.elevators.values() if floor in elevator.floors()]
-    drawn = _draw_standing(frame, building, floor).quantize(
-        _STANDING, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
-    )
+    drawn = _draw_static(frame, building, floor).quantize(_STATIC, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     return _Layer(
         frame,
         building.floors[floor].floor.elevation,
@@ -288,11 +295,11 @@ def _layer(building: Building, floor: str, width_px: int) -> _Layer:
     )
 
 
-def _draw_standing(frame: Frame, building: Building, floor: str) -> Image.Image:
-    """No roads, nothing that can be moved; elevators that serve the floor get their names with their cabins."""
+def _draw_static(frame: Frame, building: Building, floor: str) -> Image.Image:
+    """Draw a floor without roads and movable objects; shafts that serve it are labelled later, with their cabins."""
     entry = building.floors[floor]
-    moving = {thing.name for thing, where in movables(building).values() if where == floor}
-    objects = {name: thing for name, thing in entry.geometrical.objects.items() if name not in moving}
+    moving = {item.name for item, where in movables(building).values() if where == floor}
+    objects = {name: item for name, item in entry.geometrical.objects.items() if name not in moving}
     plan = msgspec.structs.replace(entry.geometrical, objects=objects)
     standing = FloorMap(entry.floor, plan)
     building = msgspec.structs.replace(building, floors={**building.floors, floor: standing})
@@ -305,11 +312,11 @@ def _draw_standing(frame: Frame, building: Building, floor: str) -> Image.Image:
     return sheet.image()
 
 
-def _palette(standing: Sequence[int]) -> bytes:
-    """Red, green and blue of all colours, from those of what stands."""
+def _palette(static: Sequence[int]) -> bytes:
+    """RGB palette built from the static colours."""
     colours = np.zeros((256, 3))
-    colours[: len(standing) // 3] = np.reshape(standing, (-1, 3))
-    colours[_STANDING : 2 * _STANDING] = colours[:_STANDING] * (1 - LIGHT) + LIGHT * np.array(ImageColor.getrgb(LASER))
+    colours[: len(static) // 3] = np.reshape(static, (-1, 3))
+    colours[_STATIC : 2 * _STATIC] = colours[:_STATIC] * (1 - LIGHT) + LIGHT * np.array(ImageColor.getrgb(LASER))
     for colour, number in _NUMBER.items():
         colours[number] = ImageColor.getrgb(colour)
     colours[-_SHADES:] = np.linspace(colours[-_SHADES], colours[-1], _SHADES)
@@ -329,7 +336,7 @@ def _shaft(frame: Frame, elevator: Elevator, floor: str) -> _Shaft:
 
 
 def _px(frame: Frame, metres: float, least: float, most: float) -> float:
-    """A width that grows with the scale, as Sheet.px."""
+    """Line width that scales with the drawing, as Sheet.px."""
     return min(most, max(least, metres * frame.scale))
 
 
@@ -338,29 +345,29 @@ def _pixel(frame: Frame, x: float, y: float) -> XY:
 
 
 def _polygon(frame: Frame, x: NDArray[np.float64], y: NDArray[np.float64]) -> list[XY]:
-    """The same for corners, none of them too far away for Pillow."""
+    """Pixel coordinates of corners, clipped to _FAR_PX."""
     columns, rows = (x - frame.x0) * frame.scale, (frame.y1 - y) * frame.scale
     return list(zip(columns.clip(-_FAR_PX, _FAR_PX).tolist(), rows.clip(-_FAR_PX, _FAR_PX).tolist(), strict=True))
 
 
 def _radius(frame: Frame, body: Body) -> float:
-    """In pixels."""
+    """Drawn radius of a robot [px]."""
     return min(max(LEAST_RADIUS_PX, body.radius_m * frame.scale), _FAR_PX)
 
 
 def _middle(corners: Sequence[XY]) -> XY:
-    """Of the box around them."""
+    """Centre of the bounding box of corners."""
     columns, rows = zip(*corners, strict=True)
     return (min(columns) + max(columns)) / 2, (min(rows) + max(rows)) / 2
 
 
 def _ahead(column: float, row: float, course: float, length: float) -> XY:
-    """So many pixels from a place, on a course in rad on the floor."""
+    """The pixel at a distance [px] from another, in the direction `course` [rad] on the floor."""
     return column + length * math.cos(course), row - length * math.sin(course)
 
 
 def _wedge(column: float, row: float, course: float, size: float) -> list[XY]:
-    """A triangle with its tip there, two sizes long and wide."""
+    """Triangle with its tip at a pixel, twice `size` long and wide."""
     dx, dy = size * math.cos(course), -size * math.sin(course)
     return [(column, row), (column - 2 * dx + dy, row - 2 * dy - dx), (column - 2 * dx - dy, row - 2 * dy + dx)]
 
@@ -371,7 +378,7 @@ def _name(text: str, letter_px: int) -> tuple[Image.Image, Image.Image]:
 
 
 def _written(text: str, letter_px: int, bold: bool) -> tuple[Image.Image, Image.Image]:
-    """A line of text as numbers of shades, and as a mask of it and its halo."""
+    """Render a line of text: palette indices of its shades, and the mask of the text with its halo."""
     text = "".join(letter if letter.isprintable() else "□" for letter in text)
     font = _font(letter_px, bold)
     size = math.ceil(font.getlength(text)) + 2 * _HALO_PX, sum(font.getmetrics()) + 2 * _HALO_PX

@@ -1,9 +1,8 @@
-"""A recording of the simulated building: an MCAP file with the updates of its floors, and the map.
+"""Recordings of the simulated building: MCAP files with floor updates and the map.
 
-What MCAP tools see: an attachment with the map (a native map file, gzipped), a topic for each floor with the messages
-that SCHEMA describes, chunks compressed with zstd. `log_time` is when an update was recorded, `publish_time` that of
-the simulation, both in ns. A chunk is written each second, and what was written can be read: also while it is recorded,
-and when the recorder was killed.
+A file has an attachment with the map (a native map file, gzipped), one topic for each floor with messages as in SCHEMA,
+and chunks compressed with zstd. `log_time` is the time of recording, `publish_time` the simulated time, both in ns. A
+chunk is written every second; written chunks are readable during recording and after the recorder was killed.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ PROFILE = "x-robocorba"
 MAP = "building.yaml.gz"
 TOPIC = "floor/"
 ENCODING = "msgpack"
-#: How much is lost at most when a recorder is killed, s.
+#: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
 NS = 1_000_000_000
 
@@ -83,7 +82,7 @@ struct FloorUpdate {
 };
 """
 
-#: What the parsers make of bytes that they were not made for.
+#: Errors that the parsers raise on damaged files.
 _DAMAGE: tuple[Any, ...] = (McapError, struct.error, zlib.error, zstandard.ZstdError, msgspec.MsgspecError)
 _DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeError, MapFileError, OutOfStep)
 _PREFIX = struct.Struct("<BQ")
@@ -96,13 +95,13 @@ class _Message(NamedTuple):
 
 
 class Recorder:
-    """Writes a recording, in a `with`; what is there already stays, unless told to `overwrite` it.
+    """Context manager that writes a recording; an existing file is kept unless `overwrite`.
 
-    Raises StateDamaged where the file can't be written."""
+    Raises StateDamaged if the file can't be written."""
 
     def __init__(self, path: Path, building: Building, overwrite: bool = False) -> None:
         self.path = path
-        #: Updates, and bytes that are on their way to the disk.
+        #: Updates recorded, and bytes handed to the operating system.
         self.count = self.size = 0
         self._flushed_at = 0.0
         self._channels: dict[str, int] = {}
@@ -116,7 +115,7 @@ class Recorder:
         self.flush()
 
     def write(self, update: FloorUpdate, at_s: float) -> None:
-        """Add an update that was received at a time, s since 1970."""
+        """Add an update received at POSIX time `at_s` [s]."""
         with _writing(self.path):
             self._writer.add_message(
                 self._channel(update.floor), round(at_s * NS), dumps(update), round(update.time * NS), self.count
@@ -127,7 +126,7 @@ class Recorder:
             self.flush()
 
     def flush(self) -> None:
-        """Write what `write` still holds back; nothing that happens to this process harms it any more."""
+        """Write the current chunk, which then survives the end of this process."""
         with _writing(self.path):
             self._writer.flush()
         self.size = self._file.tell()
@@ -144,7 +143,7 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         with _writing(self.path), self._file:
-            if not isinstance(error, StateDamaged):  # behind half a chunk nothing more would be found
+            if not isinstance(error, StateDamaged):  # readers find nothing after a truncated chunk
                 self._writer.finish()
             self.size = self._file.tell()
 
@@ -158,16 +157,16 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 class Recording:
-    """A recording as it is when this is made: all of it, or what was written before its recorder was killed.
+    """A recording as far as it was written when this object is created.
 
-    `began` is in s since 1970; `floors` those that were recorded. Raises StateDamaged for any other file."""
+    floors: recorded floors. began: POSIX time of the first update [s]. Raises StateDamaged for any other file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.floors: list[str] = []
         self.count = 0
         self.began = self.duration_s = 0.0
-        #: Whether the recorder came to its end.
+        #: Whether the recorder finished the file.
         self.is_complete = False
         document = None
         with self._reading():
@@ -178,14 +177,14 @@ class Recording:
                 elif isinstance(record, _Message):
                     self._note(record)
             if document is None:
-                raise StateDamaged(str(path), "there is no map in it")
+                raise StateDamaged(str(path), "contains no map")
             self.building = native.loads(document, MAP)
 
     def __iter__(self) -> Iterator[tuple[float, FloorUpdate]]:
         return self.updates()
 
     def updates(self, floors: Collection[str] = ()) -> Iterator[tuple[float, FloorUpdate]]:
-        """Updates of some floors, by default of all, in order, each with its time in s after `began`.
+        """Updates of the given floors, by default all, in recorded order, each with its time after `began` [s].
 
         Raises UnknownFloor, StateDamaged."""
         for floor in floors:
@@ -197,9 +196,9 @@ class Recording:
                     yield record.log_time / NS - self.began, loads(record.data)
 
     def moments(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
-        """Floors by name as they were each `every_s`, and at the end. Raises UnknownFloor, StateDamaged.
+        """Floors by name, sampled every `every_s` and at the end. Raises UnknownFloor, StateDamaged.
 
-        Always the same views: they change with the next step."""
+        Yields the same views each time; the next step changes them."""
         views = self._views(floors)
         count = 0
         for at_s, update in self.updates(floors):
@@ -210,7 +209,7 @@ class Recording:
         yield self.duration_s, views
 
     def at(self, at_s: float, floors: Collection[str] = ()) -> dict[str, FloorView]:
-        """Floors by name as they were at a time, s after `began`. Raises UnknownFloor, StateDamaged."""
+        """Floors by name at a time after `began` [s]. Raises UnknownFloor, StateDamaged."""
         views = self._views(floors)
         for updated_at_s, update in self.updates(floors):
             if updated_at_s > at_s:
@@ -238,7 +237,7 @@ class Recording:
         channels: dict[int, Channel] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
-                raise StateDamaged(str(self.path), "somebody else's MCAP file, not a recording of RoboCorba")
+                raise StateDamaged(str(self.path), "not a recording of RoboCorba, but another MCAP file")
             if opcode == Opcode.ATTACHMENT:
                 yield Attachment.read(stream)
             if opcode == Opcode.CHUNK:
@@ -251,7 +250,7 @@ class Recording:
                             yield _Message(channel.topic.removeprefix(TOPIC), record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:
-        """Opcode and content of each record up to the end of the data, or to where the recorder was killed."""
+        """Opcode and content of each record, up to the end of the data or the last complete record."""
         with open(self.path, "rb") as file:
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise StateDamaged(str(self.path), "not an MCAP file")
@@ -265,7 +264,7 @@ class Recording:
                 yield opcode, ReadDataStream(BytesIO(file.read(length)))
             file.seek(self._size - len(MCAP0_MAGIC))
             if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
-                raise StateDamaged(str(self.path), "damaged: it has an end, but its parts don't lead there")
+                raise StateDamaged(str(self.path), "damaged: the file has an end mark, but its records do not reach it")
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:

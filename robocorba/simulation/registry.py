@@ -1,6 +1,6 @@
-"""Which robots are logged on, and for how long.
+"""The logged-on robots and their leases.
 
-Nobody is asked whether it lives: a lease runs out unless a call of its robot renews it.
+The server does not poll robots: a lease expires unless a call of its robot renews it.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from dataclasses import dataclass, field
 from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.spatial.pose import Limits, Pose
 
-#: A robot that was not heard of for so long is logged off, s.
+#: Lease of a robot [s]: without a call for this long it is logged off.
 LEASE_S = 2.0
+#: Characters of a robot's name at most.
 MAX_NAME = 60
 
 
 @dataclass(frozen=True)
 class Description:
-    """What a robot says of itself when it logs on. Raises InvalidDescription."""
+    """Description with which a robot logs on. Raises InvalidDescription."""
 
     name: str
     pose: Pose
@@ -52,28 +53,28 @@ class Description:
                 raise InvalidDescription(what, f"{value} is not {least:g} to {most:g}")
 
 
-class Client:
-    """A robot that is logged on. `key` is its secret: whoever knows it may act as this robot.
+class RobotClient:
+    """A logged-on robot. Thread-safe.
 
-    since: when it logged on, POSIX time, s. What it is asked is safe from any thread."""
+    key: secret that authorizes a caller to act as this robot. since: POSIX time of the log-on [s]."""
 
     __slots__ = (
         "_calls",
         "_counted_at",
         "call_rate",
         "description",
-        "heard_at",
-        "is_over",
+        "is_logged_off",
         "key",
+        "last_call_at",
         "latency_s",
         "since",
     )
 
     def __init__(self, description: Description, key: str, since: float, now: float) -> None:
         self.description, self.key, self.since = description, key, since
-        self.heard_at = now
-        self.is_over = False
-        #: Calls a second, and seconds that a call took, on average of the last ones.
+        self.last_call_at = now
+        self.is_logged_off = False
+        #: Calls per second, and moving average of the time to answer a call [s].
         self.call_rate = self.latency_s = 0.0
         self._calls, self._counted_at = 0, now
 
@@ -81,85 +82,85 @@ class Client:
     def name(self) -> str:
         return self.description.name
 
-    def heard(self, now: float) -> None:
-        """It called: its lease is renewed. Raises SessionExpired where it has none any more."""
-        if self.is_over:
+    def renew_lease(self, now: float) -> None:
+        """Count a call and renew the lease. Raises SessionExpired if the robot is logged off."""
+        if self.is_logged_off:
             raise SessionExpired()
-        self.heard_at = now
+        self.last_call_at = now
         self._calls += 1
 
-    def took(self, seconds: float) -> None:
-        """Its call was answered in this time."""
+    def record_latency(self, seconds: float) -> None:
+        """Record the time that a call took."""
         self.latency_s += 0.05 * (seconds - self.latency_s)
 
-    def count(self, now: float) -> None:
-        """Find out how often it calls, at most once a second."""
+    def update_call_rate(self, now: float) -> None:
+        """Update `call_rate`, at most once a second."""
         passed = now - self._counted_at
         if passed >= 1.0:
             self.call_rate, self._calls, self._counted_at = self._calls / passed, 0, now
 
 
 class Registry:
-    """At most `limit` clients; `clock` tells the time in s."""
+    """At most `limit` clients; `clock` returns the time [s]."""
 
     def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
         self._clock, self.lease_s = clock, lease_s
-        self._by_key: dict[str, Client] = {}
-        self._by_name: dict[str, Client] = {}
+        self._by_key: dict[str, RobotClient] = {}
+        self._by_name: dict[str, RobotClient] = {}
         self.limit = limit
 
     def __len__(self) -> int:
         return len(self._by_key)
 
     @property
-    def clients(self) -> list[Client]:
-        """In the order in which they logged on."""
+    def clients(self) -> list[RobotClient]:
+        """Clients in the order of their log-on."""
         return list(self._by_key.values())
 
     def check(self, description: Description) -> None:
-        """Whether a robot may log on. Raises NameTaken, ServerFull."""
+        """Check that a robot may log on. Raises NameTaken, ServerFull."""
         if description.name in self._by_name:
             raise NameTaken(description.name)
         if len(self) >= self.limit:
             raise ServerFull(self.limit, len(self), self._next_slot_s())
 
-    def register(self, description: Description) -> Client:
+    def register(self, description: Description) -> RobotClient:
         """Log a robot on. Raises NameTaken, ServerFull."""
         self.check(description)
-        client = Client(description, secrets.token_urlsafe(24), time.time(), self._clock())
+        client = RobotClient(description, secrets.token_urlsafe(24), time.time(), self._clock())
         self._admit(client)
         return client
 
-    def restore(self, description: Description, key: str, since: float) -> Client:
-        """Log on again who was before a restart; its lease begins anew."""
-        client = Client(description, key, since, self._clock())
+    def restore(self, description: Description, key: str, since: float) -> RobotClient:
+        """Log a robot on again after a restart, with a full lease."""
+        client = RobotClient(description, key, since, self._clock())
         self._admit(client)
         return client
 
-    def dismiss(self, client: Client) -> None:
-        """Log a robot off. Raises SessionExpired where it is not logged on."""
-        if client.is_over:
+    def remove(self, client: RobotClient) -> None:
+        """Log a robot off. Raises SessionExpired if it is not logged on."""
+        if client.is_logged_off:
             raise SessionExpired()
-        client.is_over = True
+        client.is_logged_off = True
         del self._by_key[client.key], self._by_name[client.name]
 
-    def find(self, name: str) -> Client:
-        """Raises UnknownRobot."""
+    def find(self, name: str) -> RobotClient:
+        """The client of this name. Raises UnknownRobot."""
         if name not in self._by_name:
             raise UnknownRobot(name)
         return self._by_name[name]
 
-    def expired(self) -> list[Client]:
-        """Who was not heard of for its lease; and find out how often the others call."""
+    def expired(self) -> list[RobotClient]:
+        """Clients whose lease has expired. Updates the call rates of all clients."""
         now = self._clock()
         for client in self.clients:
-            client.count(now)
-        return [client for client in self.clients if client.heard_at < now - self.lease_s]
+            client.update_call_rate(now)
+        return [client for client in self.clients if client.last_call_at < now - self.lease_s]
 
-    def _admit(self, client: Client) -> None:
+    def _admit(self, client: RobotClient) -> None:
         self._by_key[client.key] = self._by_name[client.name] = client
 
     def _next_slot_s(self) -> float:
-        """When a slot may be free at the earliest: when the first lease would run out."""
-        oldest = min((client.heard_at for client in self._by_key.values()), default=self._clock())
+        """Time until a slot may be free at the earliest [s]: until the first lease would expire."""
+        oldest = min((client.last_call_at for client in self._by_key.values()), default=self._clock())
         return max(0.0, oldest + self.lease_s - self._clock())

@@ -1,8 +1,8 @@
-"""Areas that robots reserve before they go there with what they carry: who asked first goes first.
+"""Areas that robots reserve before they enter them with a load, granted in the order of requests.
 
-A request is granted with all its areas or not at all, so nobody holds one and waits for another. It waits for each
-request before it, granted or not, that overlaps it: nobody is passed over. A grant ends by itself when its limit is
-over, so a wait has a bound. Areas keep only those out who reserve too.
+A request is granted with all its areas or not at all, which excludes deadlocks. It waits for each earlier overlapping
+request, granted or not, which excludes starvation. A grant expires after its limit, so every wait is bounded.
+Reservations bind only robots that reserve.
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ from robocorba.maps.polygons import FloorArea, check_polygon
 from robocorba.simulation.world_record import ReservationRecord
 from robocorba.spatial.pose import XY
 
-#: Areas of a request, their corners together, and requests at once, at most.
-MOST_AREAS, MOST_CORNERS, MOST_REQUESTS = 32, 512, 500
-#: A grant ends after so long at the latest, s.
+#: Limits of a request: its areas, and the corners of all its areas.
+MOST_AREAS, MOST_CORNERS = 32, 512
+#: Requests in force at most.
+MOST_REQUESTS = 500
+#: Longest duration of a grant [s].
 MOST_LIMIT_S = 600.0
-#: Areas that overlap by less than twice this don't, so that rounding lets neighbours be neighbours, m.
+#: Each area is shrunk by this margin [m], so that rounding does not make adjacent areas overlap.
 EDGE_M = 0.001
 
 
 class Wanted(NamedTuple):
-    """What is asked for. shapes: all its areas together, by floor."""
+    """A request for areas. limit_s: duration of the grant [s]. shapes: union of its areas, by floor."""
 
     areas: tuple[FloorArea, ...]
     limit_s: float
@@ -36,10 +38,10 @@ class Wanted(NamedTuple):
 
 
 class Reservation(NamedTuple):
-    """How far a request has come, in simulated seconds.
+    """Status of a request, in simulated time.
 
-    ahead: requests that have to end before. longest_wait_s: until it is granted, at most. left_s: that its grant
-    lasts, or will last."""
+    ahead: earlier requests that must end first. longest_wait_s: upper bound of the wait [s]. left_s: remaining
+    duration of the grant [s], the whole duration while the request waits."""
 
     granted: bool
     ahead: int
@@ -48,14 +50,14 @@ class Reservation(NamedTuple):
 
 
 class Request:
-    """A robot's request; `ahead` are the owners of those that it waits for."""
+    """A robot's request. ahead: owners of the requests that it waits for."""
 
     def __init__(self, owner: str, wanted: Wanted) -> None:
         self.owner = owner
         self.areas, self.limit_s, self.shapes = wanted
         self.ahead: set[str] = set()
         self.granted_at: float | None = None
-        #: The latest time at which it is granted.
+        #: Latest time at which it is granted [s].
         self.granted_by = 0.0
 
     def overlaps(self, other: Request) -> bool:
@@ -63,11 +65,11 @@ class Request:
 
     @property
     def ends_by(self) -> float:
-        """The latest time at which its grant ends."""
+        """Latest time at which its grant ends [s]."""
         return (self.granted_by if self.granted_at is None else self.granted_at) + self.limit_s
 
-    def seen_at(self, now: float) -> Reservation:
-        """How far it has come. Safe from any thread."""
+    def status_at(self, now: float) -> Reservation:
+        """Status at a time [s]. Thread-safe."""
         granted_at = self.granted_at
         if granted_at is None:
             return Reservation(False, len(self.ahead), max(0.0, self.granted_by - now), self.limit_s)
@@ -75,7 +77,7 @@ class Request:
 
 
 class Reservations:
-    """Of a building, at a time in s. One thread uses it; any may use `find`."""
+    """All requests of a building at time `now` [s]. One thread may use it; `find` is thread-safe."""
 
     def __init__(self, now: float = 0.0) -> None:
         self.now = now
@@ -83,7 +85,7 @@ class Reservations:
         self.requests: dict[str, Request] = {}
 
     def reserve(self, owner: str, wanted: Wanted) -> Request:
-        """Ask for areas; they are granted with this call or later. Raises InvalidReservation, ReservationsFull."""
+        """Request areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
         if owner in self.requests:
             raise InvalidReservation("robot", f"{owner} has a reservation already")
         if len(self.requests) >= MOST_REQUESTS:
@@ -95,9 +97,9 @@ class Reservations:
         return request
 
     def keep(self, owner: str, kept: Sequence[FloorArea]) -> None:
-        """Give back all but these of an owner's areas; without any its request ends.
+        """Release all areas of an owner but these; without any, the request ends.
 
-        Raises InvalidReservation where one of them is not the owner's."""
+        Raises InvalidReservation if one of them is not reserved by the owner."""
         request = self.requests.get(owner)
         if request is None:
             raise InvalidReservation("robot", f"{owner} has no reservation")
@@ -116,42 +118,42 @@ class Reservations:
         self._settle()
 
     def release(self, owner: str) -> None:
-        """End an owner's request, if there is one."""
+        """End an owner's request, if any."""
         if self.requests.pop(owner, None):
             for other in self.requests.values():
                 other.ahead.discard(owner)
             self._settle()
 
     def find(self, owner: str, now: float) -> Reservation | None:
-        """How far an owner's request has come; None where there is none."""
+        """Status of an owner's request at a time [s]; None without a request. Thread-safe."""
         request = self.requests.get(owner)
-        return request.seen_at(now) if request else None
+        return request.status_at(now) if request else None
 
     def longest_wait(self, owner: str) -> float:
-        """How long an owner has to wait for its areas at most, s; 0 where it does not wait."""
+        """Upper bound of an owner's wait for its areas [s]; 0 if it does not wait."""
         found = self.find(owner, self.now)
         return found.longest_wait_s if found else 0.0
 
     def advance(self, now: float) -> list[Request]:
-        """Let time pass; those whose grant is over."""
+        """Advance to a time [s]; return the requests whose grant expired."""
         ended = []
         while over := [r for r in self.requests.values() if r.granted_at is not None and r.ends_by <= now]:
             first = min(over, key=lambda request: request.ends_by)
-            self.now = first.ends_by  # when those that wait for it are granted
+            self.now = first.ends_by  # waiting requests are granted at this time
             self.release(first.owner)
             ended.append(first)
         self.now = now
         return ended
 
     def record(self) -> list[ReservationRecord]:
-        """To go on from."""
+        """All requests, for `restore`."""
         return [
             ReservationRecord(request.owner, request.areas, request.limit_s, request.granted_at)
             for request in self.requests.values()
         ]
 
     def restore(self, records: Iterable[ReservationRecord], now: float, owners: Collection[str]) -> None:
-        """Go on from a record, in its order, with the requests of these owners."""
+        """Restore the requests of these owners, in the order of the records."""
         self.now = now
         for record in records:
             if record.owner in owners:
@@ -161,7 +163,7 @@ class Reservations:
                     self.requests[record.owner].granted_at = record.granted_at
 
     def _settle(self) -> None:
-        """Grant what nobody is ahead of, and say by when the others are granted. First come is first here."""
+        """Grant requests that wait for none, and compute the latest grant of the others, in order of arrival."""
         for request in self.requests.values():
             if request.granted_at is None:
                 request.granted_by = max((self.requests[other].ends_by for other in request.ahead), default=self.now)
@@ -170,14 +172,14 @@ class Reservations:
 
 
 def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors: Collection[str]) -> Wanted:
-    """A request for areas on these floors, for so long after it is granted, simulated s.
+    """Validate a request for areas on these floors; the grant lasts `limit_s` of simulated time.
 
     Raises InvalidReservation, UnknownFloor."""
     if not 0.0 < limit_s <= MOST_LIMIT_S:  # also refuses NaN
-        raise InvalidReservation("limit", f"{limit_s} is not more than 0 and at most {MOST_LIMIT_S:g} s")
+        raise InvalidReservation("limit", f"{limit_s} s is not above 0 and at most {MOST_LIMIT_S:g} s")
     asked = kept_of(areas)
     if not asked:
-        raise InvalidReservation("areas", "there are none")
+        raise InvalidReservation("areas", "a request needs at least one area")
     for i, (floor, polygon) in enumerate(asked):
         if floor not in floors:
             raise UnknownFloor(f"areas[{i}]", floor[:200], tuple(floors))
@@ -188,18 +190,18 @@ def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors:
 
 
 def kept_of(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
-    """Areas as they are kept. Raises InvalidReservation where there are too many, or too many corners."""
+    """Areas in canonical form. Raises InvalidReservation for too many areas or corners."""
     check_sizes([polygon for _, polygon in areas])
     return tuple((floor, tuple((float(x), float(y)) for x, y in polygon)) for floor, polygon in areas)
 
 
 def check_sizes(polygons: Sequence[Sequence[object]]) -> None:
-    """Whether so many areas with so many corners may be asked for. Raises InvalidReservation."""
+    """Check the numbers of areas and corners of a request. Raises InvalidReservation."""
     if len(polygons) > MOST_AREAS:
-        raise InvalidReservation("areas", f"{len(polygons)} are more than {MOST_AREAS}")
+        raise InvalidReservation("areas", f"{len(polygons)} areas; at most {MOST_AREAS}")
     corners = sum(map(len, polygons))
     if corners > MOST_CORNERS:
-        raise InvalidReservation("areas", f"{corners} corners are more than {MOST_CORNERS} in all")
+        raise InvalidReservation("areas", f"{corners} corners in total; at most {MOST_CORNERS}")
 
 
 def _shapes(areas: Iterable[FloorArea]) -> dict[str, BaseGeometry]:

@@ -1,4 +1,4 @@
-"""Writes what the simulation server must know again, in a thread of its own: time does not wait for a disk."""
+"""Writes the state of the simulation to the store in a thread of its own, so that steps do not wait for the disk."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from robocorba.errors.services import ServiceError
 from robocorba.simulation.store import SimulationStore
 from robocorba.simulation.world_record import WorldRecord
 
-#: How long a call waits until what it did can't be lost any more, s.
+#: Timeout of a call that waits until its change is on disk [s].
 WRITE_LIMIT_S = 5.0
 _log = logging.getLogger(__name__)
 
 
-class Keeper:
-    """`keep` and `forget` are called by the simulation's thread, and never wait."""
+class StateWriter:
+    """The simulation thread calls `submit` and `forget`, which do not block."""
 
     def __init__(self, store: SimulationStore) -> None:
         self._store = store
@@ -25,13 +25,13 @@ class Keeper:
         self._number = self._written = 0
         self._problem: ServiceError | None = None
         self._is_closing = False
-        self._thread = threading.Thread(target=self._run, name="keeper", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="state-writer", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write pending state, and end the thread."""
         with self._changed:
             self._is_closing = True
             self._changed.notify_all()
@@ -40,8 +40,8 @@ class Keeper:
         else:
             self._write()
 
-    def keep(self, world: WorldRecord) -> int:
-        """Write it, unless a newer one comes first; a number to wait for."""
+    def submit(self, world: WorldRecord) -> int:
+        """Queue a record for writing, in place of an older one that is pending; return a number for `wait`."""
         with self._changed:
             self._world = world
             self._number += 1
@@ -49,19 +49,19 @@ class Keeper:
             return self._number
 
     def forget(self, key: str) -> None:
-        """Forget a client."""
+        """Queue the removal of a client's record."""
         with self._changed:
             self._forgotten.append(key)
             self._changed.notify_all()
 
     def wait(self, number: int) -> None:
-        """Until what had this number, or a newer one, is written. Raises ServiceError where it can't be."""
+        """Wait until the record of this number or a newer one is written. Raises ServiceError if that fails."""
         if not self._thread.is_alive():
             self._write()
         with self._changed:
             self._changed.wait_for(lambda: self._written >= number or self._problem, WRITE_LIMIT_S)
             if self._written < number:
-                raise self._problem or ServiceError(f"the disk took longer than {WRITE_LIMIT_S:g} s")
+                raise self._problem or ServiceError(f"writing the state took longer than {WRITE_LIMIT_S:g} s")
 
     def _run(self) -> None:
         while True:
@@ -85,7 +85,7 @@ class Keeper:
         except ServiceError as wrong:
             problem = wrong
             if self._problem is None:
-                _log.error("what is simulated is not kept: %s", wrong)
+                _log.error("the state of the simulation is not written: %s", wrong)
         with self._changed:
             self._problem = problem
             if problem is None:

@@ -1,6 +1,6 @@
-"""What the simulation server must know again after it was killed: who was logged on, where everything was, missions.
+"""The simulation server's store, from which it is restored after kill -9: clients, poses, settings, missions.
 
-Poses are written a few times a second, so that those of the last moments are lost; all else before a call returns.
+Poses are written every 0.1 s, so a kill loses the latest ones; everything else is written before a call returns.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from robocorba.simulation.world_record import WorldRecord
 from robocorba.spatial.floor_state import Pose
 from robocorba.spatial.pose import Limits
 
-#: "RoCs": tells our files from those of others.
+#: "RoCs": marks store files of the simulation server.
 APPLICATION_ID = 0x526F4373
 SCHEMA_VERSION = 1
+#: Missions kept, characters of a name, and bytes of a document, at most.
 MAX_MISSIONS, MAX_MISSION_NAME, MAX_DOCUMENT = 1000, 200, 1024 * 1024
-#: All documents together, so that they fit into one message.
+#: Bytes of all documents, so that they fit into one CORBA message.
 MAX_DOCUMENTS = 32 * 1024 * 1024
 
 
 class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A robot that is logged on; `since` is POSIX time, s."""
+    """A logged-on robot. since: POSIX time of the log-on [s]."""
 
     key: str
     since: float
@@ -47,7 +48,7 @@ class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Choices(msgspec.Struct, frozen=True):
-    """What an administrator set: robots at most, simulated seconds in a second."""
+    """Settings of the administrator. limit: robots at most. pace: simulated seconds per second."""
 
     limit: int
     pace: float = 1.0
@@ -55,7 +56,7 @@ class Choices(msgspec.Struct, frozen=True):
 
 
 class Mission(msgspec.Struct, frozen=True, array_like=True):
-    """A mission as its leader keeps it; `version` rises by one with each change."""
+    """A mission as stored by its leader. version: increases by one with each change."""
 
     name: str
     version: int
@@ -63,7 +64,7 @@ class Mission(msgspec.Struct, frozen=True, array_like=True):
 
 
 class SimulationStore(RecordFile):
-    """Opened by one process at a time. Raises AlreadyRunning, or ServiceError for whatever is wrong with the file."""
+    """Opened by one process at a time. Raises AlreadyRunning, and ServiceError for an unusable file."""
 
     def __init__(self, file: Path) -> None:
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION)
@@ -71,7 +72,7 @@ class SimulationStore(RecordFile):
         self._missions = {mission.name: mission for mission in self.all("mission", Mission)}
 
     def clients(self) -> list[ClientRecord]:
-        """In the order in which they logged on."""
+        """Records of the clients in the order of their log-on."""
         return self.all("client", ClientRecord)
 
     def save_client(self, record: ClientRecord) -> None:
@@ -81,21 +82,21 @@ class SimulationStore(RecordFile):
         self.forget("client", key)
 
     def world(self) -> WorldRecord | None:
-        """What was written last, None where nothing was."""
+        """The last world record; None if none was written."""
         return next(iter(self.all("world", WorldRecord)), None)
 
     def save_world(self, world: WorldRecord) -> None:
         self.save("world", "", world)
 
     def choices(self) -> Choices | None:
-        """None where nobody chose."""
+        """The settings; None if an administrator never changed them."""
         return next(iter(self.all("choices", Choices)), None)
 
     def save_choices(self, choices: Choices) -> None:
         self.save("choices", "", choices)
 
     def secret(self) -> str:
-        """What only administrators know; the same for as long as the file is."""
+        """The administrators' secret, created once for each file."""
         known = self.all("secret", str)
         if not known:
             known = [secrets.token_urlsafe(24)]
@@ -105,35 +106,35 @@ class SimulationStore(RecordFile):
     # ---- missions ----
 
     def missions(self) -> list[Mission]:
-        """By name."""
+        """All missions, sorted by name."""
         with self._writing_missions:
             return sorted(self._missions.values(), key=lambda mission: mission.name)
 
     def put_mission(self, mission: Mission) -> int:
-        """Keep a mission whose version is that which the writer read, 0 for a new one; its new version.
+        """Store a mission if its version is still the stored one (0: a new mission); return the new version.
 
         Raises InvalidMission, StaleMission."""
         if not 0 < len(mission.name) <= MAX_MISSION_NAME:
             raise InvalidMission("name", f"has {len(mission.name)} characters, not 1 to {MAX_MISSION_NAME}")
         if len(mission.document) > MAX_DOCUMENT:
-            raise InvalidMission("document", f"has {len(mission.document)} bytes, more than {MAX_DOCUMENT}")
+            raise InvalidMission("document", f"has {len(mission.document)} bytes; at most {MAX_DOCUMENT}")
         with self._writing_missions:
             known = self._missions.get(mission.name)
             current = known.version if known else 0
             if mission.version != current:
                 raise StaleMission(mission.name, mission.version, current)
             if known is None and len(self._missions) >= MAX_MISSIONS:
-                raise InvalidMission("name", f"there are {MAX_MISSIONS} missions already; remove one")
+                raise InvalidMission("name", f"{MAX_MISSIONS} missions are stored already; remove one")
             others = sum(len(other.document) for name, other in self._missions.items() if name != mission.name)
             if others + len(mission.document) > MAX_DOCUMENTS:
-                raise InvalidMission("document", f"all missions together would be more than {MAX_DOCUMENTS} bytes")
+                raise InvalidMission("document", f"all missions would exceed {MAX_DOCUMENTS} bytes; remove one")
             kept = Mission(mission.name, current + 1, mission.document)
             self.save("mission", kept.name, kept)
             self._missions[kept.name] = kept
             return kept.version
 
     def remove_mission(self, name: str) -> None:
-        """Raises UnknownMission."""
+        """Remove a mission. Raises UnknownMission."""
         with self._writing_missions:
             if name not in self._missions:
                 raise UnknownMission(name)

@@ -1,5 +1,4 @@
-"""What is kept of the simulated building: where everything is that is not where the map says, who rides, and who has
-reserved what."""
+"""Records of the simulated building for the store: poses, grips, rides and reservations."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ import msgspec
 
 
 class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A robot's pose, m and rad; the object that it holds, and where (x, y)."""
+    """A robot's pose [m, rad]. grip: the held object and the grip point x, y [m]."""
 
     floor: str
     x: float
@@ -18,7 +17,7 @@ class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class RideRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A ride; `inside` where the robot is in the cabin."""
+    """A ride. inside: whether the robot is in the cabin."""
 
     robot: str
     origin: str
@@ -26,20 +25,20 @@ class RideRecord(msgspec.Struct, frozen=True, array_like=True):
     radius_m: float
     called_at: float
     inside: bool
-    #: Who ride together, and how many; empty and 1 for a robot alone.
+    #: Name and size of the party; empty and 1 for a lone robot.
     party: str = ""
     size: int = 1
 
 
 class CabinRecord(msgspec.Struct, frozen=True, array_like=True):
-    """An elevator: the floor where it stands, or which it left, and its rides, first call first."""
+    """An elevator. floor: where the cabin is, or its last stop. rides: first call first."""
 
     floor: str
     rides: list[RideRecord]
 
 
 class ReservationRecord(msgspec.Struct, frozen=True, array_like=True):
-    """Areas (floor, corners) that a robot asked for; granted_at: simulated s, None while it waits."""
+    """A request for areas (floor, corners). granted_at: simulated time [s], None while it waits."""
 
     owner: str
     areas: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
@@ -48,13 +47,13 @@ class ReservationRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class WorldRecord(msgspec.Struct, frozen=True, array_like=True):
-    """After so many steps: robots, movable objects (floor, x, y, heading) and elevators by name."""
+    """The world after `steps` steps: robots, movable objects (floor, x, y, heading) and elevators, by name."""
 
     steps: int
     robots: dict[str, RobotRecord]
     objects: dict[str, tuple[str, float, float, float]]
     cabins: dict[str, CabinRecord]
-    #: Whose robots these are: the sessions' keys, by name.
+    #: Session keys of the robots, by name.
     keys: dict[str, str] = {}
-    #: First request first.
+    #: In the order of the requests.
     reservations: list[ReservationRecord] = []

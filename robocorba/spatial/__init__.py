@@ -1,1 +1,1 @@
-"""Values about places that many parts share: points, poses, frames, grids, and a floor with what moves on it."""
+"""Geometric values that several packages share: points, poses, frames, grids, and floors with their moving bodies."""

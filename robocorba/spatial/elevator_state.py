@@ -1,4 +1,4 @@
-"""What a monitor shows of an elevator: where its cabin is, its doors, who rides and who waits."""
+"""The state of an elevator as the Omni database publishes it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Doors(Enum):
-    """Of the floor where the cabin is; while it travels all are closed."""
+    """Phase of the landing doors at the cabin's floor; all doors are closed while the cabin travels."""
 
     CLOSED = 0
     OPENING = 1
@@ -15,13 +15,15 @@ class Doors(Enum):
     CLOSING = 3
 
 
-class Moment(NamedTuple):
-    """What the 2D simulator shows: height of the cabin's floor in m, the floor where it stands, empty on the way."""
+class ElevatorState(NamedTuple):
+    """An elevator at one time. riders: robots inside. queue: waiting robots, first call first."""
 
+    #: Height of the cabin's ground [m].
     height: float
+    #: Floor at which the cabin is stopped; empty while it travels.
     floor: str
     doors: Doors
-    #: Share of the way that the doors are open.
+    #: How far the doors are open: 0 closed, 1 open.
     opening: float
     riders: tuple[str, ...]
     queue: tuple[str, ...]

@@ -1,5 +1,5 @@
-"""A floor's update in msgpack, for events and recordings: RoboCorba::FloorUpdate of omni_database.idl, with structs as
-maps from the names of their members and enumerators as numbers, counted from 0."""
+"""Floor updates in msgpack, for events and recordings: RoboCorba::FloorUpdate of omni_database.idl, where a struct is a
+map from member names to values and an enumerator is its number, counted from 0."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 
 
@@ -52,18 +52,18 @@ _decoder = msgspec.msgpack.Decoder(_Update)
 
 
 def dumps(update: FloorUpdate) -> bytes:
-    """An update as msgpack."""
+    """Encode an update as msgpack."""
     return msgspec.msgpack.encode(_wire(update))
 
 
 def as_map(update: FloorUpdate) -> dict[str, Any]:
-    """The same, for whoever packs it as a part of something else."""
+    """An update as plain maps and lists, to embed in a larger msgpack document."""
     found: dict[str, Any] = msgspec.to_builtins(_wire(update), builtin_types=(bytes,))
     return found
 
 
 def loads(data: bytes) -> FloorUpdate:
-    """What `dumps` wrote. Raises ValueError."""
+    """Decode what `dumps` encoded. Raises ValueError."""
     found = _decoder.decode(data)
     return FloorUpdate(
         found.floor_name,
@@ -78,7 +78,7 @@ def loads(data: bytes) -> FloorUpdate:
         found.went,
         np.frombuffer(found.motions, MOTION),
         {
-            one.name: Moment(one.height, one.cabin, one.doors, one.opening, one.riders, one.queue)
+            one.name: ElevatorState(one.height, one.cabin, one.doors, one.opening, one.riders, one.queue)
             for one in found.elevators
         },
     )

@@ -1,4 +1,4 @@
-"""What there is to see of a floor after a step, and of each robot on it."""
+"""State of all bodies on a floor after a simulation step, and the motion of each robot."""
 
 from __future__ import annotations
 
@@ -14,38 +14,40 @@ from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import Pose
 
 
-class State(msgspec.Struct, frozen=True, gc=False):
-    """A robot as it is: velocities ahead, to the left (m/s) and turn (rad/s); `time` is the simulation's, s."""
+class RobotMotion(msgspec.Struct, frozen=True, gc=False):
+    """Pose and velocity of a robot: velocity ahead, to the left [m/s] and turn [rad/s]; `time` is simulated [s]."""
 
     time: float
     pose: Pose
     velocity: tuple[float, float, float]
 
 
-#: Makes a pose of a tuple of its fields, at half of what a call of the class costs.
+#: Builds a Pose from a tuple of its fields at half the cost of calling the class.
 _pose_of = partial(tuple.__new__, Pose)
 
 
-class Seen:
-    """A floor after a step: the time, names in the order of the rows, empty for what stands, the row of each name, and
-    rows (n, 6) of x, y, heading, velocity in x and y, turn. Nothing of it changes any more."""
+class FloorState:
+    """Immutable snapshot of a floor after a step.
+
+    names: of the bodies, row by row; empty for the static body. row_of: row of each name. rows: (n, 6) of x, y [m],
+    heading [rad], velocity along x and y [m/s], turn [rad/s]."""
 
     def __init__(self, floor: str, time: float, names: list[str], row_of: dict[str, int], rows: Floats) -> None:
         self.floor, self.time = floor, time
         self.names, self.row_of, self.rows = names, row_of, rows
 
     @cached_property
-    def states(self) -> list[State]:
-        """By row; headings are within half a turn to both sides. Made for all when somebody asks."""
+    def states(self) -> list[RobotMotion]:
+        """Motion of each body, row by row, headings within [-pi, pi]. Computed for all bodies at the first access."""
         x, y, heading, *velocity = in_own_frames(self.rows).tolist()
         poses = map(_pose_of, zip(repeat(self.floor), x, y, heading))
-        return list(map(State, repeat(self.time), poses, zip(*velocity, strict=True)))
+        return list(map(RobotMotion, repeat(self.time), poses, zip(*velocity, strict=True)))
 
 
 @kernel
 def in_own_frames(rows: Floats) -> Floats:
-    """Of rows (n, 6) as in Seen: columns (6, n) of x, y, heading within half a turn, velocity ahead and to the left,
-    turn."""
+    """Convert rows (n, 6) of FloorState to columns (6, n): x, y, heading within [-pi, pi], velocity ahead and to the
+    left, turn."""
     columns = np.empty((6, len(rows)))
     for i in range(len(rows)):
         x, y, heading, vx, vy, turn = rows[i]

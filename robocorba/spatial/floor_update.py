@@ -1,4 +1,4 @@
-"""What the Omni database tells of a floor, and the copy that whoever follows it keeps."""
+"""Versioned floor updates of the Omni database, and the local copy that a client keeps from them."""
 
 from __future__ import annotations
 
@@ -9,26 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.errors.simulation import OutOfStep
-from robocorba.spatial.elevator_state import Moment
+from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.pose import XY
 
-#: A body that moved: its number, velocity along the floor's axes (m/s), turn (rad/s), x, y (m), heading (rad).
+#: A moved body: its number, velocity along the floor's axes [m/s], turn [rad/s], x, y [m], heading [rad].
 MOTION = np.dtype(
     [("number", "<u4"), ("vx", "<f4"), ("vy", "<f4"), ("turn", "<f4"), ("x", "<f8"), ("y", "<f8"), ("heading", "<f8")]
 )
 Motions = NDArray[np.void]
+#: `since` of an update that holds the whole floor.
 WHOLE = 0
 
 
 class BodyKind(Enum):
-    """What moves."""
+    """Kind of a moving body."""
 
     ROBOT = 0
     OBJECT = 1
 
 
 class Body(NamedTuple):
-    """A robot or a movable object; `outline` is an object's, in its own frame, m."""
+    """A robot or a movable object. outline: corners of an object in its own frame [m], empty for a robot."""
 
     number: int
     kind: BodyKind
@@ -39,9 +40,10 @@ class Body(NamedTuple):
 
 
 class FloorUpdate(NamedTuple):
-    """From version `since` of a floor to `version`; the whole floor where `since` is WHOLE.
+    """Changes of a floor from version `since` to `version`; the whole floor if `since` is WHOLE.
 
-    `time` is the simulation's, s; `elevators` has those that serve the floor and have changed, by name."""
+    time: simulated [s]. came: new bodies. went: numbers of removed bodies. motions: rows of MOTION of moved bodies.
+    elevators: changed elevators that serve the floor, by name."""
 
     floor: str
     since: int
@@ -51,26 +53,26 @@ class FloorUpdate(NamedTuple):
     came: list[Body]
     went: list[int]
     motions: Motions
-    elevators: dict[str, Moment]
+    elevators: dict[str, ElevatorState]
 
 
 class FloorView:
-    """A floor as its updates tell it."""
+    """Local copy of a floor, kept up to date by applying its updates."""
 
     def __init__(self, floor: str) -> None:
         self.floor = floor
         self.version = WHOLE
         self.time, self.map_version = 0.0, 0
         self.bodies: dict[int, Body] = {}
-        #: Rows of MOTION, in the order of `bodies`.
+        #: Rows of MOTION in the order of `bodies`.
         self.motions = np.empty(0, MOTION)
-        self.elevators: dict[str, Moment] = {}
-        #: Rows that the last update has changed.
+        self.elevators: dict[str, ElevatorState] = {}
+        #: Rows that the last update changed.
         self.moved: NDArray[np.int64] = np.empty(0, np.int64)
-        self._sort()
+        self._rebuild_rows()
 
     def apply(self, update: FloorUpdate) -> bool:
-        """Follow; whether bodies came or went. Raises OutOfStep for what does not belong here."""
+        """Apply an update; return whether bodies came or went. Raises OutOfStep if it does not continue `version`."""
         if update.since not in (WHOLE, self.version):
             raise OutOfStep(update.floor, self.version, update.since)
         is_whole = update.since == WHOLE
@@ -81,7 +83,7 @@ class FloorView:
         self.bodies.update((body.number, body) for body in update.came)
         has_changed = bool(is_whole or update.went or update.came)
         if has_changed:
-            self._sort()
+            self._rebuild_rows()
         self.moved = self._rows(update)
         self.motions[self.moved] = update.motions
         self.elevators.update(update.elevators)
@@ -92,18 +94,18 @@ class FloorView:
         numbers = update.motions["number"]
         places = self._numbers.searchsorted(numbers)
         if not (self._numbers_or_none[places] == numbers).all():
-            raise OutOfStep(update.floor, self.version, update.since)  # somebody moves who never came
+            raise OutOfStep(update.floor, self.version, update.since)  # a moved body is unknown
         return self._row_of[places]
 
     def motion(self, number: int) -> np.void:
-        """A body's row of MOTION. Raises KeyError."""
+        """The row of MOTION of a body. Raises KeyError."""
         if number not in self.bodies:
             raise KeyError(number)
         row: np.void = self.motions[self._row_of[np.searchsorted(self._numbers, number)]]
         return row
 
-    def _sort(self) -> None:
-        """Bodies came or went."""
+    def _rebuild_rows(self) -> None:
+        """Rebuild the rows after bodies came or went."""
         before = dict(zip(self.motions["number"].tolist(), self.motions, strict=True))
         self.motions = np.zeros(len(self.bodies), MOTION)
         numbers = np.fromiter(self.bodies, np.int64, len(self.bodies))
@@ -112,7 +114,7 @@ class FloorView:
             if number in before:
                 self.motions[row] = before[number]
         self._row_of = np.argsort(numbers)
-        #: Numbers of the bodies in rising order, of the type that updates tell them in; `_row_of` has their rows.
+        #: Numbers of the bodies in ascending order, in the type of MOTION; `_row_of` has their rows.
         self._numbers = numbers[self._row_of].astype(MOTION["number"])
-        #: With one that is nobody's, for a number that is greater than all.
+        #: With a sentinel, so that a search for a number above all others stays in range.
         self._numbers_or_none = np.append(self._numbers, self._numbers.dtype.type(0))

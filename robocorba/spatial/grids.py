@@ -1,6 +1,6 @@
-"""Line segments in a uniform grid: a query looks only at the cells it touches.
+"""Line segments in a uniform grid: a query examines only the cells it touches.
 
-Everything that blocks becomes segments; planning asks how far they are, sensing which of them a ray meets.
+All obstacles become segments; planning queries distances to them, sensing casts rays at them.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from robocorba.kernels import kernel
 Floats = NDArray[np.float64]
 Longs = NDArray[np.int64]
 
+#: Cells of a grid at most; larger areas get larger cells.
 _MOST_CELLS = 250_000
 
 
 class Grid(NamedTuple):
-    """Segments (n, 4) as x, y, x, y; the items of cell i are items[start[i]:start[i + 1]];
-    frame is (x0, y0, cell size, columns, rows)."""
+    """Segments (n, 4) of x, y, x, y [m]. Cell i holds the segments items[start[i]:start[i + 1]]. frame: x0, y0, cell
+    size [m], columns, rows."""
 
     segments: Floats
     start: Longs
@@ -31,8 +32,7 @@ class Grid(NamedTuple):
 
 
 def segments_of(shapes: NDArray[np.object_]) -> tuple[Floats, Longs]:
-    """The segments (n, 4) of lines and of the borders of polygons, each single or several, and the index of the shape
-    that each belongs to."""
+    """Segments (n, 4) of lines and polygon borders, multi-part or not, and the index of the shape of each segment."""
     solid = np.isin(shapely.get_type_id(shapes), (shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON))
     parts, owner = shapely.get_parts(np.where(solid, shapely.boundary(shapes), shapes), return_index=True)
     points, part = shapely.get_coordinates(parts, return_index=True)
@@ -42,7 +42,7 @@ def segments_of(shapes: NDArray[np.object_]) -> tuple[Floats, Longs]:
 
 
 def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
-    """The frame of a grid over them whose cells are `cell_m` wide, wider where they would be too many."""
+    """Frame of a grid over segments (n, 4) with cells of `cell_m`, or larger to stay within the limit of cells."""
     if not len(segments):
         return np.array([0.0, 0.0, 1.0, 1.0, 1.0])
     xs, ys = segments[:, 0::2], segments[:, 1::2]
@@ -52,14 +52,14 @@ def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
 
 
 def build_grid(segments: Floats, frame: Floats | None = None) -> Grid:
-    """A grid in this frame, by default over the segments; what lies beyond it counts to the cells at its border."""
+    """Grid in a frame, by default around the segments; segments beyond the frame go to the border cells."""
     frame = frame_over(segments) if frame is None else frame
     return Grid(segments, *sort_segments(segments, frame), frame)
 
 
 @kernel
 def sort_segments(segments: Floats, frame: Floats) -> tuple[Longs, Longs]:
-    """start and items of a grid over segments: first count what each cell holds, then write it there."""
+    """start and items of a grid over segments. The first pass counts the segments of each cell, the second fills in."""
     count = cells_of(frame)
     _fill(segments, frame, count, np.empty(0, np.int64))
     start = starts_of(count)
@@ -70,13 +70,13 @@ def sort_segments(segments: Floats, frame: Floats) -> tuple[Longs, Longs]:
 
 @kernel
 def cells_of(frame: Floats) -> Longs:
-    """Of each cell, how much it holds: nothing yet."""
+    """Item counts of all cells, initially zero."""
     return np.zeros(int(frame[3]) * int(frame[4]), np.int64)
 
 
 @kernel
 def starts_of(count: Longs) -> Longs:
-    """Where the items of each cell begin, and where those of the last one end."""
+    """Index of the first item of each cell, and the end of the last cell."""
     start = np.zeros(len(count) + 1, np.int64)
     for cell in range(len(count)):
         start[cell + 1] = start[cell] + count[cell]
@@ -95,7 +95,7 @@ def row_of(frame: Floats, y: float) -> int:
 
 @kernel
 def span(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
-    """The x interval of the line from a to b within low <= y <= high, which it must meet."""
+    """The x interval of the line from a to b within low <= y <= high; the line must meet that band."""
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay
     first, last = ax, bx
@@ -110,7 +110,7 @@ def span(ax: float, ay: float, bx: float, by: float, low: float, high: float) ->
 
 @kernel
 def _fill(segments: Floats, frame: Floats, position: Longs, items: Longs) -> None:
-    """Count the segments of each cell (items empty) or write them from `position` on."""
+    """Count the segments of each cell (items empty), or write them from `position` on."""
     columns = int(frame[3])
     slack = 1e-9 * (1.0 + abs(frame[0]) + abs(frame[1]))
     for s in range(segments.shape[0]):

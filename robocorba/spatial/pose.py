@@ -1,4 +1,4 @@
-"""Points, poses and a base's limits: values that every part uses, and that load nothing else."""
+"""Points, poses and motion limits of a base: values that every package uses; this module imports none of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ XY: TypeAlias = tuple[float, float]
 
 
 class Pose(NamedTuple):
-    """Where a robot stands: x, y in m, heading in rad."""
+    """Pose on a floor: x, y [m], heading [rad] counter-clockwise from +x."""
 
     floor: str
     x: float
@@ -19,7 +19,7 @@ class Pose(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Of a robot's base: m/s, rad/s, m/s^2, rad/s^2."""
+    """Motion limits of a robot's base [m/s, rad/s, m/s^2, rad/s^2]."""
 
     speed: float = 1.0
     turn: float = math.radians(100)

@@ -1,4 +1,4 @@
-"""A running simulation as robots, administrators and tests use it, and kills of what takes part in it."""
+"""A running simulation for tests and benches, with robots, an administrator, and kills of the processes involved."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
 
-#: A dead robot's name, place and slot are free again within, s.
+#: Time within which a dead robot's name, place and slot are free again [s].
 FREE_S = 3.0
-#: Poses of so many seconds may be lost by a kill.
+#: Time before a kill whose poses may be lost [s].
 LOST_S = 0.2
-#: Robots of tests say so often that they are there, s.
+#: Interval between heartbeats of test robots [s].
 BEAT_S = 0.4
-#: What a call says whose server died, or is not back yet.
+#: Exceptions of a call whose server died or is restarting.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
 NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 NO_NOISE = RoboCorba.ScanNoise(0.0, 0.0, 0.0, 0)
-#: Of a robot's base: m/s, rad/s, m/s^2, rad/s^2.
+#: Motion limits of test robots [m/s, rad/s, m/s^2, rad/s^2].
 LIMITS = (1.0, 2.0, 2.0, 4.0)
 RADIUS_M = 0.3
-#: One ray straight ahead, and one to each side and to the back.
+#: Four rays: ahead, to the left, to the back, to the right.
 CROSS = RoboCorba.ScanSpec(0.0, math.pi / 2, 4, 30.0, 0.0, NO_NOISE)
 
 
@@ -58,17 +58,17 @@ def about(
     mass: float = 50.0,
     limits: tuple[float, float, float, float] = LIMITS,
 ) -> Any:
-    """A RobotDescription."""
+    """Build a RobotDescription."""
     start = RoboCorba.Pose(floor, x, y, heading)
     return RoboCorba.RobotDescription(name, start, radius, mass, RoboCorba.MotionLimits(*limits))
 
 
 @contextlib.contextmanager
 def simulation(folder: Path, sensors: int = 2, call_limit_s: float = 10.0) -> Iterator[Place]:
-    """`robocorba up` with the sample building and so many virtual sensor processes; one at a time in a process."""
+    """`robocorba up` with the sample building and `sensors` virtual sensor servers; one at a time in a process."""
     with claimed_ports() as port, Launcher(folder) as launch:
         running = real_system(launch, folder / "state", port, "--sensors", str(sensors)).wait_ready()
-        # What it warns of is in its log; nobody reads its stderr, and a full pipe would stop it.
+        # Drains stderr, since a full pipe would block the process; warnings are in its log.
         threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
         with (
             Orb(running.naming, call_timeout_s=call_limit_s) as orb,
@@ -78,8 +78,7 @@ def simulation(folder: Path, sensors: int = 2, call_limit_s: float = 10.0) -> It
 
 
 class Place:
-    """The simulation of a running system, and the robots of this process, which say that they are there until they are
-    let go."""
+    """The simulation of a running system, and the robots of this process; a thread sends their heartbeats."""
 
     def __init__(self, running: Running, orb: Orb, launch: Launcher) -> None:
         self.running, self.orb, self.launch = running, orb, launch
@@ -90,45 +89,45 @@ class Place:
             (running.state / "administrator.ior").read_text(), RoboCorba.SimulationAdministrator
         )
         self._sessions: list[Any] = []
-        self._beats = Repeating("beats", self._beat, BEAT_S).start()
+        self._heartbeats = Repeating("beats", self._heartbeat, BEAT_S).start()
 
     def close(self) -> None:
-        self._beats.close()
+        self._heartbeats.close()
 
     # ---- robots ----
 
     def log_on(self, name: str, x: float, y: float, *more: Any, **others: Any) -> Any:
-        """The session of a robot that stays until `let_go`; arguments as those of `about`."""
+        """Log a robot on until `let_go`; arguments as those of `about`. Returns its session."""
         session = self.server.registerRobot(about(name, x, y, *more, **others))
         self._sessions.append(session)
         return session
 
     def let_go(self) -> None:
-        """Log all of this process off."""
+        """Log all robots of this process off."""
         while self._sessions:
             with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):
                 self._sessions.pop().deregister()
 
-    def _beat(self) -> None:
+    def _heartbeat(self) -> None:
         for session in self._sessions[:]:
-            with contextlib.suppress(CORBA.SystemException):  # whether that was right is the tests' business
+            with contextlib.suppress(CORBA.SystemException):  # tests check sessions themselves
                 session.heartbeat()
 
     @property
     def names(self) -> set[str]:
-        """Of all robots that are logged on."""
+        """Names of all logged-on robots."""
         return {client.name for client in self.server.clients()}
 
     # ---- floors ----
 
     def elevator(self, floors: int = 2) -> Elevator:
-        """The fastest that serves so many floors at least."""
+        """The fastest elevator that serves at least `floors` floors."""
         found = [maps.element_of(one.value) for one in self.editor.elements(RoboCorba.ELEVATOR_ELEMENT, "")]
         fit = [one for one in found if isinstance(one, Elevator) and len(one.floors()) >= floors]
         return max(fit, key=lambda one: one.speed)
 
     def body(self, floor: str, name: str) -> Any:
-        """The row of MOTION of a body on a floor; None where there is none."""
+        """The row of MOTION of a body on a floor; None if it is not there."""
         copy = RemoteFloor(self.database, floor)
         copy.follow()
         number = next((number for number, body in copy.view.bodies.items() if body.name == name), None)
@@ -140,13 +139,13 @@ class Place:
         return self.running.pid(name)
 
     def kill(self, name: str) -> int:
-        """kill -9 of a server by its name; the process id that it had."""
+        """Kill a server by its name, with kill -9; return its process id."""
         pid = eventually(lambda: self.pid(name), what=f"the process {name}")
         os.kill(pid, signal.SIGKILL)
         return int(pid)
 
     def is_again(self, name: str, before: int) -> bool:
-        """Whether it runs, as another process than before."""
+        """Whether a server runs as another process than `before`."""
         return self.pid(name) not in (0, before)
 
     def endpoint(self, name: str) -> str:
@@ -154,7 +153,7 @@ class Place:
 
 
 def landing(elevator: Elevator, floor: str, away_m: float) -> XY:
-    """A place in front of an elevator's doors on a floor, or within, where `away_m` is negative."""
+    """A point in front of an elevator's doors on a floor, or inside the cabin for a negative `away_m`."""
     door = next(door for door in elevator.doors if door.floor == floor)
     (ax, ay), (bx, by) = landing_line(elevator, door).coords
     x, y = (ax + bx) / 2, (ay + by) / 2
@@ -165,7 +164,7 @@ def landing(elevator: Elevator, floor: str, away_m: float) -> XY:
 
 
 def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, limit_s: float = 10.0) -> Any:
-    """Drive a robot straight there, and stop; its state."""
+    """Drive a robot straight to a point, and stop; return its state."""
 
     def has_come() -> Any:
         state = session.state()
@@ -182,17 +181,17 @@ def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, lim
 
 
 def speed_of(state: Any) -> float:
-    """Of a RobotState, m/s."""
+    """Speed of a RobotState [m/s]."""
     return math.hypot(state.moving.ahead, state.moving.left)
 
 
 def away(state: Any, place: Any) -> float:
-    """From where a RobotState says to a Pose, m; infinitely far on another floor."""
+    """Distance from a RobotState to a Pose [m]; infinite on another floor."""
     return math.dist((state.at.x, state.at.y), (place.x, place.y)) if state.at.floor == place.floor else math.inf
 
 
 def is_gone(session: Any) -> bool:
-    """Whether its robot is logged off."""
+    """Whether the robot of a session is logged off."""
     try:
         session.heartbeat()
     except CORBA.OBJECT_NOT_EXIST:
@@ -201,7 +200,7 @@ def is_gone(session: Any) -> bool:
 
 
 def complaints(state: Path) -> list[str]:
-    """Lines of the servers' logs that tell of a fault."""
+    """Lines of the servers' logs that report errors."""
     lines = [line for log in sorted((state / "logs").glob("*.log")) for line in log.read_text().splitlines()]
     return [line[:600] for line in lines if re.search(r"\b(ERROR|CRITICAL)\b|Traceback", line)]
 
@@ -210,18 +209,21 @@ def complaints(state: Path) -> list[str]:
 
 CLIENT = module_command("robocorba.testing.simulation_client")
 CLIENTS, ROBOTS_EACH = 3, 4
-#: The speed of the clients' robots, m/s; with commands that hold for 0.5 s they stand after, s.
-CLIENT_SPEED, STOP_S = 0.5, 1.5
-#: Clients look at their robots so often at least, s; what is lost is more where the kill came later than the last look.
+#: Speed of the clients' robots [m/s].
+CLIENT_SPEED = 0.5
+#: Time within which robots of a dead client stop [s]; their commands are valid for 0.5 s.
+STOP_S = 1.5
+#: Timeout for a killed process to be back [s].
 BACK_LIMIT_S = 20.0
+#: Tolerance of a robot's place after a restart [m].
 SLACK_M = 0.03
 CHAIR = "room-101-chair-1"
 MISSION = "fetch"
 PASSAGE = [RoboCorba.FloorArea("L1", [RoboCorba.XY(0.0, 0.0), RoboCorba.XY(9.0, 0.0), RoboCorba.XY(9.0, 9.0)])]
 
 
-class Client:
-    """A process with robots, which it logs on when it is started; rows of name, floor, x, y."""
+class ClientProcess:
+    """A process of `simulation_client`, which logs its robots on at its start. rows: name, floor, x, y [m]."""
 
     def __init__(self, place: Place, number: int) -> None:
         self.number = number
@@ -231,19 +233,19 @@ class Client:
         self.names = {name for name, *_ in self.rows}
         self.is_whole = True
         self.process: Popen[str] = place.launch(*CLIENT, str(place.running.naming))
-        self._say(msgspec.json.encode(self.rows).decode())
+        self._send(msgspec.json.encode(self.rows).decode())
 
-    def wait_ready(self) -> Client:
+    def wait_ready(self) -> ClientProcess:
         assert self.process.stdout is not None and self.process.stderr is not None
         assert self.process.stdout.readline() == "ready\n", self.process.stderr.read()
         return self
 
     def drive(self) -> None:
-        self._say("drive")
+        self._send("drive")
 
     def report(self) -> dict[str, Any]:
         assert self.process.stdout is not None
-        self._say("report")
+        self._send("report")
         found: dict[str, Any] = msgspec.json.decode(self.process.stdout.readline())
         return found
 
@@ -251,19 +253,19 @@ class Client:
         self.process.kill()
         self.process.wait()
 
-    def _say(self, line: str) -> None:
+    def _send(self, line: str) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(f"{line}\n")
         self.process.stdin.flush()
 
 
 class Outcome(NamedTuple):
-    """Of one round: kill -9 of a client and of a sensor process, and then of the simulation server. Times in s.
+    """Result of one round: kill -9 of a client and of a sensor server, then of the simulation server. Times in s.
 
-    stop_s: until the dead client's robots stood. free_s: until others could take their names, places and slots.
-    sensor_s: until the sensor process served again. scan_s: the longest scan of a live client meanwhile.
-    back_s: from the kill of the server to its first answer. lost_m: how far from where it was seen last a robot stood
-    after that. faults: what was not as it must be."""
+    stop_s: until the dead client's robots stopped. free_s: until their names, places and slots were free.
+    sensor_s: until the sensor server served again. scan_s: longest scan of a live client meanwhile. back_s: from the
+    kill of the simulation server to its first answer. lost_m: largest distance of a robot from its last known place
+    after the restart. faults: violated requirements."""
 
     stop_s: float
     free_s: float
@@ -275,15 +277,15 @@ class Outcome(NamedTuple):
 
     @property
     def is_right(self) -> bool:
-        """Whether everything became as it must be; how fast that has to be is for the bench to say."""
+        """Whether there were no faults; the bench judges the times."""
         return not self.faults
 
 
 class Chaos:
-    """Three processes with robots that drive, a robot that holds a chair or none, one that wants to ride or not."""
+    """Kills with three client processes whose robots drive; every other round one robot holds a chair and one rides."""
 
     def __init__(self, place: Place, seed: int, lost_s: float = LOST_S) -> None:
-        """`lost_s`: how much of their way robots may lose by a kill; more on a machine that is busy with other work."""
+        """lost_s: time before a kill whose poses may be lost [s]; longer on a busy machine."""
         self.place, self._random, self._lost_s = place, random.Random(seed), lost_s
         self._rounds = 0
         chair, self._elevator = place.body("L1", CHAIR), place.elevator()
@@ -291,7 +293,7 @@ class Chaos:
         self._holder_at = chair["x"], chair["y"] + 0.7
         self._rider_at = landing(self._elevator, self._elevator.floors()[0], 0.8)
         self._mission = 0
-        self._clients = [Client(place, number) for number in range(CLIENTS)]
+        self._clients = [ClientProcess(place, number) for number in range(CLIENTS)]
         for client in self._clients:
             client.wait_ready()
 
@@ -301,7 +303,7 @@ class Chaos:
             client.kill()
 
     def round(self) -> Outcome:
-        """Kill them, and wait until all is as before."""
+        """Kill processes, and wait until the system is restored."""
         self._faults: list[str] = []
         self._drive()
         stop_s, free_s, sensor_s, scan_s = self._kill_client_and_sensor()
@@ -311,18 +313,18 @@ class Chaos:
         self._rounds += 1
         return Outcome(stop_s, free_s, sensor_s, scan_s, back_s, lost_m, tuple(self._faults))
 
-    def _replaced(self, client: Client) -> Client:
-        """Another process instead of one that has lost robots."""
+    def _replaced(self, client: ClientProcess) -> ClientProcess:
+        """Replace a client that has lost robots."""
         client.kill()
         eventually(lambda: not client.names & self.place.names)
-        return Client(self.place, client.number).wait_ready()
+        return ClientProcess(self.place, client.number).wait_ready()
 
     def _check(self, is_right: object, fault: str) -> None:
         if not is_right:
             self._faults.append(fault)
 
     def _drive(self) -> None:
-        """Until all robots of all clients drive."""
+        """Wait until all robots of all clients drive."""
         for client in self._clients:
             client.drive()
         names = set().union(*(client.names for client in self._clients))
@@ -332,7 +334,7 @@ class Chaos:
         time.sleep(self._random.uniform(0.1, 0.4))
 
     def _speeds(self) -> dict[str, float]:
-        """Of all robots that are on a floor."""
+        """Speeds of all bodies, by name [m/s]."""
         found = {}
         for floor in ("L1", "L2", "L3"):
             copy = RemoteFloor(self.place.database, floor)
@@ -342,7 +344,7 @@ class Chaos:
                 found[body.name] = math.hypot(motion["vx"], motion["vy"])
         return found
 
-    # ---- a client and a sensor process ----
+    # ---- a client and a sensor server ----
 
     def _kill_client_and_sensor(self) -> tuple[float, float, float, float]:
         number, sensor = self._rounds % CLIENTS, f"sensor_s{self._rounds % 2 + 1}"
@@ -351,10 +353,10 @@ class Chaos:
         pid = self.place.kill(sensor)
         killed = time.monotonic()
         speeds = self._speeds
-        eventually(lambda: not any(speeds().get(name, 0.0) for name in dead.names), what="dead robots stand")
+        eventually(lambda: not any(speeds().get(name, 0.0) for name in dead.names), what="the dead robots are stopped")
         stop_s = time.monotonic() - killed
-        eventually(lambda: not dead.names & self.place.names, what="dead robots are logged off")
-        self._check(not dead.names & self._speeds().keys(), "a dead robot's body is there")
+        eventually(lambda: not dead.names & self.place.names, what="the dead robots are logged off")
+        self._check(not dead.names & self._speeds().keys(), "the body of a dead robot is still there")
         for name, floor, x, y in dead.rows:
             self.place.server.registerRobot(about(name, x, y, floor=floor)).deregister()
         free_s = time.monotonic() - killed
@@ -362,9 +364,9 @@ class Chaos:
         def is_back() -> bool:
             return self.place.is_again(sensor, pid) and len(self.place.server.sensors()) == 2
 
-        eventually(is_back, BACK_LIMIT_S, "the sensor process is back")
+        eventually(is_back, BACK_LIMIT_S, "the sensor server is back")
         sensor_s = time.monotonic() - killed
-        self._clients.insert(number, Client(self.place, dead.number).wait_ready())
+        self._clients.insert(number, ClientProcess(self.place, dead.number).wait_ready())
         live = [client.report() for client in self._clients if client.process is not self._clients[number].process]
         for report in live:
             self._check(not report["lost"], f"sessions lost by the kill of others: {report['lost']}")
@@ -401,23 +403,23 @@ class Chaos:
             is_riding = rider.state().riding.phase != RoboCorba.NO_RIDE
             self._check(is_riding == wants, f"the ride is not as it was ({wants})")
             is_granted = rider.reservation().phase == RoboCorba.AREAS_GRANTED
-            self._check(is_granted != wants, f"what was reserved is not as it was ({wants})")
+            self._check(is_granted != wants, f"the reservation is not as it was ({wants})")
         with self._expecting("the robot that had just logged on"):
             at = newcomer.state().at
-            self._check((at.floor, at.x, at.y) == ("L1", 82.0, 2.0), f"who had just logged on is at {at}")
+            self._check((at.floor, at.x, at.y) == ("L1", 82.0, 2.0), f"the robot that had just logged on is at {at}")
         kept = [(mission.name, mission.current) for mission in place.database.missions()]
         self._check(kept == [(MISSION, self._mission)], f"missions are {kept}")
-        lost_m = max(self._standing(client, killed) for client in self._clients)
-        eventually(lambda: place.is_again("simulation", pid), BACK_LIMIT_S, "it is recorded")
+        lost_m = max(self._check_stationary(client, killed) for client in self._clients)
+        eventually(lambda: place.is_again("simulation", pid), BACK_LIMIT_S, "the new process is recorded")
         place.let_go()
         return back_s, lost_m
 
     @contextlib.contextmanager
-    def _expecting(self, who: str) -> Iterator[None]:
+    def _expecting(self, role: str) -> Iterator[None]:
         try:
             yield
         except CORBA.OBJECT_NOT_EXIST:
-            self._faults.append(f"the session is lost of {who}")
+            self._faults.append(f"the session was lost: {role}")
 
     def _answers(self) -> bool:
         try:
@@ -425,9 +427,9 @@ class Chaos:
         except GONE:
             return False
 
-    def _standing(self, client: Client, killed: float) -> float:
-        """Whether its robots are there with the same sessions, stand until they are commanded, and are where they were
-        some moments before the kill; the farthest way from there, m."""
+    def _check_stationary(self, client: ClientProcess, killed: float) -> float:
+        """Check that a client's robots keep their sessions, are stationary until commanded, and are where they were
+        shortly before the kill; return the largest distance from there [m]."""
         reports: list[dict[str, Any]] = []
 
         def has_seen_all() -> bool:
@@ -438,7 +440,7 @@ class Chaos:
                 for robot in robots.values()
             )
 
-        eventually(has_seen_all, BACK_LIMIT_S, "the clients' robots are seen again")
+        eventually(has_seen_all, BACK_LIMIT_S, "the clients observe their robots again")
         last = reports[-1]
         self._check(not last["lost"], f"sessions lost by the kill of the server: {last['lost']}")
         if last["lost"]:
@@ -449,7 +451,7 @@ class Chaos:
         lost_m = 0.0
         for name in client.names:
             (seen_at, *seen, _, _), (first, after) = last["robots"][name]["driving"][0], last["robots"][name]["resting"]
-            self._check(first[3] == after[3] == 0.0, f"{name} drives on, {first[3]:g} m/s")
+            self._check(first[3] == after[3] == 0.0, f"{name} still drives at {first[3]:g} m/s")
             self._check(first[1:3] == after[1:3], f"{name} was moved")
             lost_m = max(lost_m, math.dist(seen, first[1:3]))
             may_m = CLIENT_SPEED * (self._lost_s + max(0.0, killed - seen_at)) + SLACK_M

@@ -2,14 +2,14 @@
 
 Its first line on stdin is rows of name, floor, x, y as JSON.
 
-Prints `ready` when they are logged on, and then does what lines on stdin say:
+Prints `ready` when they are logged on, and then executes commands from stdin, one a line:
 
-    drive         in circles, and scan
-    reserve AREAS the first robot: floors and polygons, as JSON; prints `reserved`
-    report        print as JSON what happened since the last report
+    drive         drive all robots in circles, and scan
+    reserve AREAS reserve areas (JSON: floors and polygons) for the first robot; prints `reserved`
+    report        print a JSON report of the time since the last report
 
-Where the server does not answer, it rests until it is told to drive again: it asks for the robots' states, and commands
-nothing. Sessions are those of the beginning, whatever happens. Times are of CLOCK_MONOTONIC."""
+If the server does not answer, the process stops commanding and only reads the robots' states until the next `drive`. It
+never logs its robots on again. Times are of CLOCK_MONOTONIC."""
 
 from __future__ import annotations
 
@@ -28,11 +28,15 @@ from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 
-#: The robots' speed, m/s, turn, rad/s, and for how long a command holds, s.
-SPEED, TURN, VALID_S = 0.5, 1.0, 0.5
-#: From one command to the next, s; every so many times a robot scans.
-EVERY_S, SCAN_EVERY = 0.1, 3
-#: What is reserved is reserved for so long, s.
+#: Speed [m/s] and turn [rad/s] of the robots.
+SPEED, TURN = 0.5, 1.0
+#: Validity of a command [s].
+VALID_S = 0.5
+#: Interval between commands [s].
+COMMAND_INTERVAL_S = 0.1
+#: A robot scans with every n-th command.
+SCAN_EVERY = 3
+#: Duration of a reservation [s].
 RESERVED_S = 300.0
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 ROUND = RoboCorba.Velocity(SPEED, 0.0, TURN)
@@ -40,8 +44,9 @@ NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 LIMITS = RoboCorba.MotionLimits(1.0, 2.0, 2.0, 4.0)
 
 
-class Robot:
-    """states: seen while it drove last, and since the server was lost: time, x, y, speed, simulated time."""
+class ClientRobot:
+    """driving, resting: states since the last `drive`, and since the server was lost; each is time, x, y, speed,
+    simulated time."""
 
     def __init__(self, server: Any, name: str, floor: str, x: float, y: float) -> None:
         pose = RoboCorba.Pose(floor, x, y, 0.0)
@@ -62,9 +67,9 @@ class Robot:
 
 
 class Robots:
-    """All of this process. scans: how long they took, s. wrong: what no call may say."""
+    """All robots of this process. scans: their durations [s]. wrong: unexpected exceptions. lost: logged-off robots."""
 
-    def __init__(self, robots: list[Robot]) -> None:
+    def __init__(self, robots: list[ClientRobot]) -> None:
         self._robots = robots
         self._lock = threading.Lock()
         self._is_driving = False
@@ -98,9 +103,9 @@ class Robots:
                 for place, robot in enumerate(self._robots):
                     if robot.name not in self.lost:
                         self._guarded(robot, self._is_driving and (number + place) % SCAN_EVERY == 0)
-            time.sleep(EVERY_S)
+            time.sleep(COMMAND_INTERVAL_S)
 
-    def _guarded(self, robot: Robot, is_to_scan: bool) -> None:
+    def _guarded(self, robot: ClientRobot, is_to_scan: bool) -> None:
         try:
             if self._is_driving:
                 robot.session.command(ROUND, VALID_S)
@@ -118,13 +123,13 @@ class Robots:
         if is_to_scan:
             self._scan(robot)
 
-    def _scan(self, robot: Robot) -> None:
+    def _scan(self, robot: ClientRobot) -> None:
         began = time.monotonic()
         try:
             robot.scan()
         except CORBA.Exception as wrong:
             with contextlib.suppress(CORBA.Exception):
-                robot.session.heartbeat()  # with the server away a sensor knows nothing
+                robot.session.heartbeat()  # a scan may fail only while the server does not answer
                 self.wrong.append(f"a scan of {robot.name}: {describe(wrong)}")
         self.scans.append(time.monotonic() - began)
 
@@ -132,7 +137,7 @@ class Robots:
 def main(naming: str) -> None:
     with Orb(Address.parse(naming)) as orb:
         server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, 20.0)
-        robots = Robots([Robot(server, *row) for row in msgspec.json.decode(sys.stdin.readline())])
+        robots = Robots([ClientRobot(server, *row) for row in msgspec.json.decode(sys.stdin.readline())])
         threading.Thread(target=robots.run, daemon=True).start()
         print("ready", flush=True)
         for line in sys.stdin:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from robocorba.commands.replay import replay
 from robocorba.simulation.recording import Recorder
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.testing.buildings import two_floors
 
@@ -33,7 +33,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 body = Body(number, BodyKind.ROBOT, f"R{number}", 0.4, (), 127.0)
                 came = [body] if tick == 0 else []
                 rows = np.array([(number, 1.0, 0.0, 0.0, 1.0 + 0.05 * tick, 5.0, 0.0)], MOTION)
-                moments = {"E1": Moment(0.0, "L1", Doors.CLOSED, 0.0, (), ())} if tick == 0 else {}
+                moments = {"E1": ElevatorState(0.0, "L1", Doors.CLOSED, 0.0, (), ())} if tick == 0 else {}
                 update = FloorUpdate(floor, tick, tick + 1, 0.05 * tick, 1, came, [], rows, moments)
                 recorder.write(update, 1.7e9 + 0.05 * tick)
     return path
@@ -114,7 +114,7 @@ def test_files_that_are_no_recordings(tmp_path: Path) -> None:
         pass
     (tmp_path / "other.mcap").write_text("other")
     for name, reason in (
-        ("empty.mcap", "nothing was recorded"),
+        ("empty.mcap", "contains no updates"),
         ("other.mcap", "not an MCAP file"),
         ("no.mcap", "No such file"),
     ):

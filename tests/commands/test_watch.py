@@ -17,15 +17,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from robocorba.commands.scene import Scene, as_tables, clients, elevators, plain, robots, sensor, show, tables
+from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, plain, robots, sensor, show, tables
 from robocorba.commands.waiting import Absence, Stop
 from robocorba.errors.services import NotReachable
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
 
-def view(floor: str, *names: str, moments: dict[str, Moment] | None = None) -> FloorView:
+def view(floor: str, *names: str, moments: dict[str, ElevatorState] | None = None) -> FloorView:
     """A floor where robots drive at 0.5 m/s from x = 1, 2, ... m, among a chair."""
     bodies = [Body(number, BodyKind.ROBOT, name, 0.4, (), 127.0) for number, name in enumerate(names, 1)]
     bodies.insert(0, Body(99, BodyKind.OBJECT, "chair", 0.3, ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), 5.0))
@@ -39,15 +39,15 @@ def client(name: str, floor: str) -> RoboCorba.ClientState:
     return RoboCorba.ClientState(name, RoboCorba.Pose(floor, 3.0, 4.0, -math.pi), 1.7e9, 0.25, 12.5, 0.0015, "s1")
 
 
-RIDE = {"E1": Moment(1.75, "", Doors.CLOSED, 0.0, ("A",), ("B", "C"))}
-STOP = {"E2": Moment(0.0, "L1", Doors.OPENING, 0.5, (), ())}
+RIDE = {"E1": ElevatorState(1.75, "", Doors.CLOSED, 0.0, ("A",), ("B", "C"))}
+STOP = {"E2": ElevatorState(0.0, "L1", Doors.OPENING, 0.5, (), ())}
 STATE = RoboCorba.ServerState(300, 2, 91.84, 0.0, 57.3, True, 4, 69, 15.81)
 SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7), 9)
 
 
 def test_a_scene_as_tables() -> None:
     floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
-    scene = Scene([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
+    scene = SystemTables([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
     found = {kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in tables(scene)}
     assert found == {
         "server": [
@@ -55,7 +55,7 @@ def test_a_scene_as_tables() -> None:
                 "robots": "2",
                 "limit": "300",
                 "time [s]": "91.8",
-                "pace": "as fast as it can",
+                "pace": "as fast as possible",
                 "achieved": "57.30",
                 "paused": "yes",
                 "collisions": "69",
@@ -80,7 +80,7 @@ def test_a_scene_as_tables() -> None:
         "elevator": [
             {
                 "elevator": "E1",
-                "cabin": "on its way",
+                "cabin": "travelling",
                 "height [m]": "1.75",
                 "doors": "closed",
                 "open [%]": "0",
@@ -114,7 +114,7 @@ def test_a_robot_that_no_floor_knows_yet_stands() -> None:
 
 
 def test_floors_alone_tell_where_robots_are() -> None:
-    scene = Scene(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
+    scene = SystemTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
     ((kind, titles, rows),) = tables(scene)
     assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
     assert rows == [
@@ -125,25 +125,27 @@ def test_floors_alone_tell_where_robots_are() -> None:
 
 
 def test_the_last_known_elevator_counts() -> None:
-    later = {"E1": Moment(3.5, "L2", Doors.OPEN, 1.0, (), ())}
+    later = {"E1": ElevatorState(3.5, "L2", Doors.OPEN, 1.0, (), ())}
     (row,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
     assert (row["cabin"], row["doors"]) == ("L2", "OPEN")
 
 
 def test_an_empty_scene_has_no_tables() -> None:
-    assert tables(Scene()) == []
+    assert tables(SystemTables()) == []
 
 
 @given(name=st.text(), floor=st.text())
 def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
-    scene = Scene(robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})]))
+    scene = SystemTables(
+        robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})])
+    )
     assert all(cell.isprintable() for _, _, rows in tables(scene) for row in rows for cell in row)
     console = Console(file=io.StringIO(), width=300)
     console.print(as_tables(scene, note="gone [/]"))
 
 
 def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    show(Scene(robots=robots([view("L\t1", "A")])))
+    show(SystemTables(robots=robots([view("L\t1", "A")])))
     assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
 
 

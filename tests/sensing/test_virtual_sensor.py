@@ -171,12 +171,12 @@ def test_a_process_says_how_busy_it_is_and_what_its_robots_saw(place: Following)
     spec = ScanSpec(LASER, 0.2)
     for name in ("A", "A", None):
         seen = place.sensor.scan("L1", np.array([[5.0, 2.0, 0.3]]), Mount(), spec, name)
-        reports.saw(name, "L1", spec, seen)
+        reports.record_scan(name, "L1", spec, seen)
     place.clock.now += 2.0
     cpu.now += 0.5
-    (last,) = reports.mark()
+    (last,) = reports.collect()
     assert (last.robot, last.at) == ("A", ("L1", 5.0, 2.0, 0.3))
     assert last.distances == pytest.approx(seen.distances[0] + 0.2)
     load = reports.load
     assert (load.busy, load.scan_rate) == (pytest.approx(0.25), pytest.approx(1.5))
-    assert reports.mark() == []
+    assert reports.collect() == []

@@ -39,7 +39,7 @@ def test_a_ride_from_call_to_end() -> None:
     until(lift, "A", Phase.BOARDING)
     assert (lift.floor, lift.doors) == ("L3", Doors.OPEN)
     lift.enter("A")
-    assert lift.moment().riders == ("A",)
+    assert lift.state().riders == ("A",)
     until(lift, "A", Phase.ALIGHTING)
     assert (lift.floor, lift.doors) == ("L1", Doors.OPEN)
     lift.leave("A")
@@ -125,7 +125,7 @@ def test_whoever_does_not_come_or_leave_loses_the_ride_and_the_others_go_on() ->
     assert lift.ended == [("A", f"did not drive in within {BOARDING_LIMIT_S:g} s")]
     until(lift, "C", Phase.BOARDING)
     assert lift.ended[1:] == [("B", f"did not drive out within {BOARDING_LIMIT_S:g} s")]
-    lift.give_up("C")
+    lift.cancel("C")
     for _ in range(100):
         lift.advance(STEP_S)
     assert lift.doors is Doors.CLOSED
@@ -205,13 +205,13 @@ def test_one_of_a_party_that_dies_frees_its_place() -> None:
         lift.call("C", "L1", "L2", 0.4, "table", 2)
     until(lift, "B", Phase.BOARDING)
     lift.enter("A")
-    lift.give_up("B")
+    lift.cancel("B")
     pass_time(lift, 5.0)
     lift.call("C", "L1", "L2", 0.4, "table", 2)
     lift.enter("C")
     lift.advance(STEP_S)
     assert lift.doors is Doors.CLOSING
-    lift.give_up("C")
+    lift.cancel("C")
     until(lift, "A", Phase.ALIGHTING)
     lift.leave("A")
     lift.call("D", "L2", "L1", 0.4, "table", 1)  # the name is free again
@@ -224,7 +224,7 @@ def test_a_party_that_nobody_is_left_of_holds_nobody_up() -> None:
     lift.call("X", "L1", "L2", 0.4)
     until(lift, "A", Phase.BOARDING)
     lift.enter("A")
-    lift.give_up("A")
+    lift.cancel("A")
     assert until(lift, "X", Phase.BOARDING) < 1.0
 
 
@@ -377,7 +377,7 @@ def test_what_can_not_be_is_refused_by_name() -> None:
         with pytest.raises(InvalidRide) as refused:
             lift.call(*call)
         assert refused.value.field == field
-    for act in (lambda: lift.enter("A"), lambda: lift.leave("A"), lambda: lift.enter("X"), lambda: lift.give_up("X")):
+    for act in (lambda: lift.enter("A"), lambda: lift.leave("A"), lambda: lift.enter("X"), lambda: lift.cancel("X")):
         with pytest.raises(NoRide):
             act()
     for number in range(MOST_CALLS - 1):

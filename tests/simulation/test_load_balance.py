@@ -25,26 +25,26 @@ def busy(share: float) -> Load:
 
 
 def handed(balance: LoadBalance, *robots: str) -> list[str]:
-    return [sensor.name if (sensor := balance.hand(robot)) else "" for robot in robots]
+    return [sensor.name if (sensor := balance.assign(robot)) else "" for robot in robots]
 
 
 def test_robots_go_to_the_least_busy_process(balance: LoadBalance) -> None:
     assert handed(balance, "early") == [""]
     for name in ("S1", "S2"):
-        balance.heard(name, f"reference {name}", busy(0.0))
+        balance.report(name, f"reference {name}", busy(0.0))
     assert Counter(handed(balance, *(f"R{number}" for number in range(20)))) == {"S1": 10, "S2": 10}
-    balance.heard("S1", "", busy(0.18))
-    balance.heard("S2", "", busy(0.05))  # as many robots, but they ask less
+    balance.report("S1", "", busy(0.18))
+    balance.report("S2", "", busy(0.05))  # as many robots, but they ask less
     assert set(handed(balance, *(f"Q{number}" for number in range(5)))) == {"S2"}
 
 
 def test_a_robot_keeps_its_process(balance: LoadBalance) -> None:
-    balance.heard("S1", "", busy(0.1))
+    balance.report("S1", "", busy(0.1))
     assert handed(balance, "A") == ["S1"]
-    balance.heard("S2", "", busy(0.0))
+    balance.report("S2", "", busy(0.0))
     assert handed(balance, "A") == ["S1"]
     assert balance.name_for("A") == "S1"
-    balance.take_back("A")
+    balance.release("A")
     assert balance.name_for("A") == ""
     assert handed(balance, "A") == ["S2"]
 
@@ -52,16 +52,16 @@ def test_a_robot_keeps_its_process(balance: LoadBalance) -> None:
 @pytest.mark.parametrize("is_told", [True, False])
 def test_robots_of_a_process_that_died_are_handed_others(balance: LoadBalance, clock: Clock, is_told: bool) -> None:
     for name in ("S1", "S2", "S3"):
-        balance.heard(name, "", busy(0.1))
+        balance.report(name, "", busy(0.1))
     robots = [f"R{number}" for number in range(30)]
     before = dict(zip(robots, handed(balance, *robots), strict=True))
     if is_told:
-        balance.is_gone("S2")
+        balance.remove("S2")
     else:
         for _ in range(2):
             clock.now += 0.6 * SENSOR_LEASE_S
             for name in ("S1", "S3"):
-                balance.heard(name, "", busy(0.1))
+                balance.report(name, "", busy(0.1))
     after = dict(zip(robots, handed(balance, *robots), strict=True))
     assert set(after.values()) == {"S1", "S3"}
     assert all(after[robot] == name for robot, name in before.items() if name != "S2")
@@ -70,20 +70,20 @@ def test_robots_of_a_process_that_died_are_handed_others(balance: LoadBalance, c
 
 
 def test_robots_move_to_a_process_that_has_less_to_do(balance: LoadBalance) -> None:
-    balance.heard("S1", "one", busy(0.8))
+    balance.report("S1", "one", busy(0.8))
     robots = [f"R{number}" for number in range(10)]
     handed(balance, *robots)
-    balance.heard("S1", "one", busy(0.8))
-    moving = balance.heard("S2", "two", busy(0.0))
+    balance.report("S1", "one", busy(0.8))
+    moving = balance.report("S2", "two", busy(0.0))
     assert len(moving) == 5
     assert {reference for _, reference in moving} == {"one"}
     assert Counter(handed(balance, *robots)) == {"S1": 5, "S2": 5}
-    assert balance.heard("S1", "one", busy(0.4)) == []
-    assert balance.heard("S2", "two", busy(0.4)) == []
+    assert balance.report("S1", "one", busy(0.4)) == []
+    assert balance.report("S2", "two", busy(0.4)) == []
 
 
 def test_one_robot_that_keeps_a_process_busy_does_not_move_to_and_fro(balance: LoadBalance) -> None:
-    balance.heard("S1", "one", busy(0.0))
+    balance.report("S1", "one", busy(0.0))
     handed(balance, "A")
-    balance.heard("S1", "one", busy(0.9))
-    assert balance.heard("S2", "two", busy(0.0)) == []
+    balance.report("S1", "one", busy(0.9))
+    assert balance.report("S2", "two", busy(0.0)) == []

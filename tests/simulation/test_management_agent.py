@@ -93,7 +93,7 @@ def test_areas_are_reserved_and_given_back(agent: ManagementAgent) -> None:
 
 
 def test_who_may_not_log_on_leaves_nothing_behind(agent: ManagementAgent, store: SimulationStore) -> None:
-    agent.choose(limit=2)
+    agent.configure(limit=2)
     agent.register(robot("A"))
     refused: list[tuple[type, Callable[[], object]]] = [
         (NameTaken, lambda: agent.register(robot("A", x=4.0))),
@@ -119,7 +119,7 @@ def test_what_can_not_be_kept_is_refused(agent: ManagementAgent, store: Simulati
 
 def test_whoever_is_silent_is_gone(store: SimulationStore) -> None:
     gone: list[Session] = []
-    agent = ManagementAgent(tower(), 7, store, gone=gone.append)
+    agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
     with contextlib.closing(agent):
         agent.start()
         agent.begin_leases()
@@ -143,7 +143,7 @@ def test_whoever_is_silent_is_gone(store: SimulationStore) -> None:
 
 def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
     killed = ManagementAgent(tower(), 7, store)
-    killed.choose(limit=5, pace=2.0)
+    killed.configure(limit=5, pace=2.0)
     killed.start()
     driver, waiter = killed.register(robot("A", x=1.0)), killed.register(robot("B", x=5.0, y=3.0))
     driver.grip("T1", (1.6, 2.0))
@@ -217,7 +217,7 @@ def test_of_two_records_of_one_name_the_later_one_holds(store: SimulationStore) 
 
 def test_a_floor_that_is_removed_takes_its_robots_along(store: SimulationStore) -> None:
     gone: list[Session] = []
-    agent = ManagementAgent(tower(), 7, store, gone=gone.append)
+    agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
     upstairs = agent.register(robot("A", "L2"))
     agent.register(robot("B", "L1"))
     agent.follow_map(tower().without(ElementKind.ELEVATOR, "", "E1").without(ElementKind.FLOOR, "", "L2"), 8)
@@ -240,5 +240,5 @@ def test_what_happens_is_announced(store: SimulationStore) -> None:
 @pytest.mark.parametrize("choice", [{"limit": -1}, {"limit": 10_001}, {"pace": -1.0}, {"pace": math.inf}])
 def test_a_choice_that_can_not_be(agent: ManagementAgent, choice: dict) -> None:
     with pytest.raises(InvalidChoice):
-        agent.choose(**choice)
+        agent.configure(**choice)
     assert (agent.state.limit, agent.state.pace) == (300, 1.0)

@@ -131,7 +131,7 @@ def test_what_stands_can_change_while_it_runs() -> None:
     robot(floor, "A", 0.0, 0.0)
     floor.command("A", 1.0, 0.0, 0.0)
     run(floor, 4.0)
-    floor.stand([LineString([(4, -5), (4, 5)])])
+    floor.set_obstacles([LineString([(4, -5), (4, 5)])])
     run(floor, 4.0)
     assert floor.state()["A"][0] == pytest.approx(4 - RADIUS_M, abs=0.01)
 

@@ -35,8 +35,8 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.sheet import FOOT_PX, GROUND, HEAD_PX, INK
 from robocorba.simulation import picture
-from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, SightFan
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, ScanFan
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.spatial.pose import XY
 
@@ -86,11 +86,11 @@ def cart(x: float, y: float, heading: float = 0.0, outline: tuple[XY, ...] = SQU
     return Body(0, BodyKind.OBJECT, "cart", 1.0, outline, 20.0), x, y, heading, (0.0, 0.0)
 
 
-def standing(floor: str, opening: float = 0.0) -> Moment:
-    return Moment({"L1": 4.0, "L2": 8.0}[floor], floor, Doors.OPENING, opening, (), ())
+def standing(floor: str, opening: float = 0.0) -> ElevatorState:
+    return ElevatorState({"L1": 4.0, "L2": 8.0}[floor], floor, Doors.OPENING, opening, (), ())
 
 
-def view_of(*placed: Placed, floor: str = "L1", **elevators: Moment) -> FloorView:
+def view_of(*placed: Placed, floor: str = "L1", **elevators: ElevatorState) -> FloorView:
     motions = np.array(
         [(i, *velocity, 0.0, x, y, heading) for i, (_, x, y, heading, velocity) in enumerate(placed)], MOTION
     )
@@ -100,9 +100,9 @@ def view_of(*placed: Placed, floor: str = "L1", **elevators: Moment) -> FloorVie
     return view
 
 
-def fan(x: float, y: float, heading: float, reach: float = 3.0, count: int = 181) -> SightFan:
+def fan(x: float, y: float, heading: float, reach: float = 3.0, count: int = 181) -> ScanFan:
     """Half a turn ahead."""
-    return SightFan(x, y, heading, -math.pi / 2, math.pi / 180, np.full(count, reach))
+    return ScanFan(x, y, heading, -math.pi / 2, math.pi / 180, np.full(count, reach))
 
 
 class Shown:
@@ -111,7 +111,7 @@ class Shown:
     def __init__(
         self,
         view: FloorView,
-        fans: Sequence[SightFan] = (),
+        fans: Sequence[ScanFan] = (),
         width: int = WIDTH,
         caption: str = "",
         painter: FloorPainter | None = None,
@@ -373,7 +373,7 @@ def test_rays_without_an_end(painter: FloorPainter, recwarn: pytest.WarningsReco
 
 def test_a_fan_of_many_rays_is_thinned_out(painter: FloorPainter) -> None:
     rays = np.linspace(2.0, 4.0, 8192)
-    whole = SightFan(8.0, 5.0, 0.0, 0.0, math.pi / 8191, rays)
+    whole = ScanFan(8.0, 5.0, 0.0, 0.0, math.pi / 8191, rays)
     thin = whole._replace(step_rad=math.pi * 12 / 8191, distances=rays[::12])
     shown, wanted = (Shown(view_of(), [one], painter=painter) for one in (whole, thin))
     assert shown.png == wanted.png
@@ -383,7 +383,7 @@ def test_a_fan_of_many_rays_is_thinned_out(painter: FloorPainter) -> None:
 
 
 def test_a_ray_without_an_end_keeps_its_way(painter: FloorPainter) -> None:
-    rays = SightFan(2.0, 2.0, 0.0, math.radians(20), math.radians(20), np.array([np.inf, np.inf]))
+    rays = ScanFan(2.0, 2.0, 0.0, math.radians(20), math.radians(20), np.array([np.inf, np.inf]))
     shown = Shown(view_of(), [rays], painter=painter)
     lit = {
         angle: not shown.is_about(2 + 6 * math.cos(angle), 2 + 6 * math.sin(angle), GROUND)
@@ -398,7 +398,7 @@ def test_a_ray_without_an_end_keeps_its_way(painter: FloorPainter) -> None:
 def test_a_cabin_stands_out_where_it_is(painter: FloorPainter) -> None:
     corner = (16.3, 2.3)
     assert Shown(view_of(E1=standing("L1")), painter=painter).is_about(*corner, CABIN)
-    for elsewhere in (standing("L2"), Moment(5.0, "", Doors.CLOSED, 0.0, (), ())):
+    for elsewhere in (standing("L2"), ElevatorState(5.0, "", Doors.CLOSED, 0.0, (), ())):
         assert Shown(view_of(E1=elsewhere), painter=painter).at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
     unknown = Shown(view_of(), painter=painter)
     assert unknown.at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
@@ -408,16 +408,18 @@ def test_a_cabin_stands_out_where_it_is(painter: FloorPainter) -> None:
 def test_a_shaft_says_where_its_cabin_is(painter: FloorPainter) -> None:
     moments = [
         standing("L2"),
-        Moment(8.0, "", Doors.CLOSED, 0.0, (), ()),
-        Moment(2.0, "", Doors.CLOSED, 0.0, (), ()),
-        Moment(0.0, "L0", Doors.CLOSED, 0.0, (), ()),
+        ElevatorState(8.0, "", Doors.CLOSED, 0.0, (), ()),
+        ElevatorState(2.0, "", Doors.CLOSED, 0.0, (), ()),
+        ElevatorState(0.0, "L0", Doors.CLOSED, 0.0, (), ()),
     ]
     pictures = {Shown(view_of(E1=moment), painter=painter).png for moment in moments}
     assert len(pictures) == len(moments)
 
 
 def test_an_arrow_points_to_the_cabin(painter: FloorPainter) -> None:
-    above, below = (Shown(view_of(E1=Moment(z, "", Doors.CLOSED, 0.0, (), ())), painter=painter) for z in (6.0, 2.0))
+    above, below = (
+        Shown(view_of(E1=ElevatorState(z, "", Doors.CLOSED, 0.0, (), ())), painter=painter) for z in (6.0, 2.0)
+    )
     differs = (above.rgb != below.rgb).any(axis=2)
     rows = [
         np.nonzero(differs & (shown.rgb == ImageColor.getrgb(INK)).all(axis=2))[0].mean() for shown in (above, below)
@@ -512,7 +514,7 @@ def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch
         width: math.prod(Shown(view_of(), width=width, painter=FloorPainter(scene())).image.size)
         for width in (300, 301, 302)
     }
-    monkeypatch.setattr(picture, "MOST_KEPT_PX", sum(sizes.values()) - 1)
+    monkeypatch.setattr(picture, "MOST_CACHED_PX", sum(sizes.values()) - 1)
     drawn.clear()
     for width in (300, 301, 300, 302, 300, 302, 301):
         Shown(view_of(), width=width, painter=painter)
@@ -520,7 +522,7 @@ def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch
 
 
 def test_a_layer_that_is_larger_than_all_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "MOST_KEPT_PX", 1)
+    monkeypatch.setattr(picture, "MOST_CACHED_PX", 1)
     painter = FloorPainter(scene())
     assert Shown(view_of(), painter=painter).png == Shown(view_of(), painter=painter).png
 
@@ -559,7 +561,7 @@ bodies = st.builds(
 placed_bodies = st.lists(st.tuples(bodies, finite, finite, finite, st.tuples(single, single)), max_size=8)
 fans = st.lists(
     st.builds(
-        SightFan,
+        ScanFan,
         x=finite,
         y=finite,
         heading=finite,
@@ -570,7 +572,7 @@ fans = st.lists(
     max_size=3,
 )
 moments = st.builds(
-    Moment,
+    ElevatorState,
     height=finite,
     floor=st.sampled_from(["", "L1", "L2", "L9"]),
     doors=st.sampled_from(Doors),
@@ -584,7 +586,7 @@ WIDTHS = (200, 333, 640)
 @settings(deadline=None, max_examples=200)
 @given(st.sampled_from(["L1", "L2"]), placed_bodies, fans, moments, st.sampled_from(WIDTHS), st.text(max_size=250))
 def test_any_view_gives_a_picture(
-    floor: str, placed: list[Placed], seen: list[SightFan], moment: Moment, width: int, caption: str
+    floor: str, placed: list[Placed], seen: list[ScanFan], moment: ElevatorState, width: int, caption: str
 ) -> None:
     shown = Shown(view_of(*placed, floor=floor, E1=moment), seen, width, caption, ANY)
     assert shown.image.size == (width, drawing.Frame(scene(), floor, width, True).height)

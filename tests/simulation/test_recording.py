@@ -21,7 +21,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import StateDamaged
 from robocorba.maps.model import Building, Floor, FloorMap
 from robocorba.simulation.recording import CHUNK_S, MAP, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.testing.buildings import two_floors
 
@@ -36,7 +36,7 @@ bodies = st.builds(
     Body, numbers, st.sampled_from(BodyKind), names, floats, st.lists(st.tuples(floats, floats)).map(tuple), floats
 )
 moments = st.builds(
-    Moment, floats, names, st.sampled_from(Doors), floats, st.lists(names).map(tuple), st.lists(names).map(tuple)
+    ElevatorState, floats, names, st.sampled_from(Doors), floats, st.lists(names).map(tuple), st.lists(names).map(tuple)
 )
 motions = st.binary(max_size=200).map(lambda data: np.frombuffer(data[: len(data) // 40 * 40], MOTION))
 updates = st.builds(
@@ -288,7 +288,7 @@ def test_other_files_are_told_apart(tmp_path: Path) -> None:
     writer = Writer(str(file))
     writer.start("ros2")
     writer.finish()
-    with pytest.raises(StateDamaged, match="somebody else's"):
+    with pytest.raises(StateDamaged, match="not a recording"):
         Recording(file)
     writer = Writer(str(file))
     writer.start(PROFILE)

@@ -37,19 +37,19 @@ def test_a_name_and_a_slot_are_taken_until_they_are_free(registry: Registry, clo
     with pytest.raises(ServerFull) as full:
         registry.register(robot("D"))
     assert (full.value.limit, full.value.now, full.value.retry_s) == (3, 3, pytest.approx(1.5))
-    registry.dismiss(clients[1])
+    registry.remove(clients[1])
     registry.register(robot("B"))
-    registry.dismiss(registry.find("A"))
+    registry.remove(registry.find("A"))
     with pytest.raises(UnknownRobot):
         registry.find("A")
     with pytest.raises(SessionExpired):
-        clients[0].heard(clock.now)
+        clients[0].renew_lease(clock.now)
     with pytest.raises(SessionExpired):
-        registry.dismiss(clients[0])
+        registry.remove(clients[0])
     registry.register(robot("D"))
     registry.limit = 2  # nobody is sent away, but nobody comes in
     assert len(registry) == 3
-    registry.dismiss(registry.find("B"))
+    registry.remove(registry.find("B"))
     with pytest.raises(ServerFull):
         registry.register(robot("E"))
 
@@ -58,10 +58,10 @@ def test_whoever_is_not_heard_of_is_found(registry: Registry, clock: Clock) -> N
     alive, dead = registry.register(robot("A")), registry.register(robot("B"))
     for _ in range(5):
         clock.now += 1.0
-        alive.heard(clock.now)
+        alive.renew_lease(clock.now)
         for client in registry.expired():
             assert client is dead
-            registry.dismiss(client)
+            registry.remove(client)
     assert [client.name for client in registry.clients] == ["A"]
     assert alive.call_rate == pytest.approx(1.0)
     registry.register(robot("B"))

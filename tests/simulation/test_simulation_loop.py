@@ -11,7 +11,7 @@ import pytest
 
 from robocorba.errors.simulation import InvalidChoice, SimulationBusy
 from robocorba.simulation.physics import STEP_S
-from robocorba.simulation.simulation_loop import Pace
+from robocorba.simulation.simulation_loop import SimulationLoop
 
 
 class Counter:
@@ -19,19 +19,19 @@ class Counter:
 
     def __init__(self) -> None:
         self.steps = self.between = 0
-        self.pace = Pace(self._step, self._between)
+        self.loop = SimulationLoop(self._step, self._housekeeping)
 
     def _step(self) -> None:
         self.steps += 1
 
-    def _between(self) -> None:
+    def _housekeeping(self) -> None:
         self.between += 1
 
 
 @pytest.fixture
 def counter() -> Iterator[Counter]:
     counter = Counter()
-    with contextlib.closing(counter.pace):
+    with contextlib.closing(counter.loop):
         yield counter
 
 
@@ -44,34 +44,34 @@ def passed(counter: Counter, seconds: float) -> float:
 
 @pytest.mark.parametrize("pace", [1.0, 10.0])
 def test_time_passes_as_fast_as_asked(counter: Counter, pace: float) -> None:
-    counter.pace.choose(pace, False)
-    counter.pace.start()
+    counter.loop.configure(pace, False)
+    counter.loop.start()
     assert passed(counter, 0.6) == pytest.approx(pace, rel=0.3)
 
 
 def test_time_passes_as_fast_as_possible_and_calls_have_their_turn(counter: Counter) -> None:
-    counter.pace.choose(0.0, False)
-    counter.pace.start()
+    counter.loop.configure(0.0, False)
+    counter.loop.start()
     assert passed(counter, 0.2) > 20.0
     before = counter.between
-    assert [counter.pace.do(lambda: threading.current_thread().name) for _ in range(3)] == ["simulation"] * 3
+    assert [counter.loop.do(lambda: threading.current_thread().name) for _ in range(3)] == ["simulation"] * 3
     assert counter.between > before
 
 
 def test_a_new_pace_holds_at_once(counter: Counter) -> None:
-    counter.pace.choose(0.001, False)
-    counter.pace.start()
+    counter.loop.configure(0.001, False)
+    counter.loop.start()
     time.sleep(0.1)
-    counter.pace.choose(10.0, False)
+    counter.loop.configure(10.0, False)
     assert passed(counter, 0.4) > 5.0
 
 
 def test_paused_time_stands_and_can_be_stepped(counter: Counter) -> None:
-    counter.pace.choose(1.0, True)
-    counter.pace.start()
+    counter.loop.configure(1.0, True)
+    counter.loop.start()
     with pytest.raises(InvalidChoice):
-        counter.pace.step(0)
-    threads = [threading.Thread(target=counter.pace.step, args=(steps,)) for steps in (70, 30)]
+        counter.loop.step(0)
+    threads = [threading.Thread(target=counter.loop.step, args=(steps,)) for steps in (70, 30)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -79,16 +79,16 @@ def test_paused_time_stands_and_can_be_stepped(counter: Counter) -> None:
     assert counter.steps == 100
     time.sleep(0.1)
     assert counter.steps == 100
-    counter.pace.choose(1.0, False)
+    counter.loop.configure(1.0, False)
     with pytest.raises(InvalidChoice):
-        counter.pace.step(1)
+        counter.loop.step(1)
 
 
 def test_what_a_call_raises_reaches_who_made_it(counter: Counter) -> None:
-    counter.pace.start()
+    counter.loop.start()
     with pytest.raises(ZeroDivisionError):
-        counter.pace.do(lambda: 1 // 0)
-    assert counter.pace.do(lambda: 7) == 7
+        counter.loop.do(lambda: 1 // 0)
+    assert counter.loop.do(lambda: 7) == 7
 
 
 def test_a_fault_in_a_step_does_not_stop_time() -> None:
@@ -98,7 +98,7 @@ def test_a_fault_in_a_step_does_not_stop_time() -> None:
         steps.append(1)
         raise ValueError("a fault")
 
-    pace = Pace(step, lambda: None)
+    pace = SimulationLoop(step, lambda: None)
     with contextlib.closing(pace):
         pace.start()
         deadline = time.monotonic() + 5.0
@@ -108,23 +108,23 @@ def test_a_fault_in_a_step_does_not_stop_time() -> None:
 
 
 def test_whoever_waits_when_time_ends_is_told(counter: Counter) -> None:
-    counter.pace.start()
+    counter.loop.start()
     holding, results = threading.Event(), []
-    first = threading.Thread(target=lambda: counter.pace.do(lambda: holding.wait(2.0)))
+    first = threading.Thread(target=lambda: counter.loop.do(lambda: holding.wait(2.0)))
     first.start()
 
     def second() -> None:
         try:
-            results.append(counter.pace.do(lambda: 1))
+            results.append(counter.loop.do(lambda: 1))
         except SimulationBusy as busy:
             results.append(busy)
 
     waiting = threading.Thread(target=second)
     waiting.start()
     time.sleep(0.1)
-    counter.pace._closing = True
+    counter.loop._closing = True
     holding.set()
-    counter.pace.close()
+    counter.loop.close()
     waiting.join(5.0)
     assert len(results) == 1
 
@@ -132,4 +132,4 @@ def test_whoever_waits_when_time_ends_is_told(counter: Counter) -> None:
 @pytest.mark.parametrize("pace", [-1.0, float("nan"), 1001.0])
 def test_a_pace_that_can_not_be(counter: Counter, pace: float) -> None:
     with pytest.raises(InvalidChoice):
-        counter.pace.choose(pace, False)
+        counter.loop.configure(pace, False)

@@ -1,4 +1,4 @@
-"""RoboCorba::FloorUpdate and what is in it, from and to the domain's."""
+"""Conversion of floor updates and their parts from and to the IDL."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.spatial.elevator_state import Doors, Moment
+from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.stubs import RoboCorba
 
@@ -69,23 +69,25 @@ def update_of(struct: Any) -> FloorUpdate:
     )
 
 
-def elevators(moments: dict[str, Moment]) -> list[Any]:
+def elevators(states: dict[str, ElevatorState]) -> list[Any]:
     return [
         RoboCorba.ElevatorState(
             name,
-            moment.floor,
-            moment.height,
-            _DOORS[moment.doors],
-            moment.opening,
-            list(moment.riders),
-            list(moment.queue),
+            state.floor,
+            state.height,
+            _DOORS[state.doors],
+            state.opening,
+            list(state.riders),
+            list(state.queue),
         )
-        for name, moment in moments.items()
+        for name, state in states.items()
     ]
 
 
-def elevators_of(structs: list[Any]) -> dict[str, Moment]:
+def elevators_of(structs: list[Any]) -> dict[str, ElevatorState]:
     return {
-        one.name: Moment(one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue))
+        one.name: ElevatorState(
+            one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue)
+        )
         for one in structs
     }

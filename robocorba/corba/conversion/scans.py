@@ -1,4 +1,4 @@
-"""Scans, and what is asked of a virtual sensor, as the IDL has them."""
+"""Conversion of scans and scan requests from and to the IDL."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robocorba.corba.conversion.errors import register
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.noise import Noise
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec, Sighting
+from robocorba.sensing.virtual_sensor import Mount, ScanResult, ScanSpec
 from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_state import Pose
 from robocorba.spatial.grids import Floats
@@ -33,7 +33,7 @@ class _SensorData(NamedTuple):
 
 
 def spec_of(struct: Any) -> ScanSpec:
-    """Raises InvalidScan. Equal ones come again and again, and the rays of a fan are worth to be kept."""
+    """Raises InvalidScan. Cached, since requests repeat and a fan keeps its rays."""
     noise = struct.noise
     return _spec(
         *(struct.firstAngle, struct.step, struct.rays, struct.range, struct.rim),
@@ -78,13 +78,13 @@ def mount_of(struct: Any) -> Mount:
 
 
 def places_of(structs: Sequence[Any]) -> Floats:
-    """Rows (m, 3) of x, y, heading."""
+    """Rows (m, 3) of x, y [m], heading [rad]."""
     return np.array([(pose.x, pose.y, pose.heading) for pose in structs], float).reshape(-1, 3)
 
 
-def scan(seen: Sighting, found: ScanSpec) -> Any:
-    """Of a sighting of one sensor."""
-    return _ScanData(seen.time, found.fan.first_rad, found.fan.step_rad, seen.distances[0].tolist())
+def scan(result: ScanResult, found: ScanSpec) -> Any:
+    """The scan of a result with one sensor."""
+    return _ScanData(result.time, found.fan.first_rad, found.fan.step_rad, result.distances[0].tolist())
 
 
 def last_scan(found: LastScan) -> Any:

@@ -1,6 +1,6 @@
-"""Robots that are logged on, and the state of the simulation server, as the IDL has them.
+"""Conversion of robots, sessions and the simulation server's state from and to the IDL.
 
-Structs are named tuples with the members' names, which omniORBpy sends as well as the generated classes."""
+Some structs are named tuples with the members' names; omniORBpy marshals these like the generated classes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from robocorba.corba.conversion.errors import register, register_system, registe
 from robocorba.corba.conversion.maps import xy, xy_of
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.elevator import Phase, Ride
-from robocorba.simulation.load_balance import Load, Sensor
+from robocorba.simulation.elevator import Phase, RideStatus
+from robocorba.simulation.load_balance import Load, SensorProcess
 from robocorba.simulation.management_agent import ServerState
-from robocorba.simulation.registry import Client, Description
+from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, check_sizes
-from robocorba.spatial.floor_state import Pose, State
+from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.pose import Limits
 from robocorba.stubs import RoboCorba
 
@@ -73,7 +73,7 @@ def pose_of(struct: Any) -> Pose:
     return Pose(struct.floor, struct.x, struct.y, struct.heading)
 
 
-def robot_state(state: State, holding: str, riding: Ride | None, collisions: int, touched: str) -> Any:
+def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
     return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
 
 
@@ -90,12 +90,12 @@ def session_state_of(struct: Any) -> SessionState:
     )
 
 
-def ride_of(struct: Any) -> Ride | None:
+def ride_of(struct: Any) -> RideStatus | None:
     phase = _PHASE_OF.get(struct.phase)
-    return Ride(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
+    return RideStatus(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
 
 
-def ride(found: Ride | None) -> Any:
+def ride(found: RideStatus | None) -> Any:
     if found is None:
         return _NO_RIDE
     return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
@@ -106,7 +106,7 @@ def areas(found: Sequence[FloorArea]) -> list[Any]:
 
 
 def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
-    """Raises InvalidReservation where there are too many, or too many corners: before each of them costs time."""
+    """Raises InvalidReservation for too many areas or corners, before it converts them."""
     check_sizes([struct.polygon for struct in structs])
     return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]
 
@@ -129,7 +129,7 @@ def server_state(state: ServerState) -> Any:
     return RoboCorba.ServerState(*state)
 
 
-def client_state(client: Client, at: Pose, silent_s: float, sensor: str) -> Any:
+def client_state(client: RobotClient, at: Pose, silent_s: float, sensor: str) -> Any:
     return RoboCorba.ClientState(
         client.name, at, client.since, max(0.0, silent_s), client.call_rate, client.latency_s, sensor
     )
@@ -140,13 +140,13 @@ def load(found: Load) -> Any:
 
 
 def load_of(struct: Any) -> Load:
-    """Raises CORBA.BAD_PARAM for what no process can say of itself."""
+    """Raises CORBA.BAD_PARAM for impossible values."""
     if not all(0.0 <= value <= 1e9 for value in (struct.busy, struct.lag, struct.scanRate)):
         raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
     return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)
 
 
-def sensor_state(sensor: Sensor) -> Any:
+def sensor_state(sensor: SensorProcess) -> Any:
     return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
 
 

@@ -1,4 +1,4 @@
-"""Floors of the Omni database, followed from another process."""
+"""Copies of the Omni database's floors in another process."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
-#: Longest answer of the database.
+#: Timeout of a call to the database [s].
 CALL_LIMIT_S = 2.0
 
 
 class RemoteFloor:
-    """A copy of `floor` as a `database` (a RoboCorba::OmniDatabase) has it. One thread at a time may use it."""
+    """Local copy of a floor of `database`, a RoboCorba::OmniDatabase. Not thread-safe."""
 
     def __init__(self, database: Any, floor: str) -> None:
         self._database = database
         self.view = FloorView(floor)
 
     def follow(self) -> FloorUpdate:
-        """Bring `view` up to date: by what changed, the first time by the whole floor.
+        """Update `view`: the first time by the whole floor, later by changes. Returns the update.
 
         Raises UnknownFloor, NotReachable."""
         update = changes(self._database, self.view.floor, self.view.version)
@@ -35,9 +35,9 @@ class RemoteFloor:
 
 
 class RemoteDatabase:
-    """The Omni database of a running system: found by the first call, and again where it was away. Any thread may call.
+    """The Omni database of a running system, resolved by the first call and after each failure. Thread-safe.
 
-    find_s: how long a call may take to find it."""
+    find_s: timeout for resolving it [s]."""
 
     def __init__(self, orb: Orb, find_s: float) -> None:
         self._orb, self.find_s = orb, find_s
@@ -52,7 +52,7 @@ class RemoteDatabase:
             raise NotReachable(f"the Omni database does not answer ({describe(wrong)})") from None
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
-        """What changed on a floor since a version. Raises UnknownFloor, NotReachable."""
+        """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
         try:
             return changes(self._find(), floor, since)
         except NotReachable:
@@ -68,19 +68,17 @@ class RemoteDatabase:
 
 
 class RemoteFloors:
-    """Some floors of a running system, by default all that there are. Where the database was away, it is found again.
-
-    One thread at a time may use it."""
+    """Local copies of floors of a running system, by default all; reconnects after a failure. Not thread-safe."""
 
     def __init__(self, orb: Orb, chosen: Sequence[str] = ()) -> None:
         self._database, self._chosen = RemoteDatabase(orb, 0.0), chosen
-        #: The copies, by name.
+        #: Copies by name.
         self.views: dict[str, FloorView] = {}
 
     def follow(self, find_s: float) -> list[FloorUpdate]:
-        """Bring all views up to date. Raises UnknownFloor, and NotReachable where it is not found within `find_s`.
+        """Update all views. After a failure the next call loads whole floors again.
 
-        After a loss they begin anew, by the whole floors."""
+        Raises UnknownFloor, and NotReachable if the database is not found within `find_s`."""
         self._database.find_s = find_s
         try:
             names = self._chosen or self._database.floors()

@@ -1,4 +1,4 @@
-"""The virtual sensor processes, as the simulation server calls them."""
+"""The simulation server's calls to virtual sensor servers."""
 
 from __future__ import annotations
 
@@ -13,59 +13,64 @@ from omniORB import CORBA
 from robocorba.corba.calls import describe, limit_calls
 from robocorba.simulation.load_balance import LoadBalance
 
-#: How long a robot waits for a sensor process where there is none, s, and how many wait at most: the threads that
-#: they hold are those of all calls.
-FIND_LIMIT_S, MOST_WAITING = 5.0, 4
+#: Time that a robot's call waits for a sensor server to appear [s].
+FIND_LIMIT_S = 5.0
+#: Calls that wait at the same time at most: each occupies one of the server's few threads.
+MOST_WAITING = 4
+#: Timeout of a call to a sensor server [s].
 CALL_LIMIT_S = 1.0
-PAUSE_S = 0.05
+#: Interval between attempts to find a sensor server [s].
+RETRY_INTERVAL_S = 0.05
 _log = logging.getLogger(__name__)
 
 
 class RemoteSensors:
-    """Finds the one that senses for a robot, and tells one that a robot has moved on."""
+    """Finds the assigned sensor server of a robot, and dismisses robots that were reassigned."""
 
     def __init__(self, balance: LoadBalance) -> None:
         self._balance = balance
         self._waiting = threading.Semaphore(MOST_WAITING)
-        self._farewells = ThreadPoolExecutor(1, "farewells")
+        self._dismissals = ThreadPoolExecutor(1, "sensor-dismissals")
 
     def find(self, robot: str) -> Any:
-        """The reference of a robot's sensor, in a process that answers. Raises CORBA.TRANSIENT where there is none."""
-        reference = self._ask(robot)
+        """Reference of a robot's sensor in a server that answers. Raises CORBA.TRANSIENT if there is none."""
+        reference = self._assign(robot)
         if reference is None and self._waiting.acquire(blocking=False):
             try:
                 deadline = time.monotonic() + FIND_LIMIT_S
                 while reference is None and time.monotonic() < deadline:
-                    time.sleep(PAUSE_S)
-                    reference = self._ask(robot)
+                    time.sleep(RETRY_INTERVAL_S)
+                    reference = self._assign(robot)
             finally:
                 self._waiting.release()
         if reference is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         return reference
 
-    def _ask(self, robot: str) -> Any:
-        """The same, None where no process answers now."""
-        while sensor := self._balance.hand(robot):
+    def _assign(self, robot: str) -> Any:
+        """Reference of a robot's sensor; None if no server answers now."""
+        while sensor := self._balance.assign(robot):
             try:
                 limit_calls(sensor.reference, CALL_LIMIT_S)
                 return sensor.reference.forRobot(robot)
             except CORBA.SystemException as wrong:
-                _log.warning("virtual sensor %s does not answer (%s)", sensor.name, describe(wrong))
-                self._balance.is_gone(sensor.name)
+                _log.warning(
+                    "virtual sensor %s does not answer (%s); reassigning its robots", sensor.name, describe(wrong)
+                )
+                self._balance.remove(sensor.name)
         return None
 
-    def let_go(self, reference: Any, robot: str) -> None:
-        """Let a process forget a robot that was given to another; does not wait for it."""
-        self._farewells.submit(self._dismiss, reference, robot)
+    def dismiss(self, reference: Any, robot: str) -> None:
+        """Dismiss a robot at its previous server, without waiting."""
+        self._dismissals.submit(self._send_dismissal, reference, robot)
 
     def close(self) -> None:
-        self._farewells.shutdown(cancel_futures=True)
+        self._dismissals.shutdown(cancel_futures=True)
 
     @staticmethod
-    def _dismiss(reference: Any, robot: str) -> None:
+    def _send_dismissal(reference: Any, robot: str) -> None:
         try:
             limit_calls(reference, CALL_LIMIT_S)
             reference.dismiss(robot)
         except CORBA.SystemException as wrong:
-            _log.warning("a virtual sensor was not told that %s moves on (%s)", robot, describe(wrong))
+            _log.warning("could not dismiss %s at its previous virtual sensor (%s)", robot, describe(wrong))

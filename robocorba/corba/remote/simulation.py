@@ -17,22 +17,23 @@ from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.stubs import RoboCorba
 
+#: Timeouts for resolving the servers at start, and of calls [s].
 START_LIMIT_S, CALL_LIMIT_S = 300.0, 1.0
 
 
 class RemoteSimulation:
-    """Raises NotReachable where it is not there within `timeout_s`; later in calls, until it is back."""
+    """Raises NotReachable if the servers are not found within `timeout_s`, and in calls while they do not answer."""
 
     def __init__(self, orb: Orb, timeout_s: float = START_LIMIT_S) -> None:
         self._server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, timeout_s, CALL_LIMIT_S)
         self._database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, timeout_s, CALL_LIMIT_S)
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
-        """What changed on a floor since a version. Raises UnknownFloor, NotReachable."""
+        """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
         return changes(self._database, floor, since)
 
-    def sensor_is(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
-        """A virtual sensor process is here. Raises NotReachable."""
+    def report_sensor(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
+        """Report a virtual sensor server: renew its lease, load and last scans. Raises NotReachable."""
         try:
             self._server.sensorIs(name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest])
         except CORBA.SystemException as wrong:
@@ -40,7 +41,7 @@ class RemoteSimulation:
 
 
 def changes(database: Any, floor: str, since: int) -> FloorUpdate:
-    """What changed since a version in a RoboCorba::OmniDatabase. Raises UnknownFloor, NotReachable."""
+    """Changes of a floor since a version in a RoboCorba::OmniDatabase. Raises UnknownFloor, NotReachable."""
     try:
         return floors.update_of(database.floorChanges(floor, since))
     except CORBA.UserException as wrong:

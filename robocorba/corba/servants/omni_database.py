@@ -12,7 +12,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
 class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
-    """RoboCorba::OmniDatabase; missions are kept in `store`."""
+    """RoboCorba::OmniDatabase, with missions in `store`."""
 
     def __init__(self, database: OmniDatabase, store: SimulationStore) -> None:
         self._database, self._store = database, store

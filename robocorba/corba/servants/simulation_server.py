@@ -1,4 +1,4 @@
-"""Servants of the communication management agent: the server, the session of a robot, and what administrators use."""
+"""Servants of the communication management agent: the server, robots' sessions, and the administrator's interface."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from robocorba.stubs import RoboCorba__POA
 class SimulationServerServant(RoboCorba__POA.SimulationServer):
     """RoboCorba::SimulationServer.
 
-    reference_of: of a session's servant. render: a floor as PNG. let_go: tells a sensor process, by its reference, that
-    a robot moves to another one; must not wait."""
+    reference_of: activates a session's servant. render: renders a floor as PNG. dismiss: dismisses a robot at the
+    sensor server of the given reference; must not block."""
 
     def __init__(
         self,
         agent: ManagementAgent,
         reference_of: Callable[[Session], Any],
         render: Callable[[str, int], bytes],
-        let_go: Callable[[Any, str], None],
+        dismiss: Callable[[Any, str], None],
     ) -> None:
-        self._agent, self._reference_of, self._render, self._let_go = agent, reference_of, render, let_go
+        self._agent, self._reference_of, self._render, self._dismiss = agent, reference_of, render, dismiss
 
     @translating
     def registerRobot(self, about: Any) -> Any:
@@ -40,7 +40,7 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
         now, name_for = time.monotonic(), self._agent.sensors.name_for
         return [
             simulation.client_state(
-                session.client, session.robot.state().pose, now - session.client.heard_at, name_for(session.name)
+                session.client, session.robot.state().pose, now - session.client.last_call_at, name_for(session.name)
             )
             for session in list(self._agent.sessions.values())
         ]
@@ -54,13 +54,13 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
 
     def sensorIs(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
         load = simulation.load_of(load)
-        self._agent.sensed(scans.last_scan_of(struct) for struct in latest)
-        for robot, process in self._agent.sensors.heard(name, reference, load):
-            self._let_go(process, robot)
+        self._agent.record_scans(scans.last_scan_of(struct) for struct in latest)
+        for robot, previous in self._agent.sensors.report(name, reference, load):
+            self._dismiss(previous, robot)
 
 
-def _answering(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method of a session: translating, and how long it took is told to the session's client."""
+def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a method of a session: translate errors, and record its latency."""
     translated = translating(method)
 
     @functools.wraps(method)
@@ -69,87 +69,87 @@ def _answering(method: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return translated(self, *arguments)
         finally:
-            self.session.client.took(time.perf_counter() - began)
+            self.session.client.record_latency(time.perf_counter() - began)
 
     return call
 
 
 class RobotSessionServant(RoboCorba__POA.RobotSession):
-    """RoboCorba::RobotSession. sensor: the reference of what senses for the robot."""
+    """RoboCorba::RobotSession. sensor: reference of the robot's virtual sensor."""
 
     def __init__(self, session: Session, lease_s: float, sensor: Any) -> None:
         self.session, self._lease_s, self._sensor = session, lease_s, sensor
 
-    @_answering
+    @_measured
     def _get_name(self) -> str:
         self.session.heartbeat()
         return self.session.name
 
-    @_answering
+    @_measured
     def _get_lease(self) -> float:
         self.session.heartbeat()
         return self._lease_s
 
-    @_answering
+    @_measured
     def command(self, wanted: Any, valid_for: float) -> None:
         self.session.command(wanted.ahead, wanted.left, wanted.turn, valid_for)
 
-    @_answering
+    @_measured
     def brake(self) -> None:
         self.session.brake()
 
-    @_answering
+    @_measured
     def state(self) -> Any:
         session = self.session
         robot = session.robot
         return simulation.robot_state(session.state(), robot.holding, session.ride, robot.collisions, robot.touched)
 
-    @_answering
+    @_measured
     def heartbeat(self) -> None:
         self.session.heartbeat()
 
-    @_answering
+    @_measured
     def _get_sensor(self) -> Any:
         self.session.heartbeat()
         return self._sensor
 
-    @_answering
+    @_measured
     def grip(self, what: str, place: Any) -> None:
         self.session.grip(what, (place.x, place.y))
 
-    @_answering
+    @_measured
     def release(self) -> None:
         self.session.release()
 
-    @_answering
+    @_measured
     def callElevator(self, elevator: str, destination: str) -> None:
         self.session.call_elevator(elevator, destination)
 
-    @_answering
+    @_measured
     def callElevatorTogether(self, elevator: str, destination: str, party: str, size: int) -> None:
         self.session.call_elevator_together(elevator, destination, party, size)
 
-    @_answering
+    @_measured
     def giveUpElevator(self) -> None:
         self.session.give_up_elevator()
 
-    @_answering
+    @_measured
     def reserveAreas(self, areas: list[Any], limit: float) -> None:
         self.session.reserve(simulation.areas_of(areas), limit)
 
-    @_answering
+    @_measured
     def reservation(self) -> Any:
         return simulation.reservation(self.session.reservation())
 
-    @_answering
+    @_measured
     def keepAreas(self, areas: list[Any]) -> None:
         self.session.keep_areas(simulation.areas_of(areas))
 
-    @_answering
+    @_measured
     def releaseAreas(self) -> None:
         self.session.release_areas()
 
-    @_answering
+    @_measured
     def deregister(self) -> None:
         self.session.deregister()
 
@@ -162,7 +162,7 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
 
     @translating
     def setLimit(self, robots: int) -> None:
-        self._agent.choose(limit=robots)
+        self._agent.configure(limit=robots)
 
     @translating
     def evict(self, robot: str) -> None:
@@ -170,16 +170,16 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
 
     @translating
     def setPace(self, pace: float) -> None:
-        self._agent.choose(pace=pace)
+        self._agent.configure(pace=pace)
 
     @translating
     def pause(self) -> None:
-        self._agent.choose(is_paused=True)
+        self._agent.configure(is_paused=True)
 
     @translating
     def resume(self) -> None:
-        self._agent.choose(is_paused=False)
+        self._agent.configure(is_paused=False)
 
     @translating
     def step(self, steps: int) -> None:
-        self._agent.pace.step(steps)
+        self._agent.loop.step(steps)

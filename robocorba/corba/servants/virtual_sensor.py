@@ -1,4 +1,4 @@
-"""Servants of virtual sensors: those of a sensor process, and what a robot's session hands out."""
+"""Servants of virtual sensors: in a sensor server, and in the simulation server for each robot's session."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from robocorba.stubs import RoboCorba__POA
 
 
 class Activator(Protocol):
-    """What gives an object a reference for as long as it is needed."""
+    """Activates and deactivates the sensors of single robots."""
 
     def for_robot(self, name: str) -> Any:
-        """The reference of a robot's sensor."""
+        """Reference of a robot's sensor, activated if necessary."""
 
     def dismiss(self, name: str) -> None:
-        """It is not needed any more."""
+        """Deactivate a robot's sensor."""
 
 
 class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
-    """RoboCorba::VirtualSensor of a process; of one robot, where `robot` names it."""
+    """RoboCorba::VirtualSensor of a sensor server, or of one robot if `robot` names it."""
 
     def __init__(self, sensor: VirtualSensor, reports: Reports, activator: Activator, robot: str | None = None) -> None:
         self._sensor, self._reports, self._activator, self._robot = sensor, reports, activator, robot
@@ -36,17 +36,17 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
         spec = scans.spec_of(wanted)
         place, mount = scans.places_of([robot]), scans.mount_of(where)
-        seen = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
-        self._reports.saw(self._robot, robot.floor, spec, seen)
-        return scans.scan(seen, spec)
+        result = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
+        self._reports.record_scan(self._robot, robot.floor, spec, result)
+        return scans.scan(result, spec)
 
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
         spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
-        found = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
-        for floor, seen in zip(floors, found, strict=True):
-            self._reports.saw(self._robot, floor, spec, seen)
-        return [scans.scan(seen, spec) for seen in found]
+        results = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
+        for floor, result in zip(floors, results, strict=True):
+            self._reports.record_scan(self._robot, floor, spec, result)
+        return [scans.scan(result, spec) for result in results]
 
     def laser(self) -> Any:
         return scans.spec(ScanSpec(LASER))
@@ -68,14 +68,14 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
 
 
 class RobotSensorServant(RoboCorba__POA.VirtualSensor):
-    """RoboCorba::VirtualSensor that sends its callers on to the process that senses for a robot now.
+    """RoboCorba::VirtualSensor that forwards its callers to a robot's assigned sensor server.
 
-    find: the reference there; waits while there is none."""
+    find: returns the sensor's reference there; waits while there is none."""
 
     def __init__(self, find: Callable[[], Any]) -> None:
         self._find = find
 
-    def _send_on(self, *arguments: Any) -> NoReturn:
+    def _forward(self, *arguments: Any) -> NoReturn:
         raise omniORB.LOCATION_FORWARD(self._find())
 
-    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _send_on
+    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _forward
