@@ -87,11 +87,11 @@ def schema() -> None:
 
 def read(command: str, file: File) -> Program:
     """The program in a file. Tells what is wrong with it and exits."""
-    from robocorba.programs.program import MOST_BYTES, load, loads
+    from robocorba.programs.program import MAX_BYTES, load, loads
 
     try:
         if str(file) == "-":
-            return loads(typer.get_binary_stream("stdin").read(MOST_BYTES + 1))
+            return loads(typer.get_binary_stream("stdin").read(MAX_BYTES + 1))
         return load(file)
     except OSError as wrong:
         typer.echo(f"robocorba program {command}: {file}: {wrong.strerror or wrong}", err=True)
