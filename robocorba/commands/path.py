@@ -24,7 +24,7 @@ from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
 from robocorba.planning.request import (
     SMARTPAL_RADIUS_M,
-    SMARTPAL_SPEED,
+    SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
     PathRequest,
@@ -54,7 +54,7 @@ def path(
     ] = (Mode.SMOOTHED),
     time: Annotated[bool, typer.Option("--time", help="The fastest rather than the shortest path.")] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot in metres.")] = SMARTPAL_RADIUS_M,
-    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED,
+    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED_M_S,
     avoid: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),

@@ -17,7 +17,7 @@ from robocorba.planning.space import FloorSpace
 from robocorba.spatial.grids import Longs
 from robocorba.spatial.pose import XY
 
-#: Radius of a robot that fits through any gap between walls [m]: whether it has a path shows if gaps are too narrow.
+#: Radius of a thin robot [m]: if it has a path where the real one has none, gaps are too narrow.
 THIN_M = 0.02
 #: Greatest number of nodes of a component, and of one-way edges, that a diagnosis names.
 NAMES_SHOWN, MAX_ONE_WAY_SHOWN = 4, 16

@@ -41,7 +41,7 @@ def ride(building: Building, elevator: Elevator, origin: str, destination: str) 
 def travel_time(elevator: Elevator, climb: float) -> float:
     """Seconds from rest to rest over `climb` [m], up or down, with ACCELERATION_M_S2 up to the elevator's speed."""
     distance_m = abs(climb)
-    ramp = elevator.speed**2 / ACCELERATION_M_S2  # both ramps together
+    ramp = elevator.speed**2 / ACCELERATION_M_S2  # acceleration and deceleration together
     if distance_m >= ramp:
         return distance_m / elevator.speed + elevator.speed / ACCELERATION_M_S2
     return 2 * math.sqrt(distance_m / ACCELERATION_M_S2)

@@ -11,7 +11,7 @@ from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
 from robocorba.planning import diagnosis, geometric, topological
 from robocorba.planning.request import (
     SMARTPAL_RADIUS_M,
-    SMARTPAL_SPEED,
+    SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
     PathRequest,
@@ -88,7 +88,7 @@ class PathPlanner:
                 goal.x,
                 goal.y,
                 SMARTPAL_RADIUS_M,
-                SMARTPAL_SPEED,
+                SMARTPAL_SPEED_M_S,
             )
             if is_detour:
                 request = PathRequest(start, goal)

@@ -14,7 +14,7 @@ from robocorba.spatial.pose import XY
 #: Radius of the disc that planners in SmartPal's laboratory use for its base [m].
 SMARTPAL_RADIUS_M = 0.40
 #: Greatest speed of the base [m/s].
-SMARTPAL_SPEED = 1.0
+SMARTPAL_SPEED_M_S = 1.0
 
 #: Greatest robot radius of a request; clearances are computed up to it [m].
 LARGEST_RADIUS_M = 3.0
@@ -118,7 +118,7 @@ class PathRequest(NamedTuple):
     start: Place
     goal: Place
     radius: float = SMARTPAL_RADIUS_M
-    speed: float = SMARTPAL_SPEED
+    speed: float = SMARTPAL_SPEED_M_S
     mode: RouteMode = RouteMode.SMOOTHED
     best: Criterion = Criterion.SHORTEST_DISTANCE
     avoid_elevators: frozenset[str] = frozenset()

@@ -51,7 +51,7 @@ class Connections:
         return self._corners.get(node, NO_CORNERS)
 
 
-#: Placeholder: find_route itself connects the place to the nearest nodes in sight.
+#: No connections yet: find_route then connects the place to the nearest nodes in sight.
 IN_SIGHT = Connections((), ())
 
 
