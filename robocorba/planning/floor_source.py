@@ -48,8 +48,8 @@ class FloorSource:
         )
 
     def touched_since(self, before: FloorSource, building: Building) -> Touched | None:
-        """The differences to `before`; None if the floor must be rebuilt, because the floor entry or an elevator changed
-        or more than MAX_TOUCHED elements did."""
+        """The differences to `before`; None if the whole floor must be rebuilt: its entry or an elevator changed, or
+        more than MAX_TOUCHED elements did."""
         if not self._same_frame(before):
             return None
         walls = _differing(self.plan.walls, before.plan.walls)

@@ -218,7 +218,7 @@ def _link_goal(
     longest: float,
     radii: Radii,
     links: Floats,
-    link_count: int,
+    linked: int,
 ) -> tuple[Floats, int, int]:
     """Link the circles that see a goal to it. A link is the next link of its circle (or -1), the goal, the angle at
     which the circle is left, and the length [m]. Returns the links, their number, and the work done."""
@@ -237,14 +237,14 @@ def _link_goal(
             if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
                 continue
             circle = 2 * v + side
-            if link_count == links.shape[0]:
+            if linked == links.shape[0]:
                 links = _longer(links)
-            links[link_count, 0] = labels.link[circle] if labels.link_epoch[circle] == epoch else -1
-            links[link_count, 1], links[link_count, 3] = goal, length
-            links[link_count, 2] = _angle(arcs, v, turn * hy, -turn * hx)
-            labels.link[circle], labels.link_epoch[circle] = link_count, epoch
-            link_count += 1
-    return links, link_count, visited + 4 * seen
+            links[linked, 0] = labels.link[circle] if labels.link_epoch[circle] == epoch else -1
+            links[linked, 1], links[linked, 3] = goal, length
+            links[linked, 2] = _angle(arcs, v, turn * hy, -turn * hx)
+            labels.link[circle], labels.link_epoch[circle] = linked, epoch
+            linked += 1
+    return links, linked, visited + 4 * seen
 
 
 @kernel
@@ -282,7 +282,7 @@ def search(
     for g in range(wanted):
         stamp_exit_route(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
     records, size = np.empty((256, 6)), 0
-    links, link_count = np.empty((64, 4)), 0
+    links, linked = np.empty((64, 4)), 0
     queue = [(0.0, 0) for _ in range(0)]
     aimed = goals if wanted <= MAX_AIMED_GOALS else goals[:0]
 
@@ -311,24 +311,10 @@ def search(
             records = _enqueue(queue, records, size, length, -1, -1 - g, 0.0, 0.0, -1, length)
             size += 1
         if has_start_lines:
-            links, link_count, work_done = _link_goal(
-                mesh,
-                xy,
-                grid,
-                arcs,
-                labels,
-                scratch,
-                ends,
-                start_x,
-                start_y,
-                goals,
-                g,
-                longest,
-                radii,
-                links,
-                link_count,
+            links, linked, done = _link_goal(
+                mesh, xy, grid, arcs, labels, scratch, ends, start_x, start_y, goals, g, longest, radii, links, linked
             )
-            work += work_done
+            work += done
 
     complete, status = 0, DONE
     while queue and complete < enough:
@@ -371,11 +357,11 @@ def search(
         if alone and _is_dominated(arcs, labels, target, angle, cost, radii.turn):
             continue
         if lines.number[target] < 0:
-            work_done = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
-            if work_done < 0:
+            done = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
+            if done < 0:
                 status = NO_ROOM
                 break
-            work += work_done
+            work += done
         begin = arcs.low[v] + angle
         link = labels.link[target] if labels.link_epoch[target] == epoch else -1
         while link >= 0:
