@@ -1,4 +1,4 @@
-"""A server that answers every getPath with the same path: what the wire and the ORB cost without any planning.
+"""A server that answers every getPath with the same path: the cost of the wire and the ORB without planning.
 
 python -m bench.planning.canned_answer HOST:PORT POINTS
 """
@@ -14,7 +14,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
 class CannedPlanner(RoboCorba__POA.PathPlanner):
-    """Answers with `points` points, made anew for each call as a planner must."""
+    """Answers with `points` points, constructed for each call like those of a planner."""
 
     def __init__(self, points: int) -> None:
         self._points = range(points)
@@ -30,7 +30,7 @@ class CannedPlanner(RoboCorba__POA.PathPlanner):
 
 def main(endpoint: str, points: str) -> None:
     address = Address.parse(endpoint)
-    with Orb(Address(address.host, 1), address) as orb:  # nobody listens on port 1: it is called by corbaloc
+    with Orb(Address(address.host, 1), address) as orb:  # port 1 is unused: clients use corbaloc, no naming service
         orb.serve({"PathPlanner": CannedPlanner(int(points))})
         orb.run()
 

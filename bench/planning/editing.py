@@ -1,7 +1,7 @@
-"""1,000 edits by two client processes while four others ask for paths without pause, all over CORBA to one server.
+"""1,000 edits by two client processes while four others query paths without pause, all over CORBA to one server.
 
-Before the edits begin, the same four ask for a while on their own: the difference is what the editing costs them.
-An edit that was accepted but is not in the building fails the bench, as does any error of any client.
+Before the edits begin, the four query for a while on their own: the difference is the cost of editing. An accepted
+edit that is missing in the building fails the bench, as does any error of any client.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.report import PROGRESS, quantile, timed_ms, write
 
 ROUNDS, EDITS, EDITORS, PLANNERS = 3, 1000, 2, 4
-#: How long the planners ask on their own, and before that how long they warm up, s.
+#: Duration of the queries without edits, and of the warm-up before them [s].
 QUIET_S, WARM_UP_S = 3.0, 0.5
-#: No planner may wait longer than this for its next answer, ms.
+#: Greatest time that a planner may wait for its next answer [ms].
 LONGEST_GAP_MS = 100.0
 
-#: All editors count in it, in the name of its sub-network: an edit that overwrote another is missing in the sum.
+#: A counter of all editors, in the name of its sub-network: an overwritten edit is missing in the sum.
 TALLY = Area(name="bench-tally", polygon=((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)), subnet="0")
 TALLY_FLOOR = "L1"
 
 T = TypeVar("T")
-#: What became of elements: None where they were removed.
+#: Changed elements; None for removed ones.
 Elements = dict[Key, Element | None]
 Trip = tuple[Place, Place]
 
 
 class Accepted(NamedTuple):
-    """An edit that the server accepted: the version it made, what it did, the ms from its first call to its last."""
+    """An accepted edit: the resulting version, the changed elements, and the ms from its first call to its last."""
 
     version: int
     after: Elements
@@ -64,7 +64,7 @@ class Accepted(NamedTuple):
 
 
 class Edited(NamedTuple):
-    """What an editor did: its edits, from when to when, and how many it had to repeat because they were stale."""
+    """Result of an editor: its edits, when they began and ended, and how many it repeated because they were stale."""
 
     edits: list[Accepted]
     began: float
@@ -73,7 +73,7 @@ class Edited(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """A path's arrival, in seconds of the clock that all processes share, and the ms it took."""
+    """Arrival of a path [s of the clock that all processes share], and its duration [ms]."""
 
     at: float
     took_ms: float
@@ -121,7 +121,7 @@ def main() -> None:
 
 
 def _reachable(planner: Any) -> list[Trip]:
-    """Trips with a path; a few random places lie behind furniture, where no robot gets."""
+    """Trips with a path; a few random places are enclosed by furniture."""
     found = []
     for start, goal in random_trips(load_sample("five-floors"), SMARTPAL_RADIUS_M, 500, seed=11):
         try:
@@ -133,7 +133,7 @@ def _reachable(planner: Any) -> list[Trip]:
 
 
 def _round(naming: Address, trips: Sequence[Trip]) -> tuple[list[list[Answer]], list[Edited]]:
-    """Each planner's answers and what each editor did; each is a process with an ORB of its own."""
+    """Answers of each planner and results of each editor; each is a process with its own ORB."""
     context, clients = multiprocessing.get_context("spawn"), EDITORS + PLANNERS
     start, done = context.Barrier(clients, timeout=60), context.Event()
     with ProcessPoolExecutor(clients, context, initializer=_remember, initargs=(start, done)) as pool:
@@ -144,14 +144,14 @@ def _round(naming: Address, trips: Sequence[Trip]) -> tuple[list[list[Answer]], 
         wait(planners)
     futures: list[Future[Any]] = [*editors, *planners]
     errors = [error for error in (future.exception() for future in futures) if error]
-    # A client that fails early keeps the others waiting at the start: theirs is not the error that tells.
+    # If a client fails early, the others fail at the start barrier: those errors come last.
     for error in sorted(errors, key=lambda error: isinstance(error, threading.BrokenBarrierError)):
         raise error
     return [future.result() for future in planners], [future.result() for future in editors]
 
 
 def _within(answers: list[list[Answer]], began: float, ended: float) -> tuple[list[float], float]:
-    """The ms of all answers in a time, and the longest that one client had to wait from one to the next."""
+    """The ms of all answers in an interval, and the longest gap between two answers of one client."""
     took = [answer.took_ms for each in answers for answer in each if began <= answer.at <= ended]
     gaps = [
         (after.at - before.at) * 1e3
@@ -163,13 +163,13 @@ def _within(answers: list[list[Answer]], began: float, ended: float) -> tuple[li
 
 
 def _row(round_: str) -> dict[str, Any]:
-    """A row of the table in which nobody edits."""
+    """A row of the table without edits."""
     edits = ("edits/s", "edit, median ms", "edit, p99 ms", "stale", "lost")
     return {"round": round_, **dict.fromkeys(edits)}
 
 
 def _paths(took: Sequence[float], gap: float, seconds: float) -> dict[str, float]:
-    """What a row tells about paths."""
+    """The columns of a row about paths."""
     return {
         "paths/s": len(took) / seconds,
         "getPath, median ms": statistics.median(took),
@@ -179,12 +179,12 @@ def _paths(took: Sequence[float], gap: float, seconds: float) -> dict[str, float
 
 
 def _elements(editor: Any) -> Elements:
-    """Every element of the building as it stands."""
+    """All elements of the present building."""
     return dict(elements_of(native.loads(editor.exportMap())))
 
 
 def _lost(editor: Any, before: Elements, version: int, edits: Sequence[Accepted]) -> list[str]:
-    """What is wrong with the building after `edits`, if it was `before` at `version`."""
+    """Errors of the building after `edits`, if it was `before` at `version`."""
     made: dict[int, Elements] = {}
     replayed = dict(before)
     for change in editor.changesSince(version):
@@ -198,7 +198,7 @@ def _lost(editor: Any, before: Elements, version: int, edits: Sequence[Accepted]
     if len(made) != len(edits):
         lost.append(f"{len(edits)} edits were accepted, the history holds {len(made)}")
     if replayed != _elements(editor):
-        lost.append("the changes since the first version do not lead to the building as it stands")
+        lost.append("the changes since the first version do not lead to the present building")
     tally = key_of(TALLY_FLOOR, TALLY)
     counted, sum_ = sum(tally in edit.after for edit in edits), _count_of(replayed[tally]) - _count_of(before[tally])
     if counted != sum_:
@@ -218,20 +218,20 @@ _done: threading.Event
 
 
 def _remember(start: Any, done: Any) -> None:
-    """Keep what all clients share: the moment at which they start, and that the editors are done."""
+    """Store what all clients share: the common start, and the end of the editors."""
     global _start, _done
     _start, _done = start, done
 
 
 def plan(naming: Address, trips: Sequence[Trip]) -> list[Answer]:
-    """Ask for one path after the other until the editors are done."""
+    """Query one path after another until the editors are done."""
     answers = []
     points = [(paths.point(start), paths.point(goal)) for start, goal in trips]
     with Orb(naming) as orb:
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
         _start.wait()
         for start, goal in itertools.cycle(points):
-            _, took_ms = timed_ms(_told, planner.getPath, start, goal)
+            _, took_ms = timed_ms(_with_picklable_errors, planner.getPath, start, goal)
             answers.append(Answer(time.monotonic(), took_ms))
             if _done.is_set():
                 break
@@ -239,7 +239,7 @@ def plan(naming: Address, trips: Sequence[Trip]) -> list[Answer]:
 
 
 def edit(naming: Address, name: str, count: int) -> Edited:
-    """After the quiet time, make `count` edits one after the other."""
+    """After the quiet time, make `count` edits in sequence."""
     edits = []
     with Orb(naming) as orb:
         editor = Editor(orb.resolve("MapEditor", RoboCorba.MapEditor), name)
@@ -247,13 +247,13 @@ def edit(naming: Address, name: str, count: int) -> Edited:
         time.sleep(WARM_UP_S + QUIET_S)
         began = time.monotonic()
         for step in itertools.islice(editor.steps(), count):
-            (version, after), took_ms = timed_ms(_told, step)
+            (version, after), took_ms = timed_ms(_with_picklable_errors, step)
             edits.append(Accepted(version, after, took_ms))
         return Edited(edits, began, time.monotonic(), editor.repeated)
 
 
-def _told(call: Callable[..., T], *arguments: object) -> T:
-    """The call, its exceptions as one that can be sent to another process."""
+def _with_picklable_errors(call: Callable[..., T], *arguments: object) -> T:
+    """Make a call; its CORBA exceptions become one that can be pickled."""
     try:
         return call(*arguments)
     except CORBA.UserException as wrong:
@@ -266,8 +266,9 @@ Step = Callable[[], tuple[int, Elements]]
 
 
 class Editor:
-    """Edits what never closes a way, so that each path asked for exists all the time: a lamp on a table (it makes
-    its floor's walls and objects anew), a short spur of the topological map, and the tally that all editors share."""
+    """Makes edits that never close a passage, so that all queried paths exist all the time: a lamp on a table (which
+    rebuilds the walls and objects of its floor), a short spur of the topological map, and the tally that all editors
+    share."""
 
     def __init__(self, editor: Any, name: str) -> None:
         self.editor, self.name, self.repeated = editor, name, 0
@@ -275,7 +276,7 @@ class Editor:
         self.versions: dict[Key, int] = {}
 
     def steps(self) -> Iterator[Step]:
-        """Edits without end: ten on a floor, which leave nothing behind, then on the next one."""
+        """Endless edits: ten on a floor, which leave nothing behind, then on the next floor."""
         return itertools.chain.from_iterable(self._ten(entry) for entry in itertools.cycle(self.floors.values()))
 
     def _ten(self, entry: FloorMap) -> list[Step]:
@@ -321,7 +322,7 @@ class Editor:
         return self._made(transaction.commit(), dict.fromkeys(keys))
 
     def _count(self) -> tuple[int, Elements]:
-        """Read the tally and write it one higher; once more where somebody else did so in between."""
+        """Read the tally and increment it; repeat if another editor did so in between."""
         key = key_of(TALLY_FLOOR, TALLY)
         while True:
             record = self.editor.read(maps.element_id(*key.words))
@@ -340,9 +341,9 @@ class Editor:
 
 
 def _table(entry: FloorMap) -> XY:
-    """The middle of a piece of furniture that a lamp fits on."""
-    things = entry.geometrical.objects.values()
-    return next(thing.at for thing in things if isinstance(thing.shape, BoxShape) and min(thing.shape.size) >= 0.5)
+    """The centre of a piece of furniture that a lamp fits on."""
+    objects = entry.geometrical.objects.values()
+    return next(item.at for item in objects if isinstance(item.shape, BoxShape) and min(item.shape.size) >= 0.5)
 
 
 def _plain_node(entry: FloorMap) -> PathNode:

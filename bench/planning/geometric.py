@@ -1,7 +1,7 @@
-"""Geometric paths on grid maps of 512 x 512 cells: the first one, the usual one, the first one after an edit.
+"""Geometric paths on grid maps of 512 x 512 cells: the first one, a typical one, the first one after an edit.
 
-Each map is measured in a process of its own, which is ended at a time limit. Lengths are compared to those of the
-shortest octile ways. A robot that fits into a cell can drive them, so no shortest path is longer.
+Each map is measured in its own process, which is killed at a time limit. Lengths are compared to those of the shortest
+octile paths. A robot that fits into a cell can drive them, so no shortest path is longer.
 
     python -m bench.planning.geometric [KIND ...]      only these kinds of maps, such as "rooms of 8"
 """
@@ -33,22 +33,22 @@ from robocorba.testing.grid_maps import FLOOR, KINDS, Cell, Cells, OctileGraph, 
 from robocorba.testing.report import PROGRESS, at_least, at_most, quantile, tell, timed_ms
 
 SIZE, SEED = 512, 1
-#: Sides of a cell and radii of the robot, m.
+#: Sides of a cell and radii of the robot [m].
 SCALES = ((1.0, 0.4), (0.25, 0.1))
-#: Queries on a map: from so many starts to so many goals each, in random order.
+#: Queries on a map: numbers of starts and of goals for each start, in random order.
 STARTS, GOALS = 30, 10
-#: Wall edits on a map, each followed by one query.
+#: Number of wall edits on a map, each followed by one query.
 EDITS = 3
-#: Time for one map, from its planner's construction on, s. Making the map and the octile ways is not part of it.
+#: Time limit for one map from its planner's construction on [s]. Making the map and the octile paths is not included.
 LIMIT_S = 30.0
-#: Time for what is not part of it, s.
+#: Time limit for this preparation [s].
 PREPARATION_S = 120.0
-#: Rounding that the ratio to the octile way may show.
+#: Tolerance of the ratio to the octile path.
 ROUNDING = 1e-9
 
 
 class Trip(NamedTuple):
-    """A query and the length of the shortest octile way, m."""
+    """A query and the length of the shortest octile path [m]."""
 
     start: Place
     goal: Place
@@ -56,7 +56,7 @@ class Trip(NamedTuple):
 
 
 class Found:
-    """What a process reported about one map until it ended."""
+    """Results that a process reported about one map until it ended."""
 
     def __init__(self, kind: str, cell_m: float) -> None:
         self.kind, self.cell_m = kind, cell_m
@@ -95,7 +95,7 @@ def main(kinds: Sequence[str]) -> None:
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         sys.exit(f"geometric: there is no kind {', '.join(unknown)}; there are {', '.join(KINDS)}")
-    PathPlanner(Building("warm-up")).warm_up()  # compiled kernels are kept on disk for the processes
+    PathPlanner(Building("warm-up")).warm_up()  # the processes load the compiled kernels from disk
     asked = [(kind, *scale) for scale in SCALES for kind in kinds or KINDS]
     found = [in_a_process(*one) for one in track(asked, "maps", console=PROGRESS, transient=True)]
     if not show(found):
@@ -103,7 +103,7 @@ def main(kinds: Sequence[str]) -> None:
 
 
 def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
-    """Measure one map until it is done or the time is over."""
+    """Measure one map until it is done or the time limit."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=measure, args=(theirs, kind, SIZE, cell_m, radius_m), daemon=True)
@@ -128,7 +128,7 @@ def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
                 break
             else:
                 found.times[what].append(value)
-    except EOFError:  # the process crashed, and said why on stderr
+    except EOFError:  # the process crashed, with its error on stderr
         found.failures += 1
     process.terminate()
     process.join()
@@ -136,7 +136,7 @@ def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
 
 
 def measure(report: Connection, kind: str, size: int, cell_m: float, radius_m: float) -> None:
-    """Measure one map and report each figure at once, as a pair of its name and value."""
+    """Measure one map and report each figure immediately, as a pair of name and value."""
     cells = KINDS[kind](size, SEED)
     building = building_of(cells, cell_m, kind)
     trips = trips_on(cells, cell_m)
@@ -161,7 +161,7 @@ def measure(report: Connection, kind: str, size: int, cell_m: float, radius_m: f
 
 
 def ask(report: Connection, planner: PathPlanner, judge: FloorGeometry, trip: Trip, radius_m: float, name: str) -> None:
-    """One query; its time is reported under the name, and its lengths with name "query" only."""
+    """One query. Its time is reported under `name`, its lengths only under the name "query"."""
     request = PathRequest(trip.start, trip.goal, radius=radius_m, mode=RouteMode.GEOMETRIC)
     path: Path | None = None
     began = time.perf_counter()
@@ -181,7 +181,7 @@ def ask(report: Connection, planner: PathPlanner, judge: FloorGeometry, trip: Tr
 
 
 def trips_on(cells: Cells, cell_m: float) -> list[Trip]:
-    """Random queries between centres of cells, each with a way."""
+    """Random queries between centres of cells, each with a path."""
     graph = OctileGraph(cells, cell_m)
     chosen = random_cells(cells, STARTS * (GOALS + 1), SEED)
     trips = []
@@ -195,7 +195,7 @@ def trips_on(cells: Cells, cell_m: float) -> list[Trip]:
 
 
 def edits(cells: Cells, cell_m: float) -> list[Wall]:
-    """Short walls in the widest open spots; in occupied cells where no spot is so wide that robots still pass."""
+    """Short walls in the widest open spots; in occupied cells if no spot is wide enough for robots to pass."""
     room = ndimage.distance_transform_cdt(np.pad(cells, 1), "chessboard")[1:-1, 1:-1]
     spots = np.argwhere(room >= 3) if (room >= 3).any() else np.argwhere(~cells)
     chosen = np.random.default_rng(SEED).integers(0, len(spots), EDITS)
@@ -211,7 +211,7 @@ def _cell(at: np.ndarray) -> Cell:
 
 
 def show(found: Sequence[Found]) -> bool:
-    """Print and write what was found; whether every mark was reached."""
+    """Print and write the results; returns whether every mark was reached."""
     ratios = [ratio for one in found for ratio in one.to_octile]
     marks = [
         at_most("paths to the shortest octile way", max(ratios, default=math.nan), 1.0 + ROUNDING),

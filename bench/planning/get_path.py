@@ -1,5 +1,6 @@
-"""getPath over IIOP on the sample buildings, beside a null call to the same object and beside the
-same amount of answer without any planning, all three in turn in the same run."""
+"""getPath over IIOP on the sample buildings, compared to a null call to the same object and to an answer of the same
+size without any planning. The three alternate in the same run.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ def measure(name: str) -> None:
                 null: list[float] = []
                 canned_: list[float] = []
                 path: list[float] = []
-                for start, goal in pairs:  # in turn, so that a moment in which the machine is busy hits all three
+                for start, goal in pairs:  # alternating, so that a busy moment of the machine affects all three
                     null.append(_timed(planner._non_existent))
                     canned_.append(_timed(canned_planner.getPath, start, goal))
                     path.append(_timed(planner.getPath, start, goal))
@@ -74,7 +75,7 @@ def measure(name: str) -> None:
 
 @contextlib.contextmanager
 def canned(points: int) -> Iterator[Any]:
-    """The object of bench.planning.canned_answer in a process of its own."""
+    """The object of bench.planning.canned_answer in its own process."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"127.0.0.1:{probe.getsockname()[1]}"
@@ -99,7 +100,7 @@ def canned(points: int) -> Iterator[Any]:
 
 
 def _is_reachable(planner: Any, start: Any, goal: Any) -> bool:
-    """Whether there is a path; a few random places lie behind furniture, where no robot gets."""
+    """Whether there is a path; a few random places are enclosed by furniture."""
     try:
         planner.getPath(start, goal)
     except RoboCorba.NoPath:

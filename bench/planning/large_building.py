@@ -1,8 +1,8 @@
-"""Paths in a building of 100,000 nodes over 10 floors: the planner beside networkx's A*, and getPath over IIOP.
+"""Paths in a building of 100,000 nodes over 10 floors: the planner compared to networkx's A*, and getPath over IIOP.
 
-networkx gets the same graph and the same joints of start and goal; only its search is timed, the planner's whole
-query is. It searches twice: with the straight line and the climb as the estimate of what is left, as one calls it,
-and with the planner's own idea of the best elevator on top. All must find the same cost, or the bench fails.
+networkx gets the same graph and the same connections of start and goal; only its search is timed, but the planner's
+whole query. networkx searches twice: with the straight line and the climb as the heuristic, which is its usual use,
+and with the planner's heuristic over the best elevator. All must find the same cost, or the bench fails.
 """
 
 from __future__ import annotations
@@ -42,16 +42,15 @@ from robocorba.supervision.folder import StateFolder
 from robocorba.testing.report import PROGRESS, quantile, timed_ms, write
 
 ROUNDS, TRIPS = 5, 300
-#: networkx is slow: it gets every so many of the trips.
+#: networkx is slow: it gets one in this many trips.
 PEER_EVERY = 3
-#: What the ratio and the median have to reach.
-LEAST_RATIO, MOST_MS = 10.0, 5.0
-#: For the server to answer, s: reading a map of 16 MB takes its time on a slow machine.
+#: Least ratio of the medians, and greatest median [ms].
+LEAST_RATIO, MAX_MEDIAN_MS = 10.0, 5.0
+#: Time limit for the start of the server [s]: a map of 16 MB takes long on a slow machine.
 START_LIMIT_S = "600"
 
-#: The planner's rule for joints: the nearest nodes in straight free sight, at most so many, none of them so much
-#: farther than the nearest in sight, out of so many nearest nodes; a place as near as this to a node is on it.
-MOST_JOINTS, JOINT_REACH_M, MOST_LOOKS, ON_NODE_M = 8, 6.0, 256, 0.01
+#: The planner's rule for connections to the roadmap; see robocorba.planning.search.
+MAX_CONNECTIONS, CONNECTION_REACH_M, MAX_CANDIDATES, ON_NODE_M = 8, 6.0, 256, 0.01
 
 Trip = tuple[Place, Place]
 Node = tuple[str, str]
@@ -65,7 +64,7 @@ def main() -> None:
         planner = PathPlanner(building)
         planner.warm_up()
         peer = Peer(building, SMARTPAL_RADIUS_M)
-        # Else the collector walks through millions of objects in the midst of a query of either.
+        # Otherwise the garbage collector visits millions of objects during a query.
         gc.collect()
         gc.freeze()
     missed = in_process(planner, peer, trips)
@@ -76,7 +75,8 @@ def main() -> None:
 
 
 def in_process(planner: PathPlanner, peer: Peer, trips: Sequence[Trip]) -> list[str]:
-    """The planner and networkx in turn, on the shortest path along the topological map. Returns what was missed."""
+    """The planner and networkx alternately, on the shortest path along the topological map. Returns the missed
+    marks."""
     rows = []
     fast: list[float] = []
     slow: list[float] = []
@@ -121,13 +121,13 @@ def in_process(planner: PathPlanner, peer: Peer, trips: Sequence[Trip]) -> list[
     samples = {"RoboCorba": fast, "networkx A*": slow, "networkx A* with our estimate": informed}
     write("large_building", title, rows, samples, "milliseconds")
     return [
-        *([f"the planner's median is above {MOST_MS:g} ms"] if median > MOST_MS else []),
+        *([f"the planner's median is above {MAX_MEDIAN_MS:g} ms"] if median > MAX_MEDIAN_MS else []),
         *([f"networkx takes less than {LEAST_RATIO:g} x as long"] if ratio < LEAST_RATIO else []),
     ]
 
 
 def _cost(planner: PathPlanner, start: Place, goal: Place) -> float:
-    """Metres along the topological map, infinite where there is no path."""
+    """Metres along the topological map, infinite if there is no path."""
     try:
         return planner.paths(PathRequest(start, goal, mode=RouteMode.TOPOLOGICAL))[0].distance
     except NoPath:
@@ -135,7 +135,7 @@ def _cost(planner: PathPlanner, start: Place, goal: Place) -> float:
 
 
 class Floor(NamedTuple):
-    """What the peer knows of a floor: its nodes, what blocks, and the strips beside its one-way edges."""
+    """A floor for the peer: its nodes, obstacles, one-way edges, and the strips beside these."""
 
     names: list[str]
     xy: np.ndarray
@@ -145,14 +145,14 @@ class Floor(NamedTuple):
 
 
 class Peer:
-    """networkx's A* on the topological maps of a building, for one robot radius in m."""
+    """networkx's A* on the topological maps of a building, for one robot radius [m]."""
 
     def __init__(self, building: Building, radius: float) -> None:
         self.radius = radius
         self.graph: nx.DiGraph[Node] = nx.DiGraph()
         self.at: dict[Node, tuple[float, float]] = {GOAL: (0.0, 0.0)}
         self.heights = {name: entry.floor.elevation for name, entry in building.floors.items()}
-        #: The places of the nodes in cabins, by floor.
+        #: Places of the nodes in cabins, by floor.
         self.cabins: dict[str, list[tuple[float, float]]] = {name: [] for name in building.floors}
         self.floors = {name: self._add_floor(building, name) for name in building.floors}
         self._add_rides(building)
@@ -191,17 +191,17 @@ class Peer:
                 self.graph.add_edge(a, b, length=ride(building, elevator, a[0], b[0]).climb)
 
     def cheapest(self, start: Place, goal: Place, knows_elevators: bool) -> tuple[float, float]:
-        """Metres of the shortest way, infinite without one, and the ms that networkx searched for it."""
+        """Length of the shortest path [m], infinite if there is none, and the search time of networkx [ms]."""
         graph = self.graph
         graph.add_nodes_from([START, GOAL])
-        for node, length in self.joints(start, outbound=True):
+        for node, length in self.connections(start, outbound=True):
             graph.add_edge(START, node, length=length)
-        for node, length in self.joints(goal, outbound=False):
+        for node, length in self.connections(goal, outbound=False):
             graph.add_edge(node, GOAL, length=length)
-        left = self._estimate(goal) if knows_elevators else self._straight_line(goal)
+        heuristic = self._estimate(goal) if knows_elevators else self._straight_line(goal)
         began = time.perf_counter()
         try:
-            path = nx.astar_path(graph, START, GOAL, heuristic=left, weight="length")
+            path = nx.astar_path(graph, START, GOAL, heuristic=heuristic, weight="length")
             took_ms = (time.perf_counter() - began) * 1e3
             return nx.path_weight(graph, path, "length"), took_ms
         except nx.NetworkXNoPath:
@@ -210,22 +210,22 @@ class Peer:
             graph.remove_nodes_from([START, GOAL])
 
     def _straight_line(self, goal: Place) -> Callable[[Node, Node], float]:
-        """The straight line to the goal and the climb: never too much, since rides count their climb."""
+        """The straight line to the goal and the climb: admissible, because rides count their climb."""
         at, hypot, (goal_floor, gx, gy) = self.at, math.hypot, goal
         climbs = {floor: abs(height - self.heights[goal_floor]) for floor, height in self.heights.items()}
 
-        def left(node: Node, _: Node) -> float:
+        def heuristic(node: Node, _: Node) -> float:
             if node is GOAL:
                 return 0.0
             x, y = at[node]
             return hypot(x - gx, y - gy) + climbs.get(node[0], 0.0)
 
-        return left
+        return heuristic
 
     def _estimate(self, goal: Place) -> Callable[[Node, Node], float]:
         """The straight line on the goal's floor; elsewhere over the best cabin of this floor, and the climb.
 
-        Never too much, since an elevator stands at the same place on every floor."""
+        Admissible, because an elevator is at the same place on every floor."""
         at, hypot, (goal_floor, gx, gy) = self.at, math.hypot, goal
         climbs = {floor: abs(height - self.heights[goal_floor]) for floor, height in self.heights.items()}
         onward = {
@@ -233,7 +233,7 @@ class Peer:
             for floor, cabins in self.cabins.items()
         }
 
-        def left(node: Node, _: Node) -> float:
+        def heuristic(node: Node, _: Node) -> float:
             if node is GOAL:
                 return 0.0
             x, y = at[node]
@@ -241,16 +241,16 @@ class Peer:
                 return hypot(x - gx, y - gy)
             return min([hypot(x - cx, y - cy) + rest for cx, cy, rest in onward[node[0]]])
 
-        return left
+        return heuristic
 
-    def joints(self, place: Place, outbound: bool) -> list[tuple[Node, float]]:
-        """The nodes that a place is tied to, nearest first, and how far they are in m."""
+    def connections(self, place: Place, outbound: bool) -> list[tuple[Node, float]]:
+        """The nodes that a place is connected to, nearest first, and their distances [m]."""
         floor, here = self.floors[place.floor], place[1:]
         away = np.hypot(*(floor.xy - here).T)
         found: list[tuple[Node, float]] = []
-        for i in np.argsort(away)[:MOST_LOOKS]:
+        for i in np.argsort(away)[:MAX_CANDIDATES]:
             length = float(away[i])
-            if len(found) == MOST_JOINTS or (found and length > found[0][1] + JOINT_REACH_M):
+            if len(found) == MAX_CONNECTIONS or (found and length > found[0][1] + CONNECTION_REACH_M):
                 break
             line = LineString([here, floor.xy[i]] if outbound else [floor.xy[i], here])
             if len(floor.blocked.query(line, "dwithin", self.radius - 1e-9)) or self._is_wrong_way(floor, line):
@@ -261,7 +261,7 @@ class Peer:
         return found
 
     def _is_wrong_way(self, floor: Floor, line: LineString) -> bool:
-        """Whether a drive goes back beside a one-way edge for more than the robot's width."""
+        """Whether a drive goes back beside a one-way edge for more than the robot's diameter."""
         for i in floor.strips.query(line, "intersects"):
             lane = floor.lanes[i]
             shared = shapely.get_coordinates(line.intersection(floor.strips.geometries[i]))
@@ -273,9 +273,9 @@ class Peer:
 
 
 def over_iiop(building: Building, trips: Sequence[Trip]) -> list[str]:
-    """getPath of a real server, beside a null call; how long the server takes to start, and its memory.
+    """getPath of a real server, compared to a null call; start-up time and memory of the server.
 
-    Returns what was missed."""
+    Returns the missed marks."""
     rows = []
     null: list[float] = []
     path: list[float] = []
@@ -283,7 +283,7 @@ def over_iiop(building: Building, trips: Sequence[Trip]) -> list[str]:
         file, state = Path(folder) / "grid.yaml", Path(folder) / "state"
         with PROGRESS.status("writing the map file"):
             native.save(building, file)
-        for origin in ("map file", "store"):  # the second start finds the building in the state folder
+        for origin in ("map file", "store"):  # the second start restores the building from the state folder
             began = time.monotonic()
             with servers(state, "--building", str(file), "--start-limit", START_LIMIT_S) as naming, Orb(naming) as orb:
                 start_s = time.monotonic() - began
@@ -307,11 +307,11 @@ def over_iiop(building: Building, trips: Sequence[Trip]) -> list[str]:
     median = statistics.median(path)
     title = f"getPath over IIOP, 100,000 nodes, 10 floors: {median:.2f} ms at the median"
     write("large_building_server", title, rows, {"null call": null, "getPath": path}, "milliseconds")
-    return [f"getPath's median over IIOP is above {MOST_MS:g} ms"] if median > MOST_MS else []
+    return [f"getPath's median over IIOP is above {MAX_MEDIAN_MS:g} ms"] if median > MAX_MEDIAN_MS else []
 
 
 def _ask(planner: Any, trips: Sequence[Trip], title: str) -> tuple[list[float], list[float], list[int]]:
-    """The ms of a null call and of a getPath in turn, and how many points each path has."""
+    """The ms of a null call and of a getPath alternately, and the number of points of each path."""
     null, path, lengths = [], [], []
     for start, goal in track(trips, title, console=PROGRESS, transient=True):
         null.append(timed_ms(planner._non_existent)[1])

@@ -1,4 +1,4 @@
-"""robocorba path: ask a running path planning agent, print the path as a table, draw it."""
+"""robocorba path: queries a running path planning agent, prints the path as a table, draws it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
 from robocorba.planning.request import (
     SMARTPAL_RADIUS_M,
-    SMARTPAL_SPEED,
+    SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
     PathRequest,
@@ -36,7 +36,7 @@ from robocorba.stubs import RoboCorba
 
 
 class Mode(str, Enum):
-    """How to go."""
+    """Route mode."""
 
     SMOOTHED = "smoothed"
     TOPOLOGICAL = "topological"
@@ -44,15 +44,17 @@ class Mode(str, Enum):
 
 
 def path(
-    start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Where to start, in metres.")],
-    goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Where to go.")],
-    picture: Annotated[File | None, typer.Option(metavar="FILE", help="Draw the floors crossed into this PNG.")] = None,
+    start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Start; coordinates in metres.")],
+    goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Goal; coordinates in metres.")],
+    picture: Annotated[
+        File | None, typer.Option(metavar="FILE", help="Draw the floors of the path into this PNG.")
+    ] = None,
     mode: Annotated[
-        Mode, typer.Option(help="Along the map with corners cut, along it exactly, or through free space.")
+        Mode, typer.Option(help="Along the topological map with corners cut, along it exactly, or through free space.")
     ] = (Mode.SMOOTHED),
     time: Annotated[bool, typer.Option("--time", help="The fastest rather than the shortest path.")] = False,
-    radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot.")] = SMARTPAL_RADIUS_M,
-    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot.")] = SMARTPAL_SPEED,
+    radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot in metres.")] = SMARTPAL_RADIUS_M,
+    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED_M_S,
     avoid: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),
@@ -60,7 +62,7 @@ def path(
     graph: Annotated[
         str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and those of all graphs.")
     ] = "",
-    alternatives: Annotated[int, typer.Option(metavar="N", help="How many other paths to show.")] = 0,
+    alternatives: Annotated[int, typer.Option(metavar="N", help="Number of alternative paths.")] = 0,
     naming: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
     ] = None,
@@ -85,7 +87,9 @@ def path(
             for one in found:
                 Console().print(as_table(one))
             if picture:
-                from robocorba.maps import native  # here and below: what pictures need takes a second to load
+                from robocorba.maps import (
+                    native,
+                )  # imported here and below, because the picture libraries take a second to load
 
                 editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
                 draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
@@ -104,7 +108,7 @@ def _fail(reason: str) -> None:
 
 
 def parse_place(text: str, which: str) -> Place:
-    """The place that FLOOR:X,Y names. Raises InvalidRequest."""
+    """The place FLOOR:X,Y. Raises InvalidRequest."""
     match = re.fullmatch(r"(.+):([^,:]+),([^,:]+)", text)
     try:
         if match:
@@ -136,7 +140,7 @@ def as_table(found: Path) -> Table:
 
 
 def draw(building: Building, found: Path, file: File) -> None:
-    """Draw every floor that a path crosses into one PNG."""
+    """Draw every floor of a path into one PNG."""
     from robocorba.maps.drawing import draw_building
 
     crossed = {point.floor for point in found.points}
@@ -146,7 +150,7 @@ def draw(building: Building, found: Path, file: File) -> None:
 
 
 def marks(found: Path, floor: str) -> Sequence:
-    """The points of a path on one floor as the drawing wants them."""
+    """The points of a path on one floor, for the drawing."""
     from robocorba.maps.drawing import PathMark
 
     return [

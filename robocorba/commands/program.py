@@ -1,6 +1,7 @@
-"""robocorba program: check and show programs, print their schema.
+"""robocorba program: checks and shows programs, prints their schema.
 
-What knows the robot and the map is imported where it is used: it takes a second to load."""
+Modules that need the robot model or the map are imported where they are used, because they take a second to load.
+"""
 
 from __future__ import annotations
 
@@ -36,18 +37,19 @@ _FILE = typer.Argument(metavar="FILE", help="A program, or - for the standard in
 def check(
     file: Annotated[File, _FILE],
     at: Annotated[
-        str | None, typer.Option(metavar="FLOOR:X,Y", help="Where the robot is when it begins, in metres.")
+        str | None, typer.Option(metavar="FLOOR:X,Y", help="Start of the robot; coordinates in metres.")
     ] = None,
-    heading: Annotated[float | None, typer.Option(metavar="RAD", help="And where it looks.")] = None,
+    heading: Annotated[float | None, typer.Option(metavar="RAD", help="Heading at the start.")] = None,
     building: Annotated[
-        str | None, typer.Option(metavar="MAP", help="Prove drives on this map: a file, or a sample building's name.")
+        str | None, typer.Option(metavar="MAP", help="Check drives on this map: a file, or a sample building's name.")
     ] = None,
     naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Prove drives with the planner that is found there.")
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Check drives with the path planning agent of this naming service."),
     ] = None,
 ) -> None:
-    """Prove what can be proved of a program before it runs: exit code 0 if nothing is wrong with it, 1 with every icon
-    and parameter that is. Needs no server; without a map it leaves out the drives."""
+    """Check a program before it runs: exit code 0 if it has no findings, else 1 with every wrong icon and parameter.
+    Needs no server; without a map it does not check drives."""
     with reporting("program check"):
         place = parse_place(at, "at") if at else None
         if building and naming:
@@ -79,19 +81,19 @@ def show(file: Annotated[File, _FILE]) -> None:
 
 @app.command()
 def schema() -> None:
-    """Print the JSON schema of programs, for editors that check while one writes."""
+    """Print the JSON schema of programs, for editors that validate while typing."""
     from robocorba.programs.program import schema as found
 
     typer.echo(json.dumps(found(), indent=2))
 
 
 def read(command: str, file: File) -> Program:
-    """The program in a file. Tells what is wrong with it and exits."""
-    from robocorba.programs.program import MOST_BYTES, load, loads
+    """The program in a file. Prints the error and exits if it is invalid."""
+    from robocorba.programs.program import MAX_BYTES, load, loads
 
     try:
         if str(file) == "-":
-            return loads(typer.get_binary_stream("stdin").read(MOST_BYTES + 1))
+            return loads(typer.get_binary_stream("stdin").read(MAX_BYTES + 1))
         return load(file)
     except OSError as wrong:
         typer.echo(f"robocorba program {command}: {file}: {wrong.strerror or wrong}", err=True)
@@ -121,7 +123,7 @@ def _add_to(tree: Tree, icons: Sequence[Icon], at: str) -> None:
 
 
 def _words(icon: Icon, at: str, leave_out: set[str]) -> Text:
-    """Such as: icons[0] mbase_path floor=L3 x=10 y=4."""
+    """One line, such as: icons[0] mbase_path floor=L3 x=10 y=4."""
     from robocorba.programs.icons import kind
 
     text = Text.assemble((f"{at} ", "dim"), (kind(icon), "cyan"))
@@ -140,7 +142,7 @@ def _value(value: Any) -> str:
 
 @contextlib.contextmanager
 def _planner(building: str | None, naming: str | None) -> Iterator[Planner | None]:
-    """Who plans on the map, None where there is none."""
+    """A planner for the map, None without a map."""
     if building:
         from robocorba.maps.formats import read_map
         from robocorba.maps.samples import SAMPLES, sample_path

@@ -9,11 +9,11 @@ from robocorba.errors.maps import describe
 
 
 class PathError(RoboCorbaError):
-    """The path planning agent refuses or fails."""
+    """Base of all errors of the path planning agent."""
 
 
 class InvalidPoint(PathError):
-    """`which` is start or goal, `field` the member that is wrong."""
+    """`which` is start or goal, `field` the wrong member."""
 
     def __init__(self, which: str, field: str, reason: str) -> None:
         self.which, self.field, self.reason = which, field, reason
@@ -21,11 +21,11 @@ class InvalidPoint(PathError):
 
 
 class InvalidRequest(FieldError, PathError):
-    """`field` is the member of the request that is wrong."""
+    """`field` is the wrong member of the request."""
 
 
 class UnknownFloor(PathError):
-    """`which` is start, goal or an area; `known` lists the floors there are."""
+    """`which` is start, goal or an area; `known` lists the existing floors."""
 
     def __init__(self, which: str, floor: str, known: Sequence[str]) -> None:
         self.which, self.floor, self.known = which, floor, tuple(known)
@@ -33,7 +33,7 @@ class UnknownFloor(PathError):
 
 
 class NotFree(PathError):
-    """The robot does not fit at start or goal: `clearance_m` to `obstacle`, `required_m` needed."""
+    """The robot does not fit at start or goal: it is `clearance_m` from `obstacle` and needs `required_m`."""
 
     def __init__(
         self, which: str, floor: str, x: float, y: float, obstacle: str, clearance_m: float, required_m: float
@@ -46,7 +46,7 @@ class NotFree(PathError):
 
 
 class Blocker:
-    """One thing that stands in the way of every path."""
+    """An element that blocks every path."""
 
     def __init__(self, kind: str, floor: str, name: str, reason: str) -> None:
         self.kind, self.floor, self.name, self.reason = kind, floor, name, reason
@@ -56,7 +56,7 @@ class Blocker:
 
 
 class NoPath(PathError):
-    """Nothing leads from start to goal; `blockers` names what stands in the way."""
+    """No path leads from start to goal; `blockers` names the elements that block it."""
 
     def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
         self.reason, self.blockers = reason, tuple(blockers)
@@ -64,8 +64,10 @@ class NoPath(PathError):
 
 
 class PlanningTimeout(PathError):
-    """A query was given up when its time was over; `floor` is the floor that was searched."""
+    """A query exceeded its time limit; `floor` is the floor that was searched."""
 
     def __init__(self, floor: str) -> None:
         self.floor = floor
-        super().__init__(f"the search on floor {floor} ran out of time; ask for a shorter way, or raise the deadline")
+        super().__init__(
+            f"the search on floor {floor} exceeded its time limit; ask for a shorter path, or raise the limit"
+        )

@@ -1,1 +1,1 @@
-"""A robot's body: its joints, where its links are, and how its hands get somewhere."""
+"""A robot's kinematics: its joints, the poses of its links, and how its hands reach a pose."""

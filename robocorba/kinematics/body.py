@@ -1,4 +1,4 @@
-"""The robot's body at given joints: where its links and hands are, and which links touch."""
+"""Forward kinematics: poses of the robot's links and hands at given joints, and which links collide."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS, LOWER, UPPER, Side
 from robocorba.spatial.grids import Floats
 
-#: Links that overlap by less than this only lean on each other, m.
+#: Depth up to which overlapping links do not count as colliding [m].
 _TOUCH_M = 1e-4
 
 
 class Body:
-    """SmartPal's links, moved by hand: no forces, no time. Joints are (18,), rad, in the order of `smartpal.JOINTS`;
-    places are in the robot's frame.
+    """SmartPal's links, without forces and time. Joints are (18,) [rad], in the order of `smartpal.JOINTS`; positions
+    are in the robot's frame.
 
-    One thread uses a body: each question moves it. Bodies are cheap, a millisecond each."""
+    Not thread-safe: each query moves the model. Constructing one takes a millisecond."""
 
     def __init__(self) -> None:
         self.model = specification().compile()
@@ -31,18 +31,18 @@ class Body:
         self._owner = [self.model.body(id).name for id in self.model.geom_bodyid]
 
     def hand(self, side: Side, joints: Floats) -> HandPose:
-        """Where the control point of a hand is."""
+        """Pose of a hand's control point."""
         self._move(joints)
         site = self._hand[side]
         return HandPose.of(site.xpos, site.xmat.reshape(3, 3))
 
     def links(self, joints: Floats) -> dict[str, tuple[Floats, Floats]]:
-        """Of each link, by name: position (3,) of its first joint, m, and attitude (4,), a quaternion w, x, y, z."""
+        """Of each link, by name: position (3,) of its first joint [m], and attitude (4,) as a quaternion w, x, y, z."""
         self._move(joints)
         return {name: (link.xpos.copy(), link.xquat.copy()) for name, link in self._links.items()}
 
     def collisions(self, joints: Floats) -> list[tuple[str, str]]:
-        """Pairs of links that run into each other, in the order of the model; neighbours may overlap."""
+        """Pairs of links that collide, in the order of the model; neighbours may overlap."""
         self._move(joints)
         mujoco.mj_collision(self.model, self._data)
         if not self._data.ncon:
@@ -57,7 +57,7 @@ class Body:
 
 
 def within_limits(joints: Floats, slack_rad: float = 1e-9) -> bool:
-    """Whether every joint is in its range; no number is not."""
+    """Whether every joint is in its range; NaN is not."""
     return bool(np.all((joints >= LOWER - slack_rad) & (joints <= UPPER + slack_rad)))
 
 

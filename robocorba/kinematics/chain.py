@@ -1,8 +1,8 @@
-"""Both arms on the lumbar as one tree of joints, in compiled functions: where the hands are, and which joints bring
-them nearer to where they shall be.
+"""Both arms on the lumbar as one tree of joints, in compiled functions: poses of the hands, and joints that bring the
+hands nearer to their targets.
 
-A joint is a line at zero angles: a point on it, and its direction. Turning about these lines one after the other, from
-the lumbar on, carries a hand from its place at zero angles to where it is (the product of exponentials).
+A joint is a line at zero angles: a point and a direction. Turning about these lines one after the other, from the
+lumbar on, carries a hand from its pose at zero angles to its pose (product of exponentials).
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from robocorba.kernels import kernel
 from robocorba.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
 from robocorba.spatial.grids import Floats, Longs
 
-#: What a turn of the hand counts as: a radian as much as this way.
+#: Weight of a rotation: a radian counts as this distance [m].
 TURN_M = 0.3
-#: As near as `pull` gets: far below what a robot can do, so that what it is asked for twice is the same.
+#: Tolerance of `solve_pose` [m]. It is far below the accuracy of a robot, so that equal requests have equal answers.
 NEAR = 1e-6
-_MOST_ITERATIONS = 60
-_MOST_STEP_RAD = 0.6
-_DAMPING, _LEAST_DAMPING = 0.5, 1e-8
-#: The share of the way to comfort that goes with a step, for each metre that is left; more would keep hands from poses
-#: that are reached only in odd postures.
+_MAX_ITERATIONS = 60
+_MAX_STEP_RAD = 0.6
+_DAMPING, _MIN_DAMPING = 0.5, 1e-8
+#: Share of the way to the comfortable posture that is added to a step, for each metre of error. A larger share would
+#: keep hands from poses that only odd postures reach.
 _COMFORT_PER_M = 0.2
-#: A seed that doesn't get nearer by a tenth in so many steps is given up.
+#: Number of steps without a tenth less error after which a seed is abandoned.
 _PATIENCE = 8
 
 
 class Chains(NamedTuple):
-    """Of both hands, left first. order (2, 9): the joints that move it, from the lumbar on; anchors, axes (18, 3): the
-    joints' lines; places (2, 3), attitudes (2, 3, 3): the hands at zero angles."""
+    """Of both hands, left first. order (2, 9): the joints that move it, from the lumbar on; anchors, axes (18, 3):
+    the joints' lines; places (2, 3), attitudes (2, 3, 3): the hands at zero angles."""
 
     order: Longs
     anchors: Floats
@@ -59,9 +59,9 @@ def chains_of(model: mujoco.MjModel) -> Chains:
 
 @kernel
 def locate(chains: Chains, hand: int, joints: Floats, lines: Floats) -> tuple[Floats, Floats]:
-    """Position (3,) and rotation (3, 3) of a hand. `lines` (9, 6) becomes the direction and a point of each of its
-    joints, as they are now."""
-    turn, shift = _rotation(np.zeros(3), 0.0), np.zeros(3)  # not at all yet
+    """Position (3,) [m] and rotation (3, 3) of a hand. `lines` (9, 6) is filled with the present direction and a
+    point of each of its joints."""
+    turn, shift = _rotation(np.zeros(3), 0.0), np.zeros(3)  # identity
     for i in range(chains.order.shape[1]):
         joint = chains.order[hand, i]
         direction = _turned(turn, chains.axes[joint])
@@ -74,7 +74,7 @@ def locate(chains: Chains, hand: int, joints: Floats, lines: Floats) -> tuple[Fl
 
 
 @kernel
-def pull(
+def solve_pose(
     chains: Chains,
     joints: Floats,
     places: Floats,
@@ -85,54 +85,56 @@ def pull(
     upper: Floats,
     comfort: Floats,
 ) -> float:
-    """Move `free` ones of the joints (18,), within their limits, until the hands are at `places` (2, 3) with
-    `attitudes` (2, 3, 3); each hand's place and attitude count by `weights` (2, 2), 0 for what doesn't matter, TURN_M
-    for a turn. What is left then, in m: below NEAR it got there.
+    """Move the `free` ones of the joints (18,), within their limits, until the hands are at `places` (2, 3) with
+    `attitudes` (2, 3, 3). Returns the remaining error [m]; below NEAR the hands are there. `weights` (2, 2) of each
+    hand's place and attitude: 0 for what does not matter, TURN_M for an attitude.
 
-    Damped least squares, the damping in proportion to the square of what is left (Sugihara 2011). What the hands leave
-    open is pulled towards `comfort`, the less the nearer they are: a hand that stands doesn't let its elbow wander."""
+    Damped least squares with damping proportional to the square of the error (Sugihara 2011). The null space is
+    pulled towards `comfort`, less with a smaller error, so that the elbow of a stationary hand does not drift."""
     count = len(free)
     error, jacobian = np.zeros(12), np.zeros((12, count))
     lines = np.zeros((chains.order.shape[1], 6))
     least, most, wish = np.empty(count), np.empty(count), np.empty(count)
-    best, waited, left = np.inf, 0, np.inf
-    for _ in range(_MOST_ITERATIONS):
+    best, steps_without_progress, left = np.inf, 0, np.inf
+    for _ in range(_MAX_ITERATIONS):
         for hand in range(2):
             if weights[hand, 0] or weights[hand, 1]:
                 place, attitude = locate(chains, hand, joints, lines)
-                _miss(place, attitude, places[hand], attitudes[hand], weights[hand], error[6 * hand :])
-                _lean(chains.order[hand], lines, place, weights[hand], free, jacobian[6 * hand :])
+                _pose_error(place, attitude, places[hand], attitudes[hand], weights[hand], error[6 * hand :])
+                _fill_jacobian(chains.order[hand], lines, place, weights[hand], free, jacobian[6 * hand :])
         left = math.sqrt((error * error).sum())
         if left < NEAR:
             break
-        waited += 1
+        steps_without_progress += 1
         if left < 0.9 * best:
-            best, waited = left, 0
-        if waited > _PATIENCE:
+            best, steps_without_progress = left, 0
+        if steps_without_progress > _PATIENCE:
             break
-        damping = _DAMPING * left * left + _LEAST_DAMPING
+        damping = _DAMPING * left * left + _MIN_DAMPING
         comforting = _COMFORT_PER_M * min(left, 1.0)
         for i in range(count):
             joint = free[i]
             least[i], most[i] = lower[joint] - joints[joint], upper[joint] - joints[joint]
             wish[i] = comforting * (comfort[joint] - joints[joint])
         step = _step(jacobian, error, damping, wish, least, most)
-        longest = _MOST_STEP_RAD
+        longest = _MAX_STEP_RAD
         for i in range(count):
             longest = max(longest, abs(step[i]))
         for i in range(count):
-            joints[free[i]] += step[i] * _MOST_STEP_RAD / longest
+            joints[free[i]] += step[i] * _MAX_STEP_RAD / longest
     return left
 
 
 @kernel
-def _miss(place: Floats, attitude: Floats, goal: Floats, goal_attitude: Floats, weight: Floats, error: Floats) -> None:
-    """error (6,): the way to the goal, and the turn to it about an axis, weighted."""
+def _pose_error(
+    place: Floats, attitude: Floats, goal: Floats, goal_attitude: Floats, weight: Floats, error: Floats
+) -> None:
+    """error (6,): displacement to the goal and rotation vector to its attitude, weighted."""
     turn = _product(goal_attitude, attitude.T)
     x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
     sine, cosine = math.sqrt(x * x + y * y + z * z), turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0
     scale = 0.5 if sine < 1e-9 else math.atan2(sine, cosine) / sine
-    if sine < 1e-6 and cosine < 0.0:  # half round: the axis is a column of turn + 1, whose length is not 0
+    if sine < 1e-6 and cosine < 0.0:  # half a turn: the axis is a nonzero column of turn + 1
         k = 0 if turn[0, 0] >= max(turn[1, 1], turn[2, 2]) else 1 if turn[1, 1] >= turn[2, 2] else 2
         x, y, z = turn[0, k], turn[1, k], turn[2, k]
         x, y, z = (x + 1.0, y, z) if k == 0 else (x, y + 1.0, z) if k == 1 else (x, y, z + 1.0)
@@ -143,7 +145,7 @@ def _miss(place: Floats, attitude: Floats, goal: Floats, goal_attitude: Floats, 
 
 
 @kernel
-def _lean(order: Longs, lines: Floats, place: Floats, weight: Floats, free: Longs, jacobian: Floats) -> None:
+def _fill_jacobian(order: Longs, lines: Floats, place: Floats, weight: Floats, free: Longs, jacobian: Floats) -> None:
     """jacobian (6, free): how a hand at `place` moves and turns with each joint, weighted."""
     for i in range(len(free)):
         for j in range(len(order)):
@@ -157,8 +159,8 @@ def _lean(order: Longs, lines: Floats, place: Floats, weight: Floats, free: Long
 
 @kernel
 def _step(jacobian: Floats, error: Floats, damping: float, wish: Floats, least: Floats, most: Floats) -> Floats:
-    """The step between `least` and `most` that takes the error away as far as it can, and comes near to the wish where
-    that leaves it open. A joint that would leave its range stops there, and the others do its part."""
+    """The step between `least` and `most` that reduces the error most and comes near to the wish in the null space.
+    A joint at its limit stops there, and the others compensate."""
     count, rows = len(wish), len(error)
     normal, wanted = np.empty((count, count)), damping * wish
     for i in range(count):
@@ -190,7 +192,7 @@ def _step(jacobian: Floats, error: Floats, damping: float, wish: Floats, least: 
 
 @kernel
 def _solved(matrix: Floats, right: Floats) -> Floats:
-    """x of matrix x = right, for a symmetric, positive matrix (Cholesky); LAPACK takes longer for so small ones."""
+    """x of matrix x = right, for a symmetric positive matrix (Cholesky); LAPACK is slower for such small ones."""
     count = len(right)
     root, x = np.zeros((count, count)), np.empty(count)
     for i in range(count):
@@ -214,7 +216,7 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
 
 @kernel
 def _rotation(axis: Floats, angle: float) -> Floats:
-    """By an angle about an axis (Rodrigues)."""
+    """Rotation matrix (3, 3) by an angle about an axis (Rodrigues)."""
     a, b, c = axis
     s, v = math.sin(angle), 1.0 - math.cos(angle)
     turn = np.empty((3, 3))
@@ -235,7 +237,7 @@ def _turned(turn: Floats, vector: Floats) -> Floats:
 
 @kernel
 def _product(one: Floats, other: Floats) -> Floats:
-    """Of two matrices (3, 3); BLAS would take ten times as long."""
+    """Product of two matrices (3, 3); BLAS would take ten times as long."""
     found = np.empty((3, 3))
     for i in range(3):
         for j in range(3):

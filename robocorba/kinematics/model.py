@@ -1,8 +1,8 @@
-"""SmartPal V as a MuJoCo model, built from its figures: what kinematics computes with and what dynamics lets move.
+"""SmartPal V as a MuJoCo model, built from its figures, for kinematics and for dynamics.
 
-Its frame is the robot's: origin on the floor under the middle of the base, x ahead, y to the left, z up. At zero angles
-it stands upright with both arms hanging, palms inwards. The arms mirror each other, so that equal angles give mirror
-images:
+The model's frame is the robot's: origin on the floor under the centre of the base, x ahead, y to the left, z up. At
+zero angles the robot stands upright with both arms hanging, palms inwards. The arms mirror each other, so that equal
+angles give mirror images:
 
     joint            axis, arm hanging     plus
     1 roll           across the body       lifts the arm ahead
@@ -13,12 +13,13 @@ images:
     6 bend           across                lifts the hand
     7 bend           along                 turns the hand outwards
     lumbar           across, both          leans ahead
-    grip             across                shuts
+    grip             across                closes
 
-Shoulders, lengths of the arms, footprint, height, total mass and ranges are the robot's. Ours, because nobody tells
-them: how the total mass is shared out, the shapes of the links, friction, where the lumbar joints are and that the
-upper one bends across as the lower one does, signs, that the elbow's axis lies behind the lines of both upper arm and
-forearm, that one finger moves and the other stands, and where laser and proximity sensors are.
+Shoulders, lengths of the arms, footprint, height, total mass and joint ranges are the robot's. The following are
+assumptions, because they are not published: the distribution of the mass, the shapes of the links, friction, the
+places of the lumbar joints and that the upper one bends across like the lower one, signs, that the elbow's axis lies
+behind the lines of both upper arm and forearm, that one finger moves and the other is fixed, and the places of laser
+and proximity sensors.
 """
 
 from __future__ import annotations
@@ -30,24 +31,24 @@ import mujoco
 
 from robocorba.kinematics.smartpal import HEIGHT_M, JOINTS, LOWER, UPPER, Side
 
-#: Where the arms begin, and how long their parts are: shoulder, elbow, wrist, end of the arm, control point.
+#: Position of the left shoulder, and lengths to elbow, wrist, end of the arm and control point [m].
 SHOULDER_M = (-0.025, 0.200, 1.1265)
 UPPER_ARM_M, FOREARM_M, WRIST_M, HAND_M = 0.250, 0.280, 0.056, 0.110
 ELBOW_OFFSET_M = -0.02
-#: The base's footprint: from x to x, and to either side.
+#: Extent of the base's footprint: along x, and to either side [m].
 BACK_M, FRONT_M, BESIDE_M = -0.376, 0.237, 0.2775
-#: Ours: the heights of the lumbar joints, of the base, and of the proximity sensors.
+#: Assumed heights of the lumbar joints, of the base and of the proximity sensors [m].
 LUMBAR_LOWER_M, LUMBAR_UPPER_M, BASE_M, PROXIMITY_M = 0.38, 0.75, 0.30, 0.15
-#: Ours: the laser at the waist.
+#: Assumed position of the laser at the waist [m].
 LASER_M = (0.13, 0.0, 0.60)
 PROXIMITY_SENSORS = 8
 
 ACROSS, ALONG, UP = (0, 1, 0), (1, 0, 0), (0, 0, 1)
-#: Half the gap between the fingers where they are parallel: they meet at their tips when shut.
+#: Dimensions of a finger, and half the gap between parallel fingers [m]: closed fingers meet at their tips.
 _FINGER_LENGTH_M, _FINGER_M = 0.090, 0.006
 _GAP_M = _FINGER_LENGTH_M * math.tan(UPPER[-1]) / 2
 
-#: Radians, and ours: what motors and gears add to the inertia of a joint, kg m^2, and to its friction, N m s/rad.
+#: Angles are radians. Assumed inertia [kg m^2] and friction [N m s/rad] that motors and gears add to a joint.
 _SETTINGS = """
 <mujoco model="smartpal">
   <compiler angle="radian"/>
@@ -59,12 +60,12 @@ _WHITE, _DARK, _BLUE = (0.92, 0.92, 0.90, 1), (0.25, 0.27, 0.30, 1), (0.20, 0.45
 
 
 def specification() -> mujoco.MjSpec:
-    """SmartPal without actuators and without floor, to compile as it is or to build on. Its base has no joints: whoever
-    lets it move adds them to the body `base`.
+    """SmartPal without actuators and without a floor, to compile or to extend. The base has no joints: dynamics adds
+    them to the body `base`.
 
     Bodies are the links: base, waist, trunk, head, and of each side upper_arm, forearm, hand, finger, such as
-    left_forearm. Joints are called as in `smartpal.JOINTS`, though they come in another order. Sites: left_hand and
-    right_hand (control points, x out of the hand, z up where the forearm is level), laser, proximity_1 to _8 (x out,
+    left_forearm. Joints have the names of `smartpal.JOINTS`, in another order. Sites: left_hand and right_hand
+    (control points, x out of the hand, z up when the forearm is level), laser, proximity_1 to _8 (x out,
     counter-clockwise from ahead)."""
     spec = mujoco.MjSpec.from_string(_SETTINGS)
     base = spec.worldbody.add_body(name="base")
@@ -97,7 +98,7 @@ def specification() -> mujoco.MjSpec:
 
 
 def _arm(trunk: mujoco.MjsBody, side: Side, shoulder_m: float) -> None:
-    """From the shoulder down to the finger. What mirrors is y, and axes other than across."""
+    """From the shoulder down to the finger. The mirrored quantities are y and the axes other than across."""
     name = side.value
     left = 1 if side is Side.LEFT else -1
     back, inwards, down = (0, -1, 0), (-left, 0, 0), (0, 0, -left)

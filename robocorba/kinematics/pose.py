@@ -1,4 +1,4 @@
-"""Where a hand is: position and attitude, as six numbers or as a rotation matrix."""
+"""Pose of a hand: position and attitude, as six numbers or as a rotation matrix."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from robocorba.spatial.grids import Floats
 
 
 class HandPose(NamedTuple):
-    """Of a hand's control point in the robot's frame: x, y, z in m; roll, pitch, yaw in rad, turned about x, then y,
-    then z of the robot. Where these are 0, the hand points ahead and its fingers open up and down."""
+    """Pose of a hand's control point in the robot's frame: x, y, z [m]; roll, pitch, yaw [rad] about x, then y, then
+    z of the robot. At zero angles the hand points ahead and its fingers open up and down."""
 
     x: float
     y: float
@@ -23,8 +23,8 @@ class HandPose(NamedTuple):
 
     @classmethod
     def of(cls, position: Floats, rotation: Floats) -> HandPose:
-        """From a position (3,) and a rotation matrix (3, 3). Of a hand that points straight up or down only the sum of
-        roll and yaw is known: all of it is told as yaw."""
+        """From a position (3,) [m] and a rotation matrix (3, 3). If the hand points straight up or down, only the
+        sum of roll and yaw is defined: roll is 0."""
         pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
         if abs(pitch) > math.pi / 2 - 1e-7:
             roll, yaw = 0.0, math.atan2(-rotation[0, 1], rotation[1, 1])
@@ -36,12 +36,12 @@ class HandPose(NamedTuple):
 
     @property
     def position(self) -> Floats:
-        """(3,), m."""
+        """Position (3,) [m]."""
         return np.array(self[:3])
 
     @property
     def rotation(self) -> Floats:
-        """(3, 3); its columns are the hand's x, y and z in the robot's frame."""
+        """Rotation matrix (3, 3); its columns are the hand's x, y and z in the robot's frame."""
         cr, cp, cy = (math.cos(angle) for angle in self[3:])
         sr, sp, sy = (math.sin(angle) for angle in self[3:])
         return np.array(
@@ -53,16 +53,16 @@ class HandPose(NamedTuple):
         )
 
     def distance(self, other: HandPose) -> tuple[float, float]:
-        """How far the other one is away, m, and by how much it is turned, rad."""
+        """Distance [m] and rotation angle [rad] to another pose."""
         turn = self.rotation.T @ other.rotation
         sine = math.hypot(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
         return math.dist(self[:3], other[:3]), math.atan2(sine, float(np.trace(turn)) - 1.0)
 
     def moved(self, ahead_m: float) -> HandPose:
-        """Farther along where the hand points; minus draws it back."""
+        """The pose moved along the direction in which the hand points; negative draws it back."""
         x, y, z = (self.position + ahead_m * self.rotation[:, 0]).tolist()
         return self._replace(x=x, y=y, z=z)
 
     def mirrored(self) -> HandPose:
-        """The same of the other hand, in a posture that mirrors this one."""
+        """The pose of the other hand in a posture that mirrors this one."""
         return HandPose(self.x, -self.y, self.z, -self.roll, self.pitch, -self.yaw)

@@ -1,7 +1,8 @@
-"""SmartPal's body in figures: joints, their limits, base; what is public of SmartPal V, and what is ours and says so.
+"""SmartPal's body in figures: joints, their limits, the base. The figures are those published for SmartPal V, unless
+marked as assumed.
 
-Angles are radians, lengths metres. The frame of the robot has its origin on the floor under the middle of the base,
-x ahead, y to the left, z up. Both arms have the same limits: equal angles give postures that mirror each other.
+Angles are radians, lengths metres. The origin of the robot's frame is on the floor under the centre of the base, x
+ahead, y to the left, z up. Both arms have the same limits: equal angles give postures that mirror each other.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from robocorba.spatial.pose import Limits
 
 
 class Side(Enum):
-    """Of an arm, a hand, a gripper."""
+    """Side of an arm, a hand, a gripper."""
 
     LEFT = "left"
     RIGHT = "right"
 
 
 ARM_JOINTS = 7
-#: In the order of every array of joints (18,): the arms from shoulder to wrist, the lumbar, the grippers.
+#: Order of every array of joints (18,): the arms from shoulder to wrist, the lumbar, the grippers.
 JOINTS = (
     *(f"left_{number}" for number in range(1, ARM_JOINTS + 1)),
     *(f"right_{number}" for number in range(1, ARM_JOINTS + 1)),
@@ -42,14 +43,14 @@ _GRIP_DEGREES = (-58, 8)
 _DEGREES = (*_ARM_DEGREES, *_ARM_DEGREES, *_LUMBAR_DEGREES, _GRIP_DEGREES, _GRIP_DEGREES)
 LOWER: Floats = np.radians([lower for lower, _ in _DEGREES])
 UPPER: Floats = np.radians([upper for _, upper in _DEGREES])
-#: A gripper that is open, and shut; minus opens.
+#: Angles of an open and of a closed gripper [rad]; minus opens.
 OPEN_RAD, SHUT_RAD = math.radians(-58), math.radians(8)
 
-#: How fast joints move and speed up at most, rad/s and rad/s^2; ours: arms, lumbar, grippers.
+#: Assumed limits of joint speed [rad/s] and acceleration [rad/s^2]: arms, lumbar, grippers.
 SPEED: Floats = np.radians([*[90.0] * 14, *[30.0] * 2, *[120.0] * 2])
 ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 2])
 
 RADIUS_M, MASS_KG, HEIGHT_M = 0.40, 127.0, 1.325
 BASE = Limits(1.0, math.radians(100), 1.0, math.radians(100))
-#: What a hand can carry, kg.
+#: Payload of a hand [kg].
 PAYLOAD_KG = 2.0

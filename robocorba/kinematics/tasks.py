@@ -1,4 +1,4 @@
-"""What arms do in missions: postures that have a name, and where two hands go to grip a table or hand over a sheet."""
+"""Arms in missions: named postures, and poses of two hands that grip a table or hand over a sheet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from robocorba.kinematics.pose import HandPose
 from robocorba.spatial.grids import Floats
 
-#: Of one arm (7,), rad; both arms may take any of them at once. tuck keeps the arm over the base, for narrow ways.
+#: Joints of one arm (7,) [rad]. Both arms can take the same posture simultaneously. tuck keeps the arm over the base,
+#: for narrow passages.
 POSTURES: dict[str, Floats] = {
     name: np.radians(degrees)
     for name, degrees in {
@@ -21,21 +22,21 @@ POSTURES: dict[str, Floats] = {
     }.items()
 }
 
-#: How far the fingers reach over what they grip by its edge, m.
+#: How far the fingers reach over a gripped edge [m].
 GRIP_DEPTH_M = 0.03
-#: The long side of a sheet of paper, A4, m.
+#: Long side of an A4 sheet of paper [m].
 SHEET_M = 0.297
 
 
 class TwoHands(NamedTuple):
-    """Where both hands of a robot go, in its frame."""
+    """Target poses of both hands of a robot, in its frame."""
 
     left: HandPose
     right: HandPose
 
 
-class HandOver(NamedTuple):
-    """Where the giver's and the taker's hand go, each in the frame of its own robot."""
+class HandOverPoses(NamedTuple):
+    """Target poses of the giver's and the taker's hand, each in the frame of its own robot."""
 
     giver: HandPose
     taker: HandPose
@@ -44,17 +45,17 @@ class HandOver(NamedTuple):
 def grip_table(height_m: float, distance_m: float, spacing_m: float) -> TwoHands:
     """Hands that grip the edge of a table in front of the robot, fingers above and below the board.
 
-    height_m: of the board's middle over the floor. distance_m: from the base's middle to the edge. spacing_m: between
-    the hands. Tables lower than 0.9 m need the lumbar's help."""
+    height_m: height of the board's middle above the floor. distance_m: from the base's centre to the edge.
+    spacing_m: between the hands. Tables lower than 0.9 m need the lumbar."""
     ahead, aside = distance_m + GRIP_DEPTH_M, spacing_m / 2
     return TwoHands(HandPose(ahead, aside, height_m), HandPose(ahead, -aside, height_m))
 
 
-def hand_over(between_m: float, height_m: float, aside_m: float = 0.0, sheet_m: float = SHEET_M) -> HandOver:
+def hand_over(between_m: float, height_m: float, aside_m: float = 0.0, sheet_m: float = SHEET_M) -> HandOverPoses:
     """Hands that hold the two ends of one level sheet, half way between two robots that face each other.
 
-    between_m: from one base's middle to the other's. height_m: of the sheet over the floor. aside_m: how far it lies to
-    the left of the giver, which is the taker's right; sheet_m: how long it is. The taker grips before the giver lets
-    go; `HandPose.moved` tells where a hand comes from and goes back to."""
+    between_m: distance between the centres of the bases. height_m: height of the sheet above the floor. aside_m:
+    offset to the left of the giver, which is the taker's right; sheet_m: length of the sheet. The taker grips before
+    the giver lets go; `HandPose.moved` gives the poses before and after."""
     ahead = (between_m - sheet_m) / 2 + GRIP_DEPTH_M
-    return HandOver(HandPose(ahead, aside_m, height_m), HandPose(ahead, -aside_m, height_m))
+    return HandOverPoses(HandPose(ahead, aside_m, height_m), HandPose(ahead, -aside_m, height_m))

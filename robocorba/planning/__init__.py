@@ -1,1 +1,1 @@
-"""Path planning agent domain: from a building and a request to a path. No CORBA here."""
+"""Domain code of the path planning agent: from a building and a request to a path. It imports no CORBA."""

@@ -1,7 +1,7 @@
-"""A body among the obstacles of a floor: how near is it to them at a pose, may it go from one pose to another?
+"""Clearance of a rigid body among the obstacles of a floor, and whether the body can move from one pose to another.
 
-A body is any shape in its own frame, seen as capsules: lines with a radius. Its border is made of lines without one.
-Distances are exact. On the way from pose to pose it goes straight and turns evenly.
+A body is a set of capsules in its own frame: line segments with a radius. The sides of its outline are capsules of
+radius 0. Distances are exact. Between two poses the body moves straight and turns at a constant rate.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from robocorba.kernels import kernel
 from robocorba.planning.space import line_clearance
 from robocorba.spatial.grids import Floats, Grid, segments_of
 
-#: Looked at on the way are poses between which no point of the body moves farther than this, m: nowhere in between is
-#: it nearer to anything by more than half of that.
+#: Poses are tested until no point of the body moves farther than this between two of them [m]. In between, the
+#: clearance is smaller by at most half of it.
 STEP_M = 0.01
-#: A regular polygon with at least so many sides counts as the circle around it.
+#: Least number of sides of a regular polygon that is replaced by its circumscribed circle.
 ROUND_SIDES = 16
-#: Poses that are looked at on one way at most are those of this many halvings.
+#: Greatest number of halvings of one motion.
 _DEPTH = 24
 
 
-class Body(NamedTuple):
-    """capsules (n, 5): a line's x, y, x, y in the body's frame and its radius, m; reach: of the farthest point, m."""
+class CapsuleBody(NamedTuple):
+    """capsules (n, 5): x, y, x, y of a line segment in the body's frame and its radius [m]; reach: distance of the
+    farthest point from the origin [m]."""
 
     capsules: Floats
     reach: float
 
 
-def body_of(outline: Polygon, rounded: list[tuple[float, float, float, float, float]]) -> Body:
-    """A polygon with capsules beside it."""
+def body_of(outline: Polygon, rounded: list[tuple[float, float, float, float, float]]) -> CapsuleBody:
+    """The body with this outline [m] and further capsules `rounded` (x, y, x, y, radius in m)."""
     lines = segments_of(np.array([outline], object))[0]
     from_origin = np.hypot(lines[:, 0], lines[:, 1])
     if len(lines) >= ROUND_SIDES and np.ptp(from_origin) < 1e-3:
@@ -42,16 +43,17 @@ def body_of(outline: Polygon, rounded: list[tuple[float, float, float, float, fl
     edges = np.hstack([lines, np.zeros((len(lines), 1))])
     capsules = np.vstack([np.array(rounded, float).reshape(-1, 5), edges])
     ends = np.hypot(capsules[:, 0:4:2], capsules[:, 1:4:2]).max(axis=1)
-    return Body(capsules, float((ends + capsules[:, 4]).max()))
+    return CapsuleBody(capsules, float((ends + capsules[:, 4]).max()))
 
 
 @kernel
-def body_clearance(grid: Grid, capsules: Floats, x: float, y: float, heading: float, most: float) -> float:
-    """How far a body is from the nearest obstacle, m; `most` where that is farther, 0 or less where they meet.
+def body_clearance(grid: Grid, capsules: Floats, x: float, y: float, heading: float, cap: float) -> float:
+    """Distance from a body to the nearest obstacle [m], at most `cap`; 0 or less where they overlap.
 
-    A body that encloses an obstacle without touching it does not see it: none gets there without touching it."""
+    An obstacle that the body encloses without touching it is not detected; no motion leads there without a
+    collision."""
     cos, sin = math.cos(heading), math.sin(heading)
-    best = most
+    best = cap
     for i in range(capsules.shape[0]):
         ax, ay, bx, by, radius = capsules[i]
         distance, nearest = line_clearance(
@@ -73,20 +75,21 @@ def body_clearance(grid: Grid, capsules: Floats, x: float, y: float, heading: fl
 def body_passes(
     grid: Grid, capsules: Floats, reach: float, a: Floats, b: Floats, at_a: float, at_b: float, margin: float
 ) -> bool:
-    """Whether a body keeps `margin` on its way from pose a to b (x, y, heading), where it has these clearances, m."""
+    """Whether a body keeps `margin` [m] between poses a and b (x, y, heading), at which its clearances are at_a and
+    at_b [m]."""
     if at_a < margin or at_b < margin:
         return False
-    moves = math.hypot(b[0] - a[0], b[1] - a[1]) + reach * abs(b[2] - a[2])
+    moved_m = math.hypot(b[0] - a[0], b[1] - a[1]) + reach * abs(b[2] - a[2])
     begins, ends = np.empty(_DEPTH), np.empty(_DEPTH)
-    near_begin, near_end = np.empty(_DEPTH), np.empty(_DEPTH)
-    begins[0], ends[0], near_begin[0], near_end[0] = 0.0, 1.0, at_a, at_b
-    most = max(2.0 * margin, moves)
+    clear_begin, clear_end = np.empty(_DEPTH), np.empty(_DEPTH)
+    begins[0], ends[0], clear_begin[0], clear_end[0] = 0.0, 1.0, at_a, at_b
+    cap = max(2.0 * margin, moved_m)
     depth = 1
     while depth:
         depth -= 1
-        begin, end, first, last = begins[depth], ends[depth], near_begin[depth], near_end[depth]
-        # Each end is so far from everything that this part of the way stays clear, or short enough.
-        if first + last - 2.0 * margin >= moves * (end - begin) or moves * (end - begin) <= STEP_M:
+        begin, end, first, last = begins[depth], ends[depth], clear_begin[depth], clear_end[depth]
+        # The clearances at both ends cover this part of the motion, or it is short enough.
+        if first + last - 2.0 * margin >= moved_m * (end - begin) or moved_m * (end - begin) <= STEP_M:
             continue
         if depth + 2 > _DEPTH:
             return False
@@ -97,11 +100,11 @@ def body_passes(
             a[0] + t * (b[0] - a[0]),
             a[1] + t * (b[1] - a[1]),
             a[2] + t * (b[2] - a[2]),
-            min(most, margin + moves * (end - begin)),
+            min(cap, margin + moved_m * (end - begin)),
         )
         if middle < margin:
             return False
-        begins[depth], ends[depth], near_begin[depth], near_end[depth] = t, end, middle, last
-        begins[depth + 1], ends[depth + 1], near_begin[depth + 1], near_end[depth + 1] = begin, t, first, middle
+        begins[depth], ends[depth], clear_begin[depth], clear_end[depth] = t, end, middle, last
+        begins[depth + 1], ends[depth + 1], clear_begin[depth + 1], clear_end[depth + 1] = begin, t, first, middle
         depth += 2
     return True

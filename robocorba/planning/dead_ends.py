@@ -1,9 +1,9 @@
-"""Parts of a floor that a shortest way enters only where it begins or ends in them.
+"""Parts of a floor that a shortest path enters only if it begins or ends in them.
 
-A triangle that can be left over one edge alone is a dead end, and so is what becomes one when these are taken away.
-What remains is the core. A way from one place in the core to another has no reason to enter a dead end, except that a
-robot of radius r, held off by what stands in front of it, may reach r into it: so the vertices up to 2 r from its
-opening still count. In mazes nearly everything is a dead end.
+A triangle with a single open edge is a dead end, and so is a triangle that becomes one when dead ends are removed.
+The rest is the core. A shortest path between two places in the core does not enter a dead end, except that a robot
+of radius r may reach r into it where an obstacle in front of its opening pushes the robot aside. Therefore the
+vertices up to 2 r from the opening count as well. In mazes nearly all triangles are dead ends.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ from robocorba.planning.segments import segments_distance2
 from robocorba.planning.triangulation import Flags, Mesh, locate, on_lattice
 from robocorba.spatial.grids import Floats, Longs
 
-#: The way out of a triangle of the core.
+#: Exit triangle of a triangle of the core.
 IN_CORE = -1
 
 
 class DeadEnds(NamedTuple):
-    """way_out (t,): the triangle through which each dead end is left, IN_CORE in the core; near_core (n,): the
-    vertices at which ways through the core may turn; stamp (n,): the last search for which others count, too."""
+    """exit_triangle (t,): the next triangle on the way out of a dead end, IN_CORE in the core; near_core (n,): the
+    vertices at which paths through the core may turn; stamp (n,): the last search for which a vertex counts in
+    addition."""
 
-    way_out: Longs
+    exit_triangle: Longs
     near_core: Flags
     stamp: Longs
 
 
 @kernel
-def ways_out(mesh: Mesh) -> Longs:
-    """The triangle through which each dead end is left, IN_CORE for triangles of the core."""
+def exit_triangles(mesh: Mesh) -> Longs:
+    """The next triangle on the way out of each dead end; IN_CORE for triangles of the core."""
     count = mesh.corner.shape[0]
     found = np.full(count, IN_CORE, np.int64)
     openings = np.zeros(count, np.int64)
@@ -48,7 +49,7 @@ def ways_out(mesh: Mesh) -> Longs:
     while height:
         height -= 1
         t = stack[height]
-        if openings[t] != 1:  # the last one of a part without any core
+        if openings[t] != 1:  # the last triangle of a part without a core
             continue
         for k in range(3):
             n = mesh.across[t, k]
@@ -64,42 +65,42 @@ def ways_out(mesh: Mesh) -> Longs:
 
 
 @kernel
-def near_core(mesh: Mesh, xy: Floats, way_out: Longs, reach: float) -> Flags:
-    """The vertices (n,) of the core, and those of dead ends within `reach` m of their opening."""
+def near_core(mesh: Mesh, xy: Floats, exit_triangle: Longs, reach: float) -> Flags:
+    """The vertices (n,) of the core, and those of dead ends within `reach` [m] of their opening."""
     found = np.zeros(mesh.at.shape[0], np.bool_)
     stamp = np.zeros(mesh.at.shape[0], np.int64)
     stack = np.empty(mesh.corner.shape[0], np.int64)
     for t in range(mesh.corner.shape[0]):
-        if way_out[t] == IN_CORE:
-            _stamp_triangle(mesh, xy, way_out, t, reach, stamp, 1, stack)
+        if exit_triangle[t] == IN_CORE:
+            _stamp_triangle(mesh, xy, exit_triangle, t, reach, stamp, 1, stack)
     for v in range(found.shape[0]):
         found[v] = stamp[v] == 1
     return found
 
 
 @kernel
-def stamp_way_out(mesh: Mesh, xy: Floats, ends: DeadEnds, x: float, y: float, reach: float, epoch: int) -> None:
-    """Stamp the vertices along the way from a place out of its dead end, and those within `reach` m beside it."""
+def stamp_exit_route(mesh: Mesh, xy: Floats, ends: DeadEnds, x: float, y: float, reach: float, epoch: int) -> None:
+    """Stamp the vertices along the way out of the dead end of a place, and those within `reach` [m] beside it."""
     column, row = on_lattice(mesh, x, y)
     t = locate(mesh, column, row, mesh.some[0])
-    if ends.way_out[t] == IN_CORE:
+    if ends.exit_triangle[t] == IN_CORE:
         return
     stack = np.empty(256, np.int64)
     while t != IN_CORE:
-        _stamp_triangle(mesh, xy, ends.way_out, t, reach, ends.stamp, epoch, stack)
-        t = ends.way_out[t]
+        _stamp_triangle(mesh, xy, ends.exit_triangle, t, reach, ends.stamp, epoch, stack)
+        t = ends.exit_triangle[t]
 
 
 @kernel
 def _stamp_triangle(
-    mesh: Mesh, xy: Floats, way_out: Longs, triangle: int, reach: float, stamp: Longs, epoch: int, stack: Longs
+    mesh: Mesh, xy: Floats, exit_triangle: Longs, triangle: int, reach: float, stamp: Longs, epoch: int, stack: Longs
 ) -> None:
-    """Stamp the vertices of a triangle and, of the dead ends that open to it, those within reach of the opening."""
+    """Stamp the vertices of a triangle and, in dead ends that open to it, those within `reach` [m] of the opening."""
     for k in range(3):
         a, b = mesh.corner[triangle, k], mesh.corner[triangle, (k + 1) % 3]
         stamp[a] = epoch
         n = mesh.across[triangle, k]
-        if n < 0 or mesh.wall[triangle, k] or way_out[n] != triangle:
+        if n < 0 or mesh.wall[triangle, k] or exit_triangle[n] != triangle:
             continue
         stack[0], height = n, 1
         while height:
@@ -115,6 +116,6 @@ def _stamp_triangle(
                 for v in (p, q):
                     stamp[v] = epoch
                 beyond = mesh.across[t, j]
-                if beyond >= 0 and not mesh.wall[t, j] and way_out[beyond] == t and height < stack.shape[0]:
+                if beyond >= 0 and not mesh.wall[t, j] and exit_triangle[beyond] == t and height < stack.shape[0]:
                     stack[height] = beyond
                     height += 1

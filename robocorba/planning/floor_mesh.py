@@ -1,4 +1,4 @@
-"""The walls of a floor as a triangulation: what shortest ways through free space are searched on."""
+"""The walls of a floor as a triangulation, on which shortest paths through free space are searched."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.kernels import kernel
-from robocorba.planning.dead_ends import ways_out
+from robocorba.planning.dead_ends import exit_triangles
 from robocorba.planning.triangulation import Mesh, crossings, empty_mesh, enlarged, insert_points, insert_walls
 from robocorba.spatial.grids import Floats, Grid, Longs
 from robocorba.spatial.pose import XY
 
-#: Angles that differ by less are equal, rad.
+#: Angles that differ by less are equal [rad].
 SAME_RAD = 1e-7
-#: Ground that a mesh covers around all walls, m.
+#: Width of the ground that a mesh covers around all walls [m].
 LEAST_MARGIN_M = 1.0
-#: Ground that it covers beyond that where a floor has no outline, beside the extent of the walls, m.
+#: Additional width on a floor without an outline, beside the extent of the walls [m].
 OPEN_M = 50.0
 
 
 class FloorMesh:
-    """The walls of a floor as a triangulation: the same for robots of any radius."""
+    """The triangulated walls of a floor; the same for robots of any radius."""
 
     def __init__(self, grid: Grid, bounded: bool, also: Sequence[XY] = ()) -> None:
-        """The mesh covers the walls and the points `also`, and where no outline bounds the floor the ground around."""
+        """The mesh covers the walls, the points `also` and, where no outline bounds the floor, the surrounding
+        ground."""
         segments = grid.segments
         self.bounds = _bounds(segments, also, 0.0 if bounded else 1.0)
         extra = crossings(grid)
@@ -41,13 +42,13 @@ class FloorMesh:
         self.xy: Floats = self.mesh.frame[:2] + self.mesh.frame[2] * self.mesh.at
         self.xy[self.ends[::-1]] = segments.reshape(-1, 2)[::-1]
         moved = np.abs(self.xy[self.ends] - segments.reshape(-1, 2)).max(initial=0.0)
-        #: By how much ends of walls that count as one vertex are apart at most, m.
+        #: Greatest distance between ends of walls that share a vertex [m].
         self.merged_m = float(moved)
-        self.way_out = ways_out(self.mesh)
+        self.exit_triangle = exit_triangles(self.mesh)
         self.low, self.span = wall_arcs(used, segments, self.ends)
 
     def covers(self, points: Sequence[XY]) -> bool:
-        """Whether all points lie where the mesh can look from them."""
+        """Whether the mesh covers all these points."""
         x0, y0, x1, y1 = self.bounds
         return all(x0 <= x <= x1 and y0 <= y <= y1 for x, y in points)
 
@@ -62,7 +63,7 @@ def _bounds(segments: Floats, also: Sequence[XY], open_part: float) -> tuple[flo
 
 
 def _order(points: Floats) -> Longs:
-    """An order in which each point is near the one before: in rows of cells, to and fro."""
+    """An order in which consecutive points are close: row by row of a grid, in alternating directions."""
     if not len(points):
         return np.empty(0, np.int64)
     low, extent = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
@@ -74,8 +75,8 @@ def _order(points: Floats) -> Longs:
 
 @kernel
 def wall_arcs(vertices: int, segments: Floats, ends: Longs) -> tuple[Floats, Floats]:
-    """low (n,) and span (n,): the arc of each vertex on which a robot touches none of the walls that meet there, in
-    rad; a negative span where there is none. ends (2m,) are the vertices of segments (m, 4)."""
+    """low (n,) and span (n,): the arc of each vertex on which a robot touches none of the walls that meet there
+    [rad]; the span is negative where there is none. ends (2m,) are the vertices of segments (m, 4)."""
     first = np.zeros(vertices + 1, np.int64)
     for i in range(segments.shape[0]):
         if ends[2 * i] != ends[2 * i + 1]:

@@ -1,4 +1,4 @@
-"""What the free space of a floor is made from, and what of it an edit touched."""
+"""The elements of a building that determine the free space of a floor, and which of them an edit touched."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from robocorba.maps.geometry import DOOR_REACH_M
 from robocorba.maps.model import Building
 from robocorba.maps.vicinity import line_box, walls_cut_by
 
-#: With more elements touched than this the floor is made anew as a whole: that is cheaper then.
-MOST_TOUCHED = 1_000
+#: Greatest number of changed elements for an incremental update; rebuilding the whole floor is cheaper beyond it.
+MAX_TOUCHED = 1_000
 
 T = TypeVar("T")
 
 
 class Touched(NamedTuple):
-    """Names of the walls, objects and doors that are new, changed or gone, or, walls, whose openings changed."""
+    """Names of the walls, objects and doors that were added, changed or removed, and of walls with changed openings."""
 
     walls: set[str]
     objects: set[str]
@@ -23,8 +23,8 @@ class Touched(NamedTuple):
 
 
 class FloorSource:
-    """The parts of a building that decide where robots can drive on a floor. Compared by identity: what an edit does
-    not touch is shared between buildings."""
+    """The elements that determine where robots can drive on a floor. They are compared by identity: buildings share
+    what an edit does not touch."""
 
     def __init__(self, building: Building, floor: str) -> None:
         entry = building.floors[floor]
@@ -32,7 +32,7 @@ class FloorSource:
         self.elevators = tuple(building.elevators.values())
 
     def same_as(self, other: FloorSource) -> bool:
-        """Whether nothing differs."""
+        """Whether all elements are the same."""
         return (
             self._same_frame(other)
             and self.plan.walls is other.plan.walls
@@ -48,7 +48,8 @@ class FloorSource:
         )
 
     def touched_since(self, before: FloorSource, building: Building) -> Touched | None:
-        """What differs; None where it is so much, or such, that everything is made anew."""
+        """The differences to `before`; None if the whole floor must be rebuilt: its entry or an elevator changed, or
+        more than MAX_TOUCHED elements did."""
         if not self._same_frame(before):
             return None
         walls = _differing(self.plan.walls, before.plan.walls)
@@ -58,13 +59,13 @@ class FloorSource:
             both = (self.plan.doors, before.plan.doors)
             boxes = [line_box(side[name], 2 * DOOR_REACH_M) for name in doors for side in both if name in side]
             walls |= set(walls_cut_by(building, self.floor.name, boxes))
-        if len(walls) + len(objects) + len(doors) > MOST_TOUCHED:
+        if len(walls) + len(objects) + len(doors) > MAX_TOUCHED:
             return None
         return Touched(walls, objects, doors)
 
 
 def _differing(now: dict[str, T], before: dict[str, T]) -> set[str]:
-    """Names under which the two hold different objects."""
+    """Names whose objects differ between the two."""
     if now is before:
         return set()
     changed = {name for name, value in now.items() if before.get(name) is not value}

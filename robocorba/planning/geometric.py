@@ -1,4 +1,4 @@
-"""Routes through free space: the shortest there are for a round robot, over elevators where need be."""
+"""Shortest routes of a round robot through free space, over elevators where necessary."""
 
 from __future__ import annotations
 
@@ -9,25 +9,27 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from robocorba.maps.model import Building
-from robocorba.planning.elevators import Ride, ride
+from robocorba.planning.elevators import RideEstimate, ride
 from robocorba.planning.request import Criterion, PathRequest
 from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
-from robocorba.planning.snapshot import Snapshot
-from robocorba.planning.tangent_graph import NO_LANES, Leg
+from robocorba.planning.snapshot import BuildingSnapshot
+from robocorba.planning.tangent_graph import NO_LANES, DriveLeg
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY
 
-#: A place that matters to the search: floor, and the elevator whose cabin it is; start and goal have own names.
+#: A vertex of the search: a floor and the elevator whose cabin it is; start and goal have names of their own.
 _Stop = tuple[str, str]
 
 
-def ways(snapshot: Snapshot, request: PathRequest, deadline: float, obey_one_way: bool = False) -> list[Floats]:
-    """The shortest way and, as alternatives, those by other elevators; empty where there is none. One-way edges are
-    obeyed only where that is asked for."""
+def routes(
+    snapshot: BuildingSnapshot, request: PathRequest, deadline: float, obey_one_way: bool = False
+) -> list[Floats]:
+    """The shortest route and, as alternatives, those by other elevators; empty if there is none. Drives obey one-way
+    edges only with `obey_one_way`."""
     for place in (request.start, request.goal):
         if not snapshot.spaces[place.floor].stands_free(place.x, place.y, request.radius):
             return []
-    best = _way(snapshot, request, request.avoid_elevators, deadline, obey_one_way)
+    best = _find_route(snapshot, request, request.avoid_elevators, deadline, obey_one_way)
     if best is None:
         return []
     used = _elevators(snapshot, best)
@@ -36,31 +38,31 @@ def ways(snapshot: Snapshot, request: PathRequest, deadline: float, obey_one_way
         for shut in combinations(sorted(used), count):
             if len(found) > request.alternatives:
                 return found
-            other = _way(snapshot, request, request.avoid_elevators | set(shut), deadline, obey_one_way)
+            other = _find_route(snapshot, request, request.avoid_elevators | set(shut), deadline, obey_one_way)
             if other is not None and _elevators(snapshot, other) not in seen:
                 seen.add(_elevators(snapshot, other))
                 found.append(other)
     return found
 
 
-def _elevators(snapshot: Snapshot, way: Floats) -> frozenset[str]:
-    return frozenset(snapshot.roads.elevators[int(index)] for index in way[:, ELEVATOR] if index >= 0)
+def _elevators(snapshot: BuildingSnapshot, route: Floats) -> frozenset[str]:
+    return frozenset(snapshot.roads.elevators[int(index)] for index in route[:, ELEVATOR] if index >= 0)
 
 
-def _way(
-    snapshot: Snapshot, request: PathRequest, avoid: frozenset[str], deadline: float, obey_one_way: bool
+def _find_route(
+    snapshot: BuildingSnapshot, request: PathRequest, avoid: frozenset[str], deadline: float, obey_one_way: bool
 ) -> Floats | None:
-    """Dijkstra over start, cabins and goal. Legs between them are found as the search comes to need them."""
+    """Dijkstra over start, cabins and goal. Drives between them are planned when the search needs them."""
     start, goal = request.start, request.goal
     by_time = request.best is Criterion.SHORTEST_TIME
-    pace = request.speed if by_time else 1.0
+    metres_per_cost = request.speed if by_time else 1.0
     origin, destination = (start.floor, " start"), (goal.floor, " goal")
     at: dict[_Stop, XY] = _cabins(snapshot, request.radius, avoid)
     cabins = list(at)
     at |= {origin: start[1:], destination: goal[1:]}
 
     cost = {origin: 0.0}
-    came: dict[_Stop, tuple[_Stop, Leg | None]] = {}
+    came: dict[_Stop, tuple[_Stop, DriveLeg | None]] = {}
     done: set[_Stop] = set()
     queue = [(0.0, origin)]
     while queue:
@@ -70,8 +72,8 @@ def _way(
         done.add(here)
         if here == destination:
             return _assemble(snapshot, at, came, origin, destination)
-        steps: list[tuple[_Stop, float, Leg | None]]
-        if here != origin and came[here][1] is not None:  # driven into a cabin: now ride
+        steps: list[tuple[_Stop, float, DriveLeg | None]]
+        if here != origin and came[here][1] is not None:  # the robot drove into a cabin: it rides next
             steps = [
                 (stop, _cost(_ride(snapshot.building, here, stop), by_time), None)
                 for stop in cabins
@@ -83,7 +85,7 @@ def _way(
             legs = snapshot.graph(here[0], request.radius).legs(
                 at[here], [at[stop] for stop in targets], lanes=lanes, deadline=deadline
             )
-            steps = [(stop, leg.length / pace, leg) for stop, leg in zip(targets, legs, strict=True)]
+            steps = [(stop, leg.length / metres_per_cost, leg) for stop, leg in zip(targets, legs, strict=True)]
         for stop, step, leg in steps:
             if so_far + step < cost.get(stop, math.inf):
                 cost[stop] = so_far + step
@@ -92,8 +94,8 @@ def _way(
     return None
 
 
-def _cabins(snapshot: Snapshot, radius: float, avoid: frozenset[str]) -> dict[_Stop, XY]:
-    """Where a robot stands in each cabin on each floor served: the cabin's node, else its middle."""
+def _cabins(snapshot: BuildingSnapshot, radius: float, avoid: frozenset[str]) -> dict[_Stop, XY]:
+    """The place of a robot in each cabin on each floor served: the node in the cabin, else its centre."""
     found: dict[_Stop, XY] = {}
     for name, elevator in snapshot.building.elevators.items():
         if name in avoid:
@@ -106,22 +108,22 @@ def _cabins(snapshot: Snapshot, radius: float, avoid: frozenset[str]) -> dict[_S
     return found
 
 
-def _ride(building: Building, here: _Stop, there: _Stop) -> Ride:
+def _ride(building: Building, here: _Stop, there: _Stop) -> RideEstimate:
     return ride(building, building.elevators[here[1]], here[0], there[0])
 
 
-def _cost(found: Ride, by_time: bool) -> float:
+def _cost(found: RideEstimate, by_time: bool) -> float:
     return found.wait + found.travel if by_time else found.climb
 
 
 def _assemble(
-    snapshot: Snapshot,
+    snapshot: BuildingSnapshot,
     at: dict[_Stop, XY],
-    came: dict[_Stop, tuple[_Stop, Leg | None]],
+    came: dict[_Stop, tuple[_Stop, DriveLeg | None]],
     origin: _Stop,
     destination: _Stop,
 ) -> Floats:
-    """The rows of the way; see route.py."""
+    """The rows of the route; see route.py."""
     stops = [destination]
     while stops[-1] != origin:
         stops.append(came[stops[-1]][0])
@@ -141,8 +143,8 @@ def _assemble(
     return np.concatenate(parts)
 
 
-def _node(snapshot: Snapshot, stop: _Stop) -> int:
-    """Index of the node in a cabin, -1 where there is none."""
+def _node(snapshot: BuildingSnapshot, stop: _Stop) -> int:
+    """Index of the node in a cabin, -1 if there is none."""
     roads, (floor, elevator) = snapshot.roads, stop
     cabins = {name: node for node, name in reversed(roads.parts[floor].cabins)}
     return int(roads.offset[roads.floor_index[floor]]) + cabins[elevator] if elevator in cabins else -1

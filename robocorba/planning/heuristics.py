@@ -1,4 +1,4 @@
-"""What a search knows before it begins: least costs between elevators, and in small buildings all costs."""
+"""Admissible heuristics of the route search: least costs between elevators and, in small buildings, all costs."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
-from robocorba.planning.roads import CLEARANCE, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, Roads
+from robocorba.planning.roads import CLEARANCE, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, RoadmapArrays
 from robocorba.planning.space import TOUCH_M
 from robocorba.spatial.grids import Floats, Longs
 
-#: Buildings of at most so many nodes get a table of all costs for the robot that getPath plans for.
-MOST_TABLED = 400
+#: Greatest number of nodes of a building that gets a table of all costs for the robot of getPath.
+MAX_TABLE_NODES = 400
+#: Value of `speed_m_s` with which costs are metres instead of seconds.
+COST_IN_METRES = 0.0
 
 
-class Guide(NamedTuple):
-    """For one pace and radius. `node` (c,) are the nodes in elevator cabins, those of floor f at start[f]:start[f + 1],
-    and bound (c, c) what a way between two of them costs at least. cost (n, n) is what the way between any two nodes
-    costs and edge (n, n) with which edge it begins; both are empty where there is no table."""
+class HeuristicTables(NamedTuple):
+    """Lower bounds of costs for one speed and radius. `node` (c,) are the nodes in elevator cabins, those of floor f
+    at start[f]:start[f + 1]; bound (c, c) is the least cost between two of them. cost (n, n) is the cost between any
+    two nodes and edge (n, n) the first edge of that route; both are empty without a table."""
 
     node: Longs
     start: Longs
@@ -29,11 +31,11 @@ class Guide(NamedTuple):
     edge: Longs
 
 
-def make_guide(
-    road_map: RoadMap, pace: float, avoid: frozenset[str] = frozenset(), radius: float | None = None
+def make_heuristics(
+    road_map: RoadMap, speed_m_s: float, avoid: frozenset[str] = frozenset(), radius: float | None = None
 ) -> Packed:
-    """A guide for costs in seconds at `pace` m/s, or in metres where it is 0, without the elevators avoided;
-    with the table of all costs for robots of `radius` where one is given and the building is small enough."""
+    """Heuristics for costs in seconds at `speed_m_s`, or in metres with COST_IN_METRES, without the elevators
+    `avoid`. With `radius` [m] and a building of at most MAX_TABLE_NODES nodes they include the table of all costs."""
     roads, elevators = road_map.roads, road_map.elevators
     rides = np.flatnonzero(roads.elevator >= 0)
     rides = rides[[elevators[e] not in avoid for e in roads.elevator[rides].tolist()]]
@@ -41,50 +43,54 @@ def make_guide(
     node = np.unique(np.concatenate([origins, roads.to[rides]]))
     start = np.searchsorted(roads.floor[node], np.arange(len(road_map.floors) + 1))
     apart = roads.xy[node, None] - roads.xy[None, node]
-    direct = np.hypot(apart[..., 0], apart[..., 1]) / (pace or 1.0)
+    direct = np.hypot(apart[..., 0], apart[..., 1]) / (1.0 if speed_m_s == COST_IN_METRES else speed_m_s)
     bound = np.where(roads.floor[node, None] == roads.floor[None, node], direct, np.inf)
     measures = roads.measures[rides]
-    costs = measures[:, WAIT] + measures[:, TRAVEL] if pace else measures[:, LENGTH]
+    costs = measures[:, LENGTH] if speed_m_s == COST_IN_METRES else measures[:, WAIT] + measures[:, TRAVEL]
     np.minimum.at(bound, (np.searchsorted(node, origins), np.searchsorted(node, roads.to[rides])), costs)
     for k in range(len(node)):
         np.minimum(bound, bound[:, k, None] + bound[None, k, :], out=bound)
-    bound = np.maximum(bound - 1e-9, 0.0)  # never above the true cost by rounding
-    if radius is None or len(roads.xy) > MOST_TABLED:
+    bound = np.maximum(bound - 1e-9, 0.0)  # rounding must not raise a bound above the true cost
+    if radius is None or len(roads.xy) > MAX_TABLE_NODES:
         return pack([bound, np.empty(0)], [node, start, np.empty(0)])
-    cost, edge = tabulate(roads, pace, radius)
+    cost, edge = tabulate(roads, speed_m_s, radius)
     return pack([bound, cost], [node, start, edge])
 
 
 @kernel
-def read_guide(guide: Packed, nodes: int) -> Guide:
-    """The parts of a guide for a road map of so many nodes."""
-    node, edge = numbers(guide, 2), numbers(guide, 4)
+def read_heuristics(heuristics: Packed, nodes: int) -> HeuristicTables:
+    """Unpack heuristics for a roadmap with this number of nodes."""
+    node, edge = numbers(heuristics, 2), numbers(heuristics, 4)
     tabled = nodes if edge.shape[0] else 0
-    return Guide(
-        node, numbers(guide, 3), rows(guide, 0, node.shape[0]), rows(guide, 1, tabled), edge.reshape(tabled, tabled)
+    return HeuristicTables(
+        node,
+        numbers(heuristics, 3),
+        rows(heuristics, 0, node.shape[0]),
+        rows(heuristics, 1, tabled),
+        edge.reshape(tabled, tabled),
     )
 
 
 @kernel
-def step_cost(roads: Roads, edge: int, pace: float) -> float:
-    """What an edge costs: seconds at `pace` m/s, or metres where it is 0."""
+def step_cost(roads: RoadmapArrays, edge: int, speed_m_s: float) -> float:
+    """Cost of an edge: seconds at `speed_m_s`, or metres with COST_IN_METRES."""
     length = roads.measures[edge, LENGTH]
-    if pace == 0.0:
+    if speed_m_s == COST_IN_METRES:
         return length
     if roads.elevator[edge] >= 0:
         return roads.measures[edge, WAIT] + roads.measures[edge, TRAVEL]
-    return length / min(pace, roads.measures[edge, SPEED_LIMIT])
+    return length / min(speed_m_s, roads.measures[edge, SPEED_LIMIT])
 
 
 @kernel
-def rides_on(roads: Roads, came_by: int, edge: int) -> bool:
-    """Whether an edge rides on in the elevator that one has just come by: nobody gets off and on again."""
+def continues_ride(roads: RoadmapArrays, came_by: int, edge: int) -> bool:
+    """Whether an edge is a second ride in the elevator of the previous edge, which no route contains."""
     return came_by >= 0 and roads.elevator[edge] >= 0 and roads.elevator[came_by] == roads.elevator[edge]
 
 
 @kernel
-def tabulate(roads: Roads, pace: float, radius: float) -> tuple[Floats, Longs]:
-    """Dijkstra from every node: costs (n, n), inf where there is no way, and first edges (n, n)."""
+def tabulate(roads: RoadmapArrays, speed_m_s: float, radius: float) -> tuple[Floats, Longs]:
+    """Dijkstra from every node: costs (n, n), inf where there is no route, and first edges (n, n)."""
     count = roads.xy.shape[0]
     cost = np.full((count, count), np.inf)
     first = np.full((count, count), -1, np.int64)
@@ -102,10 +108,10 @@ def tabulate(roads: Roads, pace: float, radius: float) -> tuple[Floats, Longs]:
                 continue
             done[node] = True
             for edge in range(roads.first[node], roads.first[node + 1]):
-                if roads.measures[edge, CLEARANCE] < radius - TOUCH_M or rides_on(roads, came_by[node], edge):
+                if roads.measures[edge, CLEARANCE] < radius - TOUCH_M or continues_ride(roads, came_by[node], edge):
                     continue
                 other = roads.to[edge]
-                total = so_far + step_cost(roads, edge, pace)
+                total = so_far + step_cost(roads, edge, speed_m_s)
                 if total < row[other]:
                     row[other] = total
                     came_by[other] = edge

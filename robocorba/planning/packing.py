@@ -1,7 +1,5 @@
-"""Many arrays packed into two, so that a query hands over two and not twenty.
-
-Handing an array to a compiled function costs as much as testing a line against the walls;
-inside, the parts are views of the two and cost nothing.
+"""Packs many arrays into two, because passing an array to a compiled function costs as much as testing a line
+against the walls. Inside, the parts are views of the two arrays and cost nothing.
 """
 
 from __future__ import annotations
@@ -16,14 +14,14 @@ from robocorba.spatial.grids import Floats, Longs
 
 
 class Packed(NamedTuple):
-    """`longs` begins with a table of (first, length) for each part, those of `floats` before its own."""
+    """`longs` begins with a table of (first, length) of each part: the parts of `floats`, then its own."""
 
     longs: Longs
     floats: Floats
 
 
 def pack(floats: Sequence[Any], longs: Sequence[Any]) -> Packed:
-    """Pack arrays of any shape; they are counted through, `floats` first."""
+    """Pack arrays of any shape. Parts are numbered from 0, those of `floats` first."""
     head = 2 * (len(floats) + len(longs))
     flat = [np.asarray(part, np.int64).ravel() for part in longs]
     table = [_table(floats, 0), _table(flat, head)]
@@ -40,7 +38,7 @@ def _table(parts: Sequence[Any], first: int) -> Longs:
 
 @kernel
 def rows(packed: Packed, part: int, columns: int) -> Floats:
-    """A part of `floats` as rows of so many columns."""
+    """A part of `floats` as an array with this number of columns."""
     first, length = packed.longs[2 * part], packed.longs[2 * part + 1]
     return packed.floats[first : first + length].reshape(length // columns if columns else 0, columns)
 

@@ -11,7 +11,7 @@ from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
 from robocorba.planning import diagnosis, geometric, topological
 from robocorba.planning.request import (
     SMARTPAL_RADIUS_M,
-    SMARTPAL_SPEED,
+    SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
     PathRequest,
@@ -21,30 +21,30 @@ from robocorba.planning.request import (
     is_near,
 )
 from robocorba.planning.search import find_path
-from robocorba.planning.snapshot import Snapshot
+from robocorba.planning.snapshot import BuildingSnapshot
 
-#: Time for one query [s]: less than the 10 s for which clients usually wait, so that work nobody waits for ends.
+#: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
 TIME_LIMIT_S = 8.0
 
 
 class PathPlanner:
-    """Plans on the building it was last given. Queries run in parallel and never wait for an update."""
+    """Plans on the latest building. Queries run in parallel and never wait for an update."""
 
     def __init__(self, building: Building, version: int = 0, time_limit_s: float = TIME_LIMIT_S) -> None:
-        """A query is given up with PlanningTimeout after `time_limit_s`."""
-        self._snapshot, self._time_limit_s = Snapshot(building, version), time_limit_s
+        """A query raises PlanningTimeout after `time_limit_s`."""
+        self._snapshot, self._time_limit_s = BuildingSnapshot(building, version), time_limit_s
 
     @property
     def version(self) -> int:
-        """Version of the building that queries are planned on."""
+        """Version of the building on which queries are planned."""
         return self._snapshot.version
 
     def update(self, building: Building, version: int) -> None:
-        """Plan on another building from now on; queries under way end on the one before."""
-        self._snapshot = Snapshot(building, version, self._snapshot)
+        """Plan on another building; running queries finish on the previous one."""
+        self._snapshot = BuildingSnapshot(building, version, self._snapshot)
 
     def warm_up(self) -> None:
-        """Compile or load every kernel, so that the first query is as fast as the next. May take half a minute once."""
+        """Compile or load every kernel, so that the first query is not slower. Compiling may take half a minute."""
         outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
         floor = Floor(name="warm-up", level=0, elevation=0.0, outline=outline)
         building = Building("warm-up").with_element("", floor)
@@ -57,12 +57,12 @@ class PathPlanner:
         ):
             building = building.with_element(floor.name, element)
         planner = PathPlanner(building)
-        start, goal = Place(floor.name, 1.6, 1.4), Place(floor.name, 9.0, 1.0)  # start sees no node
-        for _ in building.floors[floor.name].topological.nodes:  # the last one makes the table of all costs
+        start, goal = Place(floor.name, 1.6, 1.4), Place(floor.name, 9.0, 1.0)  # no node in sight of the start
+        for _ in building.floors[floor.name].topological.nodes:  # the last query makes the table of all costs
             planner.shortest(Place(floor.name, 5.0, 5.0), goal)
         planner.shortest(goal, start)
         planner.shortest(start, goal)
-        planner.shortest(start, Place(floor.name, 2.0, 2.6))  # roads are a detour
+        planner.shortest(start, Place(floor.name, 2.0, 2.6))  # the roadmap is a detour
         for mode in RouteMode:
             planner.paths(PathRequest(start, goal, mode=mode))
         with contextlib.suppress(NotFree):
@@ -77,10 +77,10 @@ class PathPlanner:
         floors = roads.floor_index
         if start.floor in floors and goal.floor in floors and is_near(start) and is_near(goal):
             snapshot.count_query()
-            # What nearly every query needs and nothing else: half of the time of a call is Python.
+            # The fast path of nearly every query: Python takes half of the time of a call.
             is_detour, points = find_path(
                 *snapshot.world,
-                *snapshot.guide,
+                *snapshot.heuristics,
                 floors[start.floor],
                 start.x,
                 start.y,
@@ -88,7 +88,7 @@ class PathPlanner:
                 goal.x,
                 goal.y,
                 SMARTPAL_RADIUS_M,
-                SMARTPAL_SPEED,
+                SMARTPAL_SPEED_M_S,
             )
             if is_detour:
                 request = PathRequest(start, goal)
@@ -106,10 +106,10 @@ class PathPlanner:
         Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
         snapshot = self._snapshot
         check_request(snapshot.building, request)
-        snapshot = snapshot.as_asked(request)
+        snapshot = snapshot.variant_for(request)
         deadline = self._deadline()
-        find = geometric.ways if request.mode is RouteMode.GEOMETRIC else topological.ways
-        paths = [snapshot.path(way, request) for way in find(snapshot, request, deadline)]
+        find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes
+        paths = [snapshot.path(route, request) for route in find(snapshot, request, deadline)]
         if not paths:
             _explain(snapshot, request, deadline)
         if len(paths) > 1:
@@ -118,11 +118,11 @@ class PathPlanner:
         return paths
 
 
-def _explain(snapshot: Snapshot, request: PathRequest, deadline: float) -> NoReturn:
-    """Raise what says why there is no path."""
+def _explain(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> NoReturn:
+    """Raise NotFree or NoPath with the reason why there is no path."""
     for which, place in (("start", request.start), ("goal", request.goal)):
         space = snapshot.spaces[place.floor]
         if not space.stands_free(place.x, place.y, request.radius):
-            obstacle, clearance = diagnosis.what_stands_at(space, place.x, place.y, request.radius)
+            obstacle, clearance = diagnosis.obstacle_at(space, place.x, place.y, request.radius)
             raise NotFree(which, *place, obstacle, clearance, request.radius)
-    raise NoPath(*diagnosis.why_no_path(snapshot, request, deadline))
+    raise NoPath(*diagnosis.explain_no_path(snapshot, request, deadline))

@@ -1,4 +1,4 @@
-"""What is asked of the path planning agent, and what it answers."""
+"""Requests to the path planning agent, and the paths that it returns."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from robocorba.maps.model import Building
 from robocorba.maps.polygons import FARTHEST_M, check_polygon
 from robocorba.spatial.pose import XY
 
-#: Planners in SmartPal's laboratory take its base for a disc of this radius, m.
+#: Radius of the disc that planners in SmartPal's laboratory use for its base [m].
 SMARTPAL_RADIUS_M = 0.40
-#: The base's greatest speed, m/s.
-SMARTPAL_SPEED = 1.0
+#: Greatest speed of the base [m/s].
+SMARTPAL_SPEED_M_S = 1.0
 
-#: Larger robots are not planned for; clearances are computed up to here, m.
+#: Greatest robot radius of a request; clearances are computed up to it [m].
 LARGEST_RADIUS_M = 3.0
-MOST_ALTERNATIVES = 9
+MAX_ALTERNATIVES = 9
 MOST_AREAS = 64
 
 
 class PointKind(Enum):
-    """What a point of a path is."""
+    """Kind of a point of a path."""
 
     START = 0
     NODE = 1
@@ -34,7 +34,7 @@ class PointKind(Enum):
 
 
 class RouteMode(Enum):
-    """Along the topological map; the same with corners cut; or the shortest way through free space."""
+    """Along the topological map; the same with corners cut; or the shortest path through free space."""
 
     TOPOLOGICAL = 0
     SMOOTHED = 1
@@ -42,14 +42,14 @@ class RouteMode(Enum):
 
 
 class Criterion(Enum):
-    """What the best path has least of."""
+    """What the best path minimizes."""
 
     SHORTEST_DISTANCE = 0
     SHORTEST_TIME = 1
 
 
 class Place(NamedTuple):
-    """A point on a floor, m."""
+    """A point on a floor [m]."""
 
     floor: str
     x: float
@@ -57,7 +57,7 @@ class Place(NamedTuple):
 
 
 class PathPoint(NamedTuple):
-    """A point of a path: see the IDL's PathPoint for each member's meaning and unit."""
+    """A point of a path: see the IDL's PathPoint for meanings and units."""
 
     kind: PointKind
     node: str
@@ -71,7 +71,7 @@ class PathPoint(NamedTuple):
 
 
 class Names(NamedTuple):
-    """Names of floors, nodes and elevators by index, with an empty one last: that of index -1."""
+    """Names of floors, nodes and elevators by index; the last one is empty, for index -1."""
 
     floors: Sequence[str]
     nodes: Sequence[str]
@@ -79,8 +79,9 @@ class Names(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A path as its compiled search left it: a row a point of kind, node, floor, x, y, heading, distance,
-    time, elevator, the kind as PointKind's value and things with names by their index. Map version `version`."""
+    """A path as the compiled search returns it: one row for each point with kind (PointKind's value), node, floor,
+    x, y, heading, distance, time, elevator; node, floor and elevator are indices into `names`. `version` is the
+    map's."""
 
     rows: list[list[float]]
     names: Names
@@ -99,25 +100,25 @@ class Path(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """How far a robot drives and rides, m; rides count their height."""
+        """Distance driven and ridden [m]; a ride counts its height."""
         return self.rows[-1][6]
 
     @property
     def duration(self) -> float:
-        """How long it takes, s."""
+        """Duration [s]."""
         return self.rows[-1][7]
 
 
 class PathRequest(NamedTuple):
     """A query. Radius in m, speed in m/s; the defaults are SmartPal's.
 
-    `avoid_areas` are (floor, area name), `forbidden_areas` (floor, polygon). On the floors `without_movables` objects
-    that can be moved are not where the map has them; where they are now is for `forbidden_areas` to say."""
+    `avoid_areas` are (floor, area name), `forbidden_areas` (floor, polygon). On the floors `without_movables` the
+    planner ignores the movable objects of the map; `forbidden_areas` can give their present places."""
 
     start: Place
     goal: Place
     radius: float = SMARTPAL_RADIUS_M
-    speed: float = SMARTPAL_SPEED
+    speed: float = SMARTPAL_SPEED_M_S
     mode: RouteMode = RouteMode.SMOOTHED
     best: Criterion = Criterion.SHORTEST_DISTANCE
     avoid_elevators: frozenset[str] = frozenset()
@@ -151,8 +152,8 @@ def check_request(building: Building, request: PathRequest) -> None:
         raise InvalidRequest("robotRadius", f"{request.radius!r} is not between 0 and {LARGEST_RADIUS_M:g} m")
     if not 0.001 <= request.speed <= 100.0:
         raise InvalidRequest("robotSpeed", f"{request.speed!r} is not between 0.001 and 100 m/s")
-    if not 0 <= request.alternatives <= MOST_ALTERNATIVES:
-        raise InvalidRequest("alternatives", f"{request.alternatives} is not between 0 and {MOST_ALTERNATIVES}")
+    if not 0 <= request.alternatives <= MAX_ALTERNATIVES:
+        raise InvalidRequest("alternatives", f"{request.alternatives} is not between 0 and {MAX_ALTERNATIVES}")
     for name in sorted(request.avoid_elevators):
         if name not in building.elevators:
             raise InvalidRequest("avoidElevators", f"there is no elevator {name[:80]!r}")

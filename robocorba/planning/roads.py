@@ -1,7 +1,6 @@
-"""The topological maps of a whole building, compiled into arrays for the search.
+"""The topological maps of a whole building as arrays for the search.
 
-Only floors that an edit touched are compiled anew; the rest is taken over from the
-road map before.
+Only floors that an edit touched are compiled again; the others come from the previous roadmap.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ from robocorba.planning.request import LARGEST_RADIUS_M, Names
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
 from robocorba.spatial.grids import Floats, Grid, Longs
 
-#: Columns of Roads.measures: what an edge is like. A drive waits and travels 0 s; a ride's length is its climb.
+#: Columns of RoadmapArrays.measures. Waiting and travelling are 0 s for a drive; the length of a ride is its climb.
 LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)
 
-#: Clearance of an edge that something lies across or around: no robot uses it, however small.
+#: Clearance of an edge that no robot can use, because an obstacle crosses or encloses it.
 BLOCKED = -1.0
 
 
-class Roads(NamedTuple):
-    """Nodes by index, sorted by floor: xy (n, 2), floor (n,). Edges of node i are
-    first[i]:first[i + 1]: to (m,), elevator (m,) or -1 for a drive, measures (m, 5) in m,
-    m/s and s. fixed (m,) is 1 for edges that must be driven as drawn: one-way or under a limit."""
+class RoadmapArrays(NamedTuple):
+    """Nodes sorted by floor: xy (n, 2) [m], floor (n,). Edges of node i are first[i]:first[i + 1]: to (m,), elevator
+    (m,) or -1 for a drive, measures (m, 5) in m, m/s and s. fixed (m,) is 1 for edges that a drive must follow:
+    one-way or with a speed limit."""
 
     xy: Floats
     floor: Longs
@@ -41,7 +40,7 @@ class Roads(NamedTuple):
 
 
 class FloorRoads:
-    """Nodes and edges of one floor, indices counted on the floor."""
+    """Nodes and edges of one floor, with indices local to the floor."""
 
     def __init__(self, entry: FloorMap, space: FloorSpace) -> None:
         self.topological, self.space = entry.topological, space
@@ -73,7 +72,8 @@ class FloorRoads:
 def _clearances(
     grid: Grid, borders: Floats, rings: Floats, inside: int, xy: Floats, ends: Longs, reach: float
 ) -> Floats:
-    """How far each edge is from what blocks, m; BLOCKED where something lies across it or all around it."""
+    """Distance from each edge to the nearest obstacle [m], at most `reach`; BLOCKED where an obstacle crosses or
+    encloses it."""
     ground = np.empty(xy.shape[0], np.bool_)
     for i in range(xy.shape[0]):
         ground[i] = is_ground(borders, rings, inside, xy[i, 0], xy[i, 1])
@@ -86,7 +86,7 @@ def _clearances(
 
 
 class RoadMap:
-    """The road map of a building: `roads` for the search, and the way back from its indices to names."""
+    """The roadmap of a building: `roads` for the search, and the names of its indices."""
 
     def __init__(self, building: Building, spaces: dict[str, FloorSpace], before: RoadMap | None = None) -> None:
         self.building = building
@@ -123,12 +123,12 @@ class RoadMap:
         floor = np.repeat(np.arange(len(parts)), np.diff(self.offset)).astype(np.int64)
         xy = np.concatenate([np.empty((0, 2)), *(part.xy for part in parts)])
         fixed = (directed[order] | np.isfinite(measures[order, SPEED_LIMIT])).astype(np.int64)
-        self.roads = Roads(xy, floor, first, to[order], elevator[order], measures[order], fixed)
+        self.roads = RoadmapArrays(xy, floor, first, to[order], elevator[order], measures[order], fixed)
         self._order = order
 
     @cached_property
     def edges(self) -> list[PathEdge | None]:
-        """The edge of the map behind each index of `roads`; None for a ride."""
+        """The path edge of each index of `roads`; None for a ride."""
         flat: list[PathEdge | None] = [edge for part in self.parts.values() for edge in part.edges]
         flat += [None] * (len(self._order) - len(flat))
         return [flat[i] for i in self._order.tolist()]

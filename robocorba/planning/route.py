@@ -1,10 +1,9 @@
-"""A way, row by row, and what it amounts to as a path.
+"""Routes as arrays, and the points of the path that a route gives.
 
-A way is an array (k, COLUMNS), a row a stop: the index of its floor, x and y in m, the
-index of its node or -1, and how it goes on from there: the index of the elevator ridden
-or -1 for a drive, the speed limit in m/s (inf for none), the seconds to wait for the
-elevator and to travel in it, and 1 where the drive must be made as drawn (a one-way edge, or
-one with a speed limit), else 0. It begins and ends with a drive.
+A route is an array (k, COLUMNS) with one row for each stop: index of the floor, x and y [m], index of the path node
+or -1, and the step to the next stop: index of the elevator or -1 for a drive, speed limit [m/s] (inf for none),
+seconds to wait for the elevator and to travel in it, and 1 if the drive must follow the path edge (one-way or with a
+speed limit), else 0. A route begins and ends with a drive.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _START, _NODE, _WAYPOINT, _ENTRY, _EXIT, _GOAL = (float(kind.value) for kind in 
 
 
 def waypoints(floor: float, places: Floats) -> Floats:
-    """The rows of drives over places (k, 2) of a floor, off the graph."""
+    """Rows (k, COLUMNS) of drives between points (k, 2) [m] of a floor, off the topological map."""
     rows = np.empty((len(places), COLUMNS))
     rows[:] = (floor, 0.0, 0.0, -1.0, -1.0, math.inf, 0.0, 0.0, 0.0)
     rows[:, X : Y + 1] = places
@@ -32,22 +31,23 @@ def waypoints(floor: float, places: Floats) -> Floats:
 
 
 @kernel
-def measure(way: Floats, elevations: Floats, speed: float) -> Floats:
-    """The points of a way driven at `speed` m/s, a row each as in request.Path; `elevations` of the floors in m."""
-    count = way.shape[0]
+def measure(route: Floats, elevations: Floats, speed: float) -> Floats:
+    """The points (k, 9) of a route driven at `speed` [m/s], with the columns of request.Path; `elevations` are those
+    of the floors [m]."""
+    count = route.shape[0]
     points = np.empty((count, 9))
     distance = time = heading = 0.0
     ridden = -1.0
     for i in range(count):
-        step, goes_by = 0.0, way[i, ELEVATOR]
+        step, goes_by = 0.0, route[i, ELEVATOR]
         if goes_by >= 0.0:
-            time += way[i, WAITS]
+            time += route[i, WAITS]
         elif i < count - 1:
-            dx, dy = way[i + 1, X] - way[i, X], way[i + 1, Y] - way[i, Y]
+            dx, dy = route[i + 1, X] - route[i, X], route[i + 1, Y] - route[i, Y]
             step = math.hypot(dx, dy)
             if step > 0.0:
                 heading = math.atan2(dy, dx)
-        kind = _NODE if way[i, NODE] >= 0.0 else _WAYPOINT
+        kind = _NODE if route[i, NODE] >= 0.0 else _WAYPOINT
         if i == 0:
             kind = _START
         elif i == count - 1:
@@ -56,14 +56,14 @@ def measure(way: Floats, elevations: Floats, speed: float) -> Floats:
             kind = _ENTRY
         elif ridden >= 0.0:
             kind = _EXIT
-        points[i, 0], points[i, 1], points[i, 2] = kind, way[i, NODE], way[i, FLOOR]
-        points[i, 3], points[i, 4], points[i, 5] = way[i, X], way[i, Y], heading
+        points[i, 0], points[i, 1], points[i, 2] = kind, route[i, NODE], route[i, FLOOR]
+        points[i, 3], points[i, 4], points[i, 5] = route[i, X], route[i, Y], heading
         points[i, 6], points[i, 7], points[i, 8] = distance, time, max(goes_by, ridden)
         if goes_by >= 0.0:
-            distance += abs(elevations[int(way[i + 1, FLOOR])] - elevations[int(way[i, FLOOR])])
-            time += way[i, TRAVELS]
+            distance += abs(elevations[int(route[i + 1, FLOOR])] - elevations[int(route[i, FLOOR])])
+            time += route[i, TRAVELS]
         else:
             distance += step
-            time += step / min(speed, way[i, LIMIT])
+            time += step / min(speed, route[i, LIMIT])
         ridden = goes_by
     return points

@@ -1,4 +1,4 @@
-"""Distances between points and line segments, in m."""
+"""Distances between line segments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _cross(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 @kernel
 def segments_distance2(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
-    """Squared distance of the segments ab and cd."""
+    """Squared distance between the segments ab and cd [m^2]."""
     if (_cross(ax, ay, bx, by, cx, cy) > 0.0) != (_cross(ax, ay, bx, by, dx, dy) > 0.0) and (
         _cross(cx, cy, dx, dy, ax, ay) > 0.0
     ) != (_cross(cx, cy, dx, dy, bx, by) > 0.0):

@@ -1,4 +1,4 @@
-"""A building at one version, compiled for planning; queries share it, edits replace it."""
+"""A building at one version, compiled for planning. Queries share it; each edit replaces it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robocorba.errors.paths import NoPath
 from robocorba.maps.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
 from robocorba.maps.movable import movables
 from robocorba.planning.floor_source import FloorSource
-from robocorba.planning.heuristics import make_guide
+from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
 from robocorba.planning.packing import Packed
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Path, PathRequest
 from robocorba.planning.roads import CLEARANCE, RoadMap
@@ -25,18 +25,18 @@ from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
 from robocorba.spatial.grids import Floats, Longs
 
-#: Tangent graphs kept, one for each floor and radius; the least recently used is dropped first.
-MOST_GRAPHS = 64
-#: So many variants of the building, with forbidden areas or without movables, are kept, the latest used.
-MOST_VARIANTS = 8
+#: Greatest number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
+MAX_GRAPHS = 64
+#: Greatest number of cached variants of the building (with forbidden areas, without movables); the oldest is dropped.
+MAX_VARIANTS = 8
 
 NO_FACTOR: Floats = np.empty(0)
 
 
-class Snapshot:
-    """Spaces and roads of a building. Immutable but for its caches, which are bounded."""
+class BuildingSnapshot:
+    """Spaces and roadmap of a building. Immutable apart from its bounded caches."""
 
-    def __init__(self, building: Building, version: int, before: Snapshot | None = None) -> None:
+    def __init__(self, building: Building, version: int, before: BuildingSnapshot | None = None) -> None:
         self.building, self.version = building, version
         self.spaces: dict[str, FloorSpace] = {}
         for floor in building.floors:
@@ -46,13 +46,13 @@ class Snapshot:
         self.roads: RoadMap = RoadMap(building, self.spaces, before.roads if before else None)
         lanes = [part.lanes for part in self.roads.parts.values()]
         self.world = pack_world(list(self.spaces.values()), lanes, self.roads.elevations, self.roads.roads)
-        #: For getPath's own robot, which nearly all queries are about.
-        self.guide = make_guide(self.roads, 0.0)
-        self._asked = 0
-        self._guides: dict[tuple[float, frozenset[str]], Packed] = {}
+        #: For the robot and cost of getPath, which nearly all queries use.
+        self.heuristics = make_heuristics(self.roads, COST_IN_METRES)
+        self._queries = 0
+        self._heuristics_by_speed: dict[tuple[float, frozenset[str]], Packed] = {}
         self._lock = threading.Lock()
         self._graphs: OrderedDict[tuple[str, float], TangentGraph] = OrderedDict()
-        self._variants: OrderedDict[tuple, Snapshot] = OrderedDict()
+        self._variants: OrderedDict[tuple, BuildingSnapshot] = OrderedDict()
         self._factors: dict[tuple[frozenset[str], str], Floats] = {}
         self._components: dict[tuple[float, frozenset[str], str], Longs] = {}
         if before:
@@ -61,17 +61,17 @@ class Snapshot:
             self._graphs.update((key, graph) for key, graph in kept if graph.space is self.spaces.get(key[0]))
 
     def graph(self, floor: str, radius_m: float) -> TangentGraph:
-        """The shortest legs through the free space of a floor for a radius."""
+        """The tangent graph of a floor for a radius [m]."""
         with self._lock:
             found = self._graphs.setdefault((floor, radius_m), TangentGraph(self.spaces[floor], radius_m))
             self._graphs.move_to_end((floor, radius_m))
-            while len(self._graphs) > MOST_GRAPHS:
+            while len(self._graphs) > MAX_GRAPHS:
                 self._graphs.popitem(last=False)
         return found
 
     def components(self, radius_m: float, avoid_elevators: frozenset[str], graph: str) -> Longs:
-        """The number of the component of the road map that each node is in, for a robot of that radius. One-way edges
-        count as if they were two-way."""
+        """The component of the roadmap (n,) that each node belongs to for a robot of this radius [m]. One-way edges
+        count as two-way."""
         key = (radius_m, avoid_elevators, graph)
         known = self._components.get(key)
         if known is None:
@@ -85,14 +85,14 @@ class Snapshot:
                 (np.ones(int(usable.sum()), np.int8), (origin[usable], roads.to[usable])), (len(roads.xy),) * 2
             )
             known = connected_components(links, directed=False)[1].astype(np.int64)
-            if len(self._components) >= MOST_VARIANTS:
+            if len(self._components) >= MAX_VARIANTS:
                 self._components.clear()
             self._components[key] = known
         return known
 
-    def path(self, way: Floats, request: PathRequest) -> Path:
-        """The path that a way is. Raises NoPath where the way is not clear, whatever found it."""
-        points = points_of(self.world, way, request.radius, request.speed)
+    def path(self, route: Floats, request: PathRequest) -> Path:
+        """The path of a route. Raises NoPath if the route comes nearer to an obstacle than the radius."""
+        points = points_of(self.world, route, request.radius, request.speed)
         if not len(points):
             raise NoPath(
                 f"the path that was found comes nearer than {request.radius:g} m to an obstacle and is withheld; "
@@ -100,9 +100,9 @@ class Snapshot:
             )
         return Path(points.tolist(), self.roads.names, self.version)
 
-    def as_asked(self, request: PathRequest) -> Snapshot:
-        """This building with every area that the request avoids standing there as a solid object, and without what can
-        be moved on the floors where the request knows better."""
+    def variant_for(self, request: PathRequest) -> BuildingSnapshot:
+        """This building with every area that the request avoids as a solid object, and without movable objects on
+        the request's floors `without_movables`."""
         floors = frozenset(request.without_movables)
         if not request.avoid_areas and not request.forbidden_areas and not floors:
             return self
@@ -124,53 +124,55 @@ class Snapshot:
                 name += "'"
             solid = MapObject(name=name, shape=PolygonShape(points=polygon), at=(0.0, 0.0))
             building = building.with_element(floor, solid)
-        return self._keep_variant(key, Snapshot(building, self.version, self))
+        return self._keep_variant(key, BuildingSnapshot(building, self.version, self))
 
-    def _keep_variant(self, key: tuple, made: Snapshot) -> Snapshot:
+    def _keep_variant(self, key: tuple, made: BuildingSnapshot) -> BuildingSnapshot:
         with self._lock:
             self._variants[key] = made
-            while len(self._variants) > MOST_VARIANTS:
+            while len(self._variants) > MAX_VARIANTS:
                 self._variants.popitem(last=False)
         return made
 
-    def with_one_way_edges_closed(self) -> Snapshot:
-        """This building with a wall along every one-way edge, for ways that keep clear of them."""
+    def with_one_way_edges_closed(self) -> BuildingSnapshot:
+        """This building with a wall along every one-way edge."""
         return self._variant("one-way edges closed", _with_walls_on_one_way_edges)
 
-    def with_doors_unlocked(self) -> Snapshot | None:
-        """This building with every door unlocked; None where none is locked."""
+    def with_doors_unlocked(self) -> BuildingSnapshot | None:
+        """This building with every door unlocked; None if none is locked."""
         if any(door.locked for entry in self.building.floors.values() for door in entry.geometrical.doors.values()):
             return self._variant("doors unlocked", _with_doors_unlocked)
         return None
 
-    def _variant(self, name: str, change: Callable[[FloorMap], FloorMap]) -> Snapshot:
+    def _variant(self, name: str, change: Callable[[FloorMap], FloorMap]) -> BuildingSnapshot:
         with self._lock:
             known = self._variants.get((name,))
         if known:
             return known
         floors = {floor: change(entry) for floor, entry in self.building.floors.items()}
         building = msgspec.structs.replace(self.building, floors=floors)
-        return self._keep_variant((name,), Snapshot(building, self.version, self))
+        return self._keep_variant((name,), BuildingSnapshot(building, self.version, self))
 
     def count_query(self) -> None:
-        """A building that was asked for as many paths as it has nodes gets a table of all costs: it has paid for it."""
-        self._asked += 1
-        if self._asked == len(self.roads.roads.xy):
-            self.guide = make_guide(self.roads, 0.0, radius=SMARTPAL_RADIUS_M)
+        """Count a query. After as many queries as the building has nodes, make the table of all costs, which then
+        pays off."""
+        self._queries += 1
+        if self._queries == len(self.roads.roads.xy):
+            self.heuristics = make_heuristics(self.roads, COST_IN_METRES, radius=SMARTPAL_RADIUS_M)
 
-    def guide_for(self, pace: float, radius: float, avoid: frozenset[str]) -> Packed:
-        """The guide for costs in seconds at `pace` m/s, or in metres where it is 0, without the elevators avoided."""
-        if pace == 0.0 and radius == SMARTPAL_RADIUS_M and not avoid:
-            return self.guide
-        known = self._guides.get((pace, avoid))
+    def heuristics_for(self, speed_m_s: float, radius: float, avoid: frozenset[str]) -> Packed:
+        """Heuristics for costs in seconds at `speed_m_s`, or in metres with COST_IN_METRES, without the elevators
+        `avoid`."""
+        if speed_m_s == COST_IN_METRES and radius == SMARTPAL_RADIUS_M and not avoid:
+            return self.heuristics
+        known = self._heuristics_by_speed.get((speed_m_s, avoid))
         if known is None:
-            if len(self._guides) >= MOST_VARIANTS:
-                self._guides.clear()
-            known = self._guides[pace, avoid] = make_guide(self.roads, pace, avoid)
+            if len(self._heuristics_by_speed) >= MAX_VARIANTS:
+                self._heuristics_by_speed.clear()
+            known = self._heuristics_by_speed[speed_m_s, avoid] = make_heuristics(self.roads, speed_m_s, avoid)
         return known
 
     def factor(self, avoid_elevators: frozenset[str], graph: str) -> Floats:
-        """What multiplies the costs of edges: inf for those that a request must not use; empty where all are open."""
+        """Cost factors of the edges (m,): inf for edges that a request must not use; empty if all are open."""
         if not avoid_elevators and not graph:
             return NO_FACTOR
         known = self._factors.get((avoid_elevators, graph))
@@ -182,7 +184,7 @@ class Snapshot:
                 for edge, elevator in zip(roads.edges, roads.roads.elevator.tolist(), strict=True)
             ]
             known = np.where(shut, np.inf, 1.0)
-            if len(self._factors) >= MOST_VARIANTS:
+            if len(self._factors) >= MAX_VARIANTS:
                 self._factors.clear()
             self._factors[avoid_elevators, graph] = known
         return known
@@ -206,7 +208,7 @@ def _with_doors_unlocked(entry: FloorMap) -> FloorMap:
 
 
 def _without_movables(building: Building, floors: frozenset[str]) -> Building:
-    for thing, floor in movables(building).values() if floors else ():
+    for movable, floor in movables(building).values() if floors else ():
         if floor in floors:
-            building = building.without(ElementKind.OBJECT, floor, thing.name)
+            building = building.without(ElementKind.OBJECT, floor, movable.name)
     return building

@@ -1,7 +1,7 @@
-"""The free space of one floor, compiled: is this point free, may a robot drive this line?
+"""The free space of one floor, compiled: whether a point is free, and whether a robot can drive along a line.
 
-Everything that blocks becomes line segments in a uniform grid; a query looks only at
-the cells it touches. Distances are exact, and the kernels run without the GIL.
+All obstacles become line segments in a uniform grid, and a query tests only the cells that it touches. Distances are
+exact, and the kernels run without the GIL.
 """
 
 from __future__ import annotations
@@ -24,20 +24,19 @@ from robocorba.planning.segments import segments_distance2
 from robocorba.spatial.grids import Floats, Grid, build_grid, column_of, row_of, segments_of, span
 from robocorba.spatial.pose import XY
 
-#: A robot may touch what it drives past, but not by more than rounding, m.
+#: Tolerance for rounding where a robot touches what it passes [m].
 TOUCH_M = 1e-9
 
 
 class FloorSpace:
     """The free space of one floor.
 
-    `grid` holds every obstacle's segments, `owners[i]` what segment i belongs to. `borders` are the sides of the
-    outline and of all solid objects, one ring behind the other; `rings` (k, 6) has the box around each ring (min x,
-    min y, max x, max y in m), its first side and how many it has, the outline first; `inside` is 1 where there is an
-    outline."""
+    `grid` holds the segments of all obstacles; `owners` are the obstacles. `borders` are the sides of the outline
+    and of all solid objects, ring after ring; `rings` (k, 6) has the bounding box of each ring (min x, min y, max x,
+    max y in m), its first side and its number of sides, the outline first; `inside` is 1 if there is an outline."""
 
     def __init__(self, building: Building, floor: str, before: FloorSpace | None = None) -> None:
-        """With `before`, the space of the same floor in an earlier building, only what differs is made anew."""
+        """With `before`, the space of the same floor in an earlier building, only the differences are recomputed."""
         entry = building.floors[floor]
         self.floor, self.source = floor, FloorSource(building, floor)
         touched = self.source.touched_since(before.source, building) if before else None
@@ -54,7 +53,7 @@ class FloorSpace:
         self._lock = threading.Lock()
 
     def _changed(self, before: FloorSpace, touched: Touched, building: Building) -> Floats:
-        """Take over what was not touched; returns all segments."""
+        """Keep the obstacles that were not touched and add the changed ones; returns all segments."""
         names = {("wall", name) for name in touched.walls} | {("object", name) for name in touched.objects}
         names |= {("door", name) for name in touched.doors}
         known = {name for _, name in names}
@@ -88,7 +87,7 @@ class FloorSpace:
         return borders, np.column_stack([*boxes, first, np.diff(first, append=len(borders))])
 
     def mesh(self, points: Sequence[XY]) -> FloorMesh:
-        """A triangulation of everything that blocks, which covers these points; made when first asked for."""
+        """A triangulation of all obstacles that covers these points, made on first use."""
         with self._lock:
             if self._mesh is None or not self._mesh.covers(points):
                 self._mesh = FloorMesh(self.grid, bool(self.inside), points)
@@ -99,28 +98,28 @@ class FloorSpace:
         return bool(is_ground(self.borders, self.rings, self.inside, x, y))
 
     def stands_free(self, x: float, y: float, radius_m: float) -> bool:
-        """Whether a robot of that radius can stand at a point."""
+        """Whether a robot of this radius [m] fits at a point."""
         return bool(stands_free(self.grid, self.borders, self.rings, self.inside, x, y, radius_m))
 
     def nearest(self, x: float, y: float, reach_m: float) -> tuple[float, Obstacle | None]:
-        """Distance to the nearest obstacle and which it is; (reach_m, None) where none is nearer."""
+        """The nearest obstacle and its distance [m]; (reach_m, None) if none is nearer."""
         distance, segment = nearest_segment(self.grid, x, y, reach_m)
         return float(distance), None if segment < 0 else self.owners[self._owner_of[segment]]
 
     def nearest_to_line(
         self, ax: float, ay: float, bx: float, by: float, reach_m: float
     ) -> tuple[float, Obstacle | None]:
-        """The same for the line from a to b."""
+        """The nearest obstacle to the line from a to b and its distance [m]; (reach_m, None) if none is nearer."""
         distance, segment = line_clearance(self.grid, ax, ay, bx, by, reach_m)
         return float(distance), None if segment < 0 else self.owners[self._owner_of[segment]]
 
     def line_is_free(self, ax: float, ay: float, bx: float, by: float, radius_m: float) -> bool:
-        """Whether a robot of that radius can drive straight from a to b, both on the ground."""
+        """Whether a robot of this radius [m] can drive straight from a to b, both on the ground."""
         return bool(line_free(self.grid, ax, ay, bx, by, radius_m))
 
 
 def _are_rings(items: Sequence[Obstacle]) -> NDArray[np.bool_]:
-    """Which obstacles close an area off: solid objects and the outline."""
+    """Which obstacles enclose an area: solid objects and the outline."""
     solid = np.isin(
         shapely.get_type_id(np.array([item.geometry for item in items], object)), shapely.GeometryType.POLYGON
     )
@@ -129,7 +128,7 @@ def _are_rings(items: Sequence[Obstacle]) -> NDArray[np.bool_]:
 
 @kernel
 def line_clearance(grid: Grid, ax: float, ay: float, bx: float, by: float, reach: float) -> tuple[float, int]:
-    """Distance from the line ab to the nearest segment and its index; (reach, -1) where none is nearer."""
+    """Distance from the line ab to the nearest segment [m] and its index; (reach, -1) if none is nearer."""
     segments, start, items, frame = grid
     best, nearest = reach * reach, -1
     columns = int(frame[3])
@@ -150,7 +149,7 @@ def line_clearance(grid: Grid, ax: float, ay: float, bx: float, by: float, reach
 
 @kernel
 def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
-    """Whether nothing is nearer than `radius` to the line ab."""
+    """Whether no segment is nearer than `radius` to the line ab."""
     segments, start, items, frame = grid
     reach = max(radius - TOUCH_M, 0.0)
     limit = reach * reach
@@ -172,7 +171,8 @@ def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: fl
 
 @kernel
 def least_around(grid: Grid, ax: float, ay: float, bx: float, by: float) -> float:
-    """What a way from a to b takes at least, m: around one end of each segment that lies across the straight line."""
+    """Lower bound of the length of a path from a to b [m]: around one end of each segment that crosses the straight
+    line."""
     segments, start, items, frame = grid
     least = math.hypot(bx - ax, by - ay)
     columns = int(frame[3])
@@ -193,13 +193,13 @@ def least_around(grid: Grid, ax: float, ay: float, bx: float, by: float) -> floa
 
 @kernel
 def nearest_segment(grid: Grid, x: float, y: float, reach: float) -> tuple[float, int]:
-    """Distance from a point to the nearest segment and its index; (reach, -1) where none is nearer."""
+    """Distance from a point to the nearest segment [m] and its index; (reach, -1) if none is nearer."""
     return line_clearance(grid, x, y, x, y, reach)
 
 
 @kernel
 def is_ground(borders: Floats, rings: Floats, inside: int, x: float, y: float) -> bool:
-    """Whether a point lies inside the outline, if there is one, and outside every solid object; see FloorSpace."""
+    """Whether a point lies inside the outline, if there is one, and outside all solid objects; see FloorSpace."""
     for k in range(rings.shape[0]):
         x0, y0, x1, y1 = rings[k, 0], rings[k, 1], rings[k, 2], rings[k, 3]
         odd = False
@@ -216,14 +216,14 @@ def is_ground(borders: Floats, rings: Floats, inside: int, x: float, y: float) -
 
 @kernel
 def stands_free(grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float) -> bool:
-    """Whether a point lies on the ground with nothing nearer than `radius`."""
+    """Whether a point lies on the ground and no segment is nearer than `radius`."""
     return line_free(grid, x, y, x, y, radius) and is_ground(borders, rings, inside, x, y)
 
 
 @kernel
 def against_one_way(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
-    """Whether driving from a to b runs against a one-way edge: within `radius` beside it,
-    in the opposite direction, for more than the robot's own width. Crossing it is allowed."""
+    """Whether a drive from a to b goes against a one-way edge: in the opposite direction, within `radius` beside it,
+    for more than the robot's diameter. Crossing is allowed."""
     for i in range(lanes.shape[0]):
         px, py, qx, qy = lanes[i]
         length = math.hypot(qx - px, qy - py)

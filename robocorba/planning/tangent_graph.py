@@ -1,11 +1,12 @@
-"""Shortest ways through the free space of one floor, for one robot radius.
+"""Shortest drives through the free space of one floor for one robot radius.
 
-A shortest way of a round robot is made of straight lines and of arcs around the ends of walls and the corners of
-objects. So the graph has a circle for each of these vertices, and lines that touch two circles. Nothing of it is
-made in advance: the lines from a vertex are found when a search first comes to it, among the vertices that can be
-seen from there, and kept until an edit touches the floor. Why not a navigation mesh: it would have to be built for
-each radius from the grown obstacles, which takes longer than most searches; here one triangulation of the walls
-serves all radii. What sees what with a radius is a part of what sees what without one, so no way is missed.
+A shortest path of a round robot consists of straight lines and of arcs around ends of walls and corners of objects. The
+graph has a circle around each of these vertices, and lines that touch two circles. A search finds the lines from a
+vertex when it first reaches it, among the vertices visible from there, and keeps them until an edit touches the floor.
+
+A navigation mesh would have to be built for each radius from the grown obstacles, which takes longer than most
+searches; here one triangulation of the walls serves all radii. Whatever sees each other with a radius also does
+without one, so no path is missed.
 """
 
 from __future__ import annotations
@@ -37,26 +38,26 @@ from robocorba.planning.visible_region import make_scratch
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY
 
-#: Robots turn at least this far from a vertex, m: without any distance, a wall would have no corner to turn at.
+#: Least radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.
 LEAST_TURN_M = 0.01
-#: Lines that a graph keeps [lines, 41 bytes each]: more are forgotten before the next search.
-MOST_LINES = 4_000_000
-#: Lines that there is room for at first.
+#: Number of lines of a graph (41 bytes each) beyond which it forgets them before the next search.
+MAX_LINES = 4_000_000
+#: Number of lines with room at first.
 FIRST_LINES = 4_096
-#: Work of a search between two looks at the clock [visited triangles]: about a tenth of a second.
+#: Work of a search between two checks of the deadline [visited triangles]: about 0.1 s.
 BUDGET = 1_000_000
 NO_LANES: Floats = np.empty((0, 4))
 
 
-class Leg(NamedTuple):
-    """A drive on one floor: its length in m (inf where there is none) and its corners (k, 2), ends included."""
+class DriveLeg(NamedTuple):
+    """A drive on one floor: length [m] (inf if there is none) and corners (k, 2), ends included."""
 
     length: float
     points: Floats
 
 
 class TangentGraph:
-    """The shortest legs between any points of a floor for one radius. Safe from any thread, one search at a time."""
+    """The shortest drives between points of a floor for one radius. Thread-safe; one search at a time."""
 
     def __init__(self, space: FloorSpace, radius_m: float) -> None:
         self.space, self.radius = space, radius_m
@@ -64,7 +65,7 @@ class TangentGraph:
         self._mesh: FloorMesh | None = None
 
     def _prepare(self, points: Sequence[XY]) -> None:
-        """Have a mesh that covers these points. With the lock held."""
+        """Ensure that the mesh covers these points. The caller holds the lock."""
         if self._mesh is not None and self._mesh.covers(points):
             return
         self._mesh = self.space.mesh(points)
@@ -73,9 +74,9 @@ class TangentGraph:
         same = max(2 * self._mesh.merged_m, 2 * float(self._mesh.mesh.frame[2]))
         self._radii = Radii(self.radius, turn, same)
         self._scratch = make_scratch(self._mesh.mesh)
-        way_out = self._mesh.way_out
-        near = near_core(self._mesh.mesh, self._mesh.xy, way_out, reach_m(self._radii))
-        self._dead_ends = DeadEnds(way_out, near, np.zeros(vertices, np.int64))
+        exit_triangle = self._mesh.exit_triangle
+        near = near_core(self._mesh.mesh, self._mesh.xy, exit_triangle, reach_m(self._radii))
+        self._dead_ends = DeadEnds(exit_triangle, near, np.zeros(vertices, np.int64))
         self._arcs = Arcs(
             self._mesh.low,
             self._mesh.span,
@@ -86,7 +87,7 @@ class TangentGraph:
         self._make_room(FIRST_LINES)
 
     def _make_room(self, room: int) -> None:
-        """Forget all lines and make room for so many."""
+        """Forget all lines and allocate room for `room` lines."""
         circles = 2 * len(self._arcs.low)
         self._lines = Lines(
             np.zeros(circles, np.int64),
@@ -110,7 +111,7 @@ class TangentGraph:
         )
 
     def _more_room(self) -> None:
-        """Make twice the room, keeping the lines."""
+        """Double the room, keeping the lines."""
         old, room = self._lines, 2 * len(self._lines.to)
         grown = {
             name: np.concatenate([array, np.zeros_like(array)])
@@ -131,12 +132,12 @@ class TangentGraph:
         lanes: Floats = NO_LANES,
         outbound: bool = True,
         deadline: float = math.inf,
-    ) -> list[Leg]:
-        """The shortest leg from `origin` to each target; all must be free for the radius.
+    ) -> list[DriveLeg]:
+        """The shortest drive from `origin` to each target [m]; all must be free for the radius.
 
-        With `enough`, only so many of the shortest are sure to be found, with `longest_m` none longer. `lanes` (n, 4)
-        are one-way edges that legs must not be driven against: from the origin or, where not `outbound`, to it.
-        Raises PlanningTimeout where it is not done by `deadline` (time.monotonic, s)."""
+        With `enough`, only that many of the shortest drives are certain to be found; with `longest_m` none is
+        longer. `lanes` (n, 4) are one-way edges that a drive must not go against, from the origin or, if not
+        `outbound`, to it. Raises PlanningTimeout after `deadline` (time.monotonic) [s]."""
         if not targets:
             return []
         goals = np.array(targets, float).reshape(-1, 2)
@@ -149,7 +150,7 @@ class TangentGraph:
             try:
                 self._prepare([origin, *targets])
                 assert self._mesh is not None
-                if self._lines.used[0] > MOST_LINES:
+                if self._lines.used[0] > MAX_LINES:
                     self._make_room(FIRST_LINES)
                 status, lengths, first, corners = search(
                     self._mesh.mesh,
@@ -174,7 +175,7 @@ class TangentGraph:
             finally:
                 self._lock.release()
             if status == DONE:
-                return [Leg(length, corners[first[i] : first[i + 1]]) for i, length in enumerate(lengths.tolist())]
+                return [DriveLeg(length, corners[first[i] : first[i + 1]]) for i, length in enumerate(lengths.tolist())]
             if time.monotonic() > deadline:
                 raise PlanningTimeout(self.space.floor)
             if status != NO_ROOM:

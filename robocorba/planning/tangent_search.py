@@ -1,7 +1,7 @@
-"""A* over circles around vertices and the lines that touch them; see tangent_graph.py for the idea.
+"""A* over circles around vertices and the lines that touch them; tangent_graph.py explains the idea.
 
-Lines that leave a vertex are found when the search first comes to it, and kept. Whether such a line is free is
-tested when the search takes it, which it does for few of them, and kept as well.
+The search finds the lines from a vertex when it first reaches it, and keeps them. It tests whether a line is free
+when it takes the line, which it does for few of them, and keeps the result.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.kernels import kernel
-from robocorba.planning.dead_ends import DeadEnds, stamp_way_out
+from robocorba.planning.dead_ends import DeadEnds, stamp_exit_route
 from robocorba.planning.space import against_one_way, line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh
 from robocorba.planning.visible_region import Scratch, seen_from
 from robocorba.spatial.grids import Floats, Grid, Longs
 
-#: How a search ended.
+#: Statuses of a search.
 DONE, NO_ROOM, NO_BUDGET = range(3)
-#: What is known of an arc, and of a line.
+#: States of an arc and of a line.
 UNKNOWN, FREE, BLOCKED = range(3)
-#: With more goals than this the search spreads evenly instead of aiming at them.
-MOST_AIMED_AT = 8
-#: Angles and lengths that differ by less are the same to a search, rad and m: below the rounding of a long way.
+#: Number of goals beyond which the search uses no heuristic.
+MAX_AIMED_GOALS = 8
+#: Angles [rad] and lengths [m] that differ by less are equal: below the rounding of a long path.
 SAME_ARC_RAD, SAME_M = 1e-9, 1e-12
-#: Cost of work in units of one visited triangle.
+#: Work of testing a line [visited triangles].
 LINE_WORK = 8
 
 
 class Lines(NamedTuple):
-    """Lines that leave the circles of vertices, in the order in which they were found: those of vertex v with turn +1
-    are first[2 v]:first[2 v] + number[2 v] (number -1: not looked for yet), with turn -1 the same of 2 v + 1.
+    """Lines from the circles of vertices, in the order found: those of vertex v with turn +1 are first[2 v]:first[2 v]
+    + number[2 v] (number -1: not yet searched), those with turn -1 the same of 2 v + 1.
 
-    to: 2 w for the circle of w taken with turn +1, 2 w + 1 with turn -1; leave, arrive: angles on the two arcs; length
-    in m; state: UNKNOWN, FREE or BLOCKED; used: how many there are."""
+    to: 2 w for the circle of w with turn +1, 2 w + 1 with turn -1; leave, arrive: angles on the two arcs [rad];
+    length [m]; state: UNKNOWN, FREE or BLOCKED; used: number of lines."""
 
     first: Longs
     number: Longs
@@ -51,9 +51,9 @@ class Lines(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """The arcs of vertices: `low` (rad) where it begins and `span` its length (negative: none), from the walls that
-    meet there; `ends` (n, 4), the unit vectors towards the ends of the part that can be free for the radius; `state`
-    UNKNOWN, FREE (nothing else is near), or BLOCKED, and `usable` whether there is a free part at all."""
+    """The arcs of vertices: `low` is the begin of each and `span` its length [rad] (negative: none), from the walls
+    that meet there; `ends` (n, 4) are unit vectors to the ends of the part that can be free for the radius; `state`
+    is UNKNOWN, FREE (no other obstacle is near) or BLOCKED; `usable` is whether a free part exists."""
 
     low: Floats
     span: Floats
@@ -63,8 +63,9 @@ class Arcs(NamedTuple):
 
 
 class Labels(NamedTuple):
-    """What one search knows: the least cost (m) to the end of each line; of each circle the angle and the cost less
-    its arc of an earlier arrival; the first link from each circle to a goal. Valid where the epoch is the search's."""
+    """What one search knows: the least cost [m] to the end of each line; for each circle the angle of an earlier
+    arrival and its cost minus its arc; the first link from each circle to a goal. An entry is valid if its epoch is
+    the search's."""
 
     cost: Floats
     cost_epoch: Longs
@@ -77,8 +78,8 @@ class Labels(NamedTuple):
 
 
 class Radii(NamedTuple):
-    """Of the robot, and of the circles on which it turns: not less, in m. Ends of walls less than `same_m` apart are
-    one vertex."""
+    """Radius of the robot, and of the circles on which it turns, which is not smaller [m]. Ends of walls less than
+    `same_m` apart are one vertex."""
 
     robot: float
     turn: float
@@ -87,7 +88,7 @@ class Radii(NamedTuple):
 
 @kernel
 def _arc_known(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool:
-    """Find out once what of a vertex's arc is free; whether there is any of it."""
+    """Determine once which part of a vertex's arc is free; returns whether there is one."""
     if arcs.state[v] == UNKNOWN:
         first, last, alone = free_arc(grid, xy[v, 0], xy[v, 1], arcs.low[v], arcs.span[v], radii.turn, radii.same_m)
         arcs.ends[v, 0], arcs.ends[v, 1] = math.cos(arcs.low[v] + first), math.sin(arcs.low[v] + first)
@@ -99,7 +100,7 @@ def _arc_known(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool
 
 @kernel
 def _on_arc(arcs: Arcs, v: int, ex: float, ey: float) -> bool:
-    """Whether the free part of the arc of v has a place in the direction of the unit vector e from v."""
+    """Whether the free part of the arc of v contains the direction of the unit vector e."""
     ax, ay, bx, by = arcs.ends[v]
     return (
         ax * ey - ay * ex >= -SAME_RAD
@@ -110,9 +111,9 @@ def _on_arc(arcs: Arcs, v: int, ex: float, ey: float) -> bool:
 
 @kernel
 def _angle(arcs: Arcs, v: int, ex: float, ey: float) -> float:
-    """The angle on the arc of v of a place in the direction of the unit vector e."""
+    """The angle of the direction of the unit vector e on the arc of v."""
     angle = (math.atan2(ey, ex) - arcs.low[v]) % (2 * math.pi)
-    if angle > arcs.span[v]:  # by rounding, before its beginning or behind its end
+    if angle > arcs.span[v]:  # rounded to before the begin or beyond the end
         return 0.0 if angle > math.pi + arcs.span[v] / 2 else arcs.span[v]
     return angle
 
@@ -121,7 +122,7 @@ def _angle(arcs: Arcs, v: int, ex: float, ey: float) -> float:
 def _find_lines(
     mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, scratch: Scratch, v: int, radii: Radii
 ) -> int:
-    """Note the lines that leave vertex v; the work it took, -1 where there is no room for them."""
+    """Add the lines from vertex v; returns the work done, -1 if there is no room."""
     seen, visited = seen_from(mesh, xy, v, 0.0, 0.0, scratch)
     count = 0
     for i in range(seen):
@@ -157,7 +158,7 @@ def _find_lines(
 
 @kernel
 def reach_m(radii: Radii) -> float:
-    """How far into a dead end a way that passes it may turn, m; see dead_ends.py."""
+    """How far inside a dead end a passing path may turn [m]; see dead_ends.py."""
     return 2.0 * radii.turn + radii.same_m
 
 
@@ -169,7 +170,7 @@ def _longer(array: Floats) -> Floats:
 
 
 @kernel
-def _take(
+def _enqueue(
     queue: list[tuple[float, int]],
     records: Floats,
     size: int,
@@ -181,10 +182,10 @@ def _take(
     line: int,
     cost: float,
 ) -> Floats:
-    """Write record `size` of a line taken, and queue it; the records, longer ones where there was no room.
+    """Write record `size` of a line and queue it; returns the records, enlarged if necessary.
 
-    A record is the record before, the circle reached (or -1 - goal), the angle at which the circle before was left, the
-    angle of arrival, the line (or -1), and the cost at arrival."""
+    A record is the previous record, the circle reached (or -1 - goal), the angle at which the previous circle was
+    left, the angle of arrival, the line (or -1), and the cost at arrival [m]."""
     if size == records.shape[0]:
         records = _longer(records)
     records[size, 0], records[size, 1], records[size, 2] = parent, target, leave
@@ -195,14 +196,14 @@ def _take(
 
 @kernel
 def _may_turn_at(arcs: Arcs, ends: DeadEnds, xy: Floats, grid: Grid, v: int, epoch: int, radii: Radii) -> bool:
-    """Whether a way of this search may turn at a vertex."""
+    """Whether a path of this search may turn at a vertex."""
     if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
         return False
     return _arc_known(arcs, xy, grid, v, radii)
 
 
 @kernel
-def _tie_goal(
+def _link_goal(
     mesh: Mesh,
     xy: Floats,
     grid: Grid,
@@ -219,14 +220,14 @@ def _tie_goal(
     links: Floats,
     linked: int,
 ) -> tuple[Floats, int, int]:
-    """Link the circles from which a goal can be seen to it. A link is the next link of its circle (or -1), the goal,
-    the angle at which the circle is left, and the length. Returns the links, how many they are, and the work."""
+    """Link the circles that see a goal to it. A link is the next link of its circle (or -1), the goal, the angle at
+    which the circle is left, and the length [m]. Returns the links, their number, and the work done."""
     epoch = labels.epoch[0]
     gx, gy = goals[goal]
     seen, visited = seen_from(mesh, xy, -1, gx, gy, scratch)
     for i in range(seen):
         v = scratch.seen[i]
-        if _by_way_of(xy, v, start_x, start_y, goals[goal : goal + 1], radii.turn) > longest:
+        if _least_length_via(xy, v, start_x, start_y, goals[goal : goal + 1], radii.turn) > longest:
             continue
         if not _may_turn_at(arcs, ends, xy, grid, v, epoch, radii):
             continue
@@ -266,29 +267,30 @@ def search(
     radii: Radii,
     budget: int,
 ) -> tuple[int, Floats, Longs, Floats]:
-    """How it ended, the lengths (m) of the shortest ways from the start to the `enough` nearest of the goals (n, 2),
-    inf for the others; where the corners of each begin (n + 1) in the corners (k, 2), ends included.
+    """Status, lengths [m] of the shortest paths from the start to the `enough` nearest goals (n, 2), inf for the
+    others, first index (n + 1) of the corners of each, and the corners (k, 2), ends included.
 
-    Ways longer than `longest` are not looked for, and none goes against the one-way edges `lanes` (m, 4), driven from
-    the start or, where not `outbound`, to it. It gives up after `budget` units of work."""
+    No path is longer than `longest` or goes against the one-way edges `lanes` (m, 4), driven from the start or, if
+    not `outbound`, to it. The search ends with NO_BUDGET after `budget` units of work, and with NO_ROOM if `lines`
+    is full."""
     wanted = goals.shape[0]
     found = np.full(wanted, np.inf)
     found_by = np.full(wanted, -1, np.int64)
     labels.epoch[0] += 1
     epoch = labels.epoch[0]
-    stamp_way_out(mesh, xy, ends, start_x, start_y, reach_m(radii), epoch)
+    stamp_exit_route(mesh, xy, ends, start_x, start_y, reach_m(radii), epoch)
     for g in range(wanted):
-        stamp_way_out(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
+        stamp_exit_route(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
     records, size = np.empty((256, 6)), 0
     links, linked = np.empty((64, 4)), 0
     queue = [(0.0, 0) for _ in range(0)]
-    aimed = goals if wanted <= MOST_AIMED_AT else goals[:0]
+    aimed = goals if wanted <= MAX_AIMED_GOALS else goals[:0]
 
     seen, visited = seen_from(mesh, xy, -1, start_x, start_y, scratch)
     work = visited + 4 * seen
     for i in range(seen):
         v = scratch.seen[i]
-        if _by_way_of(xy, v, start_x, start_y, aimed, radii.turn) > longest:
+        if _least_length_via(xy, v, start_x, start_y, aimed, radii.turn) > longest:
             continue
         if not _may_turn_at(arcs, ends, xy, grid, v, epoch, radii):
             continue
@@ -298,21 +300,21 @@ def search(
             if length < 0.0 or not _on_arc(arcs, v, turn * hy, -turn * hx):
                 continue
             angle = _angle(arcs, v, turn * hy, -turn * hx)
-            estimate = length + _left(aimed, xy, arcs, v, angle, radii.turn)
+            estimate = length + _distance_to_go(aimed, xy, arcs, v, angle, radii.turn)
             if estimate <= longest:
-                records = _take(queue, records, size, estimate, -1, 2 * v + side, 0.0, angle, -1, length)
+                records = _enqueue(queue, records, size, estimate, -1, 2 * v + side, 0.0, angle, -1, length)
                 size += 1
-    leads_on = size > 0
+    has_start_lines = size > 0
     for g in range(wanted):
         length = math.hypot(goals[g, 0] - start_x, goals[g, 1] - start_y)
         if length <= longest:
-            records = _take(queue, records, size, length, -1, -1 - g, 0.0, 0.0, -1, length)
+            records = _enqueue(queue, records, size, length, -1, -1 - g, 0.0, 0.0, -1, length)
             size += 1
-        if leads_on:
-            links, linked, took = _tie_goal(
+        if has_start_lines:
+            links, linked, done = _link_goal(
                 mesh, xy, grid, arcs, labels, scratch, ends, start_x, start_y, goals, g, longest, radii, links, linked
             )
-            work += took
+            work += done
 
     complete, status = 0, DONE
     while queue and complete < enough:
@@ -352,14 +354,14 @@ def search(
         v, turn = target // 2, 1 - 2 * (target % 2)
         angle = records[record, 3]
         alone = arcs.state[v] == FREE
-        if alone and _is_outdone(arcs, labels, target, angle, cost, radii.turn):
+        if alone and _is_dominated(arcs, labels, target, angle, cost, radii.turn):
             continue
         if lines.number[target] < 0:
-            took = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
-            if took < 0:
+            done = _find_lines(mesh, xy, grid, lines, arcs, scratch, v, radii)
+            if done < 0:
                 status = NO_ROOM
                 break
-            work += took
+            work += done
         begin = arcs.low[v] + angle
         link = labels.link[target] if labels.link_epoch[target] == epoch else -1
         while link >= 0:
@@ -370,7 +372,7 @@ def search(
             if turned < -SAME_ARC_RAD or total >= found[goal] or total > longest:
                 continue
             if alone or arc_is_free(grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + leave, radii.robot):
-                records = _take(queue, records, size, total, record, -1 - goal, leave, 0.0, -1, total)
+                records = _enqueue(queue, records, size, total, record, -1 - goal, leave, 0.0, -1, total)
                 size += 1
         first = lines.first[target]
         work += lines.number[target]
@@ -382,7 +384,7 @@ def search(
             total = cost + radii.turn * max(turned, 0.0) + lines.length[i]
             if turned < -SAME_ARC_RAD or (labels.cost_epoch[i] == epoch and labels.cost[i] <= total + SAME_M):
                 continue
-            estimate = total + _left(aimed, xy, arcs, w, lines.arrive[i], radii.turn)
+            estimate = total + _distance_to_go(aimed, xy, arcs, w, lines.arrive[i], radii.turn)
             if estimate > longest:
                 continue
             if not alone:
@@ -390,15 +392,15 @@ def search(
                 if not arc_is_free(grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + leave, radii.robot):
                     continue
             labels.cost[i], labels.cost_epoch[i] = total, epoch
-            records = _take(queue, records, size, estimate, record, lines.to[i], leave, lines.arrive[i], i, total)
+            records = _enqueue(queue, records, size, estimate, record, lines.to[i], leave, lines.arrive[i], i, total)
             size += 1
     corners, first_corner = _corners(xy, arcs, records, found_by, start_x, start_y, goals, radii.turn)
     return status, found, first_corner, corners
 
 
 @kernel
-def _is_outdone(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: float, radius: float) -> bool:
-    """Whether an earlier arrival reaches everything on a free arc as cheaply; if not, this one is noted."""
+def _is_dominated(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: float, radius: float) -> bool:
+    """Whether an earlier arrival reaches everything on a free arc at most as expensively; else this one is recorded."""
     passed = angle if circle % 2 == 0 else arcs.span[circle // 2] - angle
     offset = cost - radius * passed
     if labels.circle_epoch[circle] == labels.epoch[0]:
@@ -412,8 +414,8 @@ def _is_outdone(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: flo
 
 
 @kernel
-def _by_way_of(xy: Floats, v: int, x: float, y: float, goals: Floats, radius: float) -> float:
-    """What a way from (x, y) by the circle of a vertex to the nearest goal takes at least, m; 0 without goals."""
+def _least_length_via(xy: Floats, v: int, x: float, y: float, goals: Floats, radius: float) -> float:
+    """Lower bound of a path from (x, y) over the circle of a vertex to the nearest goal [m]; 0 without goals."""
     least = np.inf if goals.shape[0] else 0.0
     for g in range(goals.shape[0]):
         least = min(least, math.hypot(goals[g, 0] - xy[v, 0], goals[g, 1] - xy[v, 1]))
@@ -422,14 +424,14 @@ def _by_way_of(xy: Floats, v: int, x: float, y: float, goals: Floats, radius: fl
 
 @kernel
 def _place(xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> tuple[float, float]:
-    """The place at an angle of a vertex's arc."""
+    """The point at an angle of a vertex's arc."""
     angle += arcs.low[v]
     return xy[v, 0] + radius * math.cos(angle), xy[v, 1] + radius * math.sin(angle)
 
 
 @kernel
-def _left(goals: Floats, xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> float:
-    """What is left at least from a place on an arc to the nearest goal, m; 0 without goals."""
+def _distance_to_go(goals: Floats, xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> float:
+    """Lower bound of the distance from a point on an arc to the nearest goal [m]; 0 without goals."""
     if not goals.shape[0]:
         return 0.0
     x, y = _place(xy, arcs, v, angle, radius)
@@ -450,7 +452,7 @@ def _corners(
     goals: Floats,
     radius: float,
 ) -> tuple[Floats, Longs]:
-    """The corners of the ways found, ends included, one behind the other, and where each begins."""
+    """The corners of the paths found, ends included, concatenated, and the first index of each."""
     wanted = goals.shape[0]
     first = np.zeros(wanted + 1, np.int64)
     corners = np.empty((0, 2))

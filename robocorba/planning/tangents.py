@@ -1,9 +1,9 @@
-"""Circles around vertices, and the lines that touch them: what shortest ways of a round robot are made of.
+"""Circles around vertices, and the lines that touch them: the parts of shortest paths of a round robot.
 
-The centre of a robot that turns at vertex v moves on a circle around it. A *turn* is +1 where it goes around
-counter-clockwise (v on its left) and -1 clockwise. Places on the circle are angles counted from `low[v]`, where the
-walls that meet in v begin to leave room: the arc of v. With the heading h the robot is at the angle h - turn * pi / 2,
-which is in the direction of turn * (sin h, -cos h).
+The centre of a robot that turns at vertex v moves on a circle around v. A *turn* is +1 counter-clockwise (v on its
+left) and -1 clockwise. Points on the circle are angles from `low[v]`, where the walls that meet in v begin to leave
+room: the arc of v. At heading h the robot is at the angle h - turn * pi / 2, in the direction of turn * (sin h, -cos
+h).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from robocorba.planning.floor_mesh import SAME_RAD
 from robocorba.planning.space import line_free
 from robocorba.spatial.grids import Floats, Grid, column_of, row_of
 
-#: An arc is driven as lines that touch it from outside, one for each so many radians: at most 0.33 % longer.
+#: Angle for each of the outer tangent lines that replace an arc [rad]: the path is at most 0.33 % longer.
 SIDE_RAD = math.pi / 16
 
 
@@ -23,8 +23,8 @@ SIDE_RAD = math.pi / 16
 def free_arc(
     grid: Grid, x: float, y: float, low: float, span: float, radius: float, same_m: float
 ) -> tuple[float, float, bool]:
-    """The part of a vertex's arc that no end of another wall blocks, as angles from `low` (the second below the first
-    where nothing is left), and whether nothing else is near enough to block any of it."""
+    """The part of a vertex's arc that no end of another wall blocks, as angles from `low` (the second below the
+    first if nothing is left), and whether no other obstacle is near enough to block a part of it."""
     segments, start, items, frame = grid
     near = 2.0 * radius
     reach = near * 1.01 + same_m
@@ -69,8 +69,8 @@ def _beyond(ax: float, ay: float, bx: float, by: float, reach: float) -> bool:
 
 @kernel
 def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int) -> tuple[float, float, float]:
-    """Heading as a unit vector and length (m) of the line that leaves the circle here with one turn and touches the
-    circle there, (dx, dy) away, with another; a turn of 0 is a point. The length is negative where there is none."""
+    """Heading as a unit vector, and length [m], of the line that leaves this circle with one turn and touches the
+    circle (dx, dy) away with another; a turn of 0 is a point. The length is negative if there is no such line."""
     apart = math.hypot(dx, dy)
     if apart == 0.0:
         return 0.0, 0.0, -1.0
@@ -88,8 +88,8 @@ def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int
 def arc_corners(
     x: float, y: float, radius: float, begin: float, end: float, corners: Floats, count: int, write: bool
 ) -> int:
-    """Write the corners of the lines that go around (x, y) from one angle (rad) to another, behind the `count` that
-    are there (only counting them unless `write`); returns how many there are then."""
+    """Write the corners of the lines around (x, y) from one angle to another [rad] after the first `count` corners
+    (only count them unless `write`); returns the new number of corners."""
     turned = end - begin
     if abs(turned) < 1e-12:
         return count

@@ -1,4 +1,4 @@
-"""Ways along the topological map, with corners cut and roads left where that is asked for and allowed."""
+"""Routes along the topological map, with corners cut and detours replaced by free space where the request allows it."""
 
 from __future__ import annotations
 
@@ -8,57 +8,58 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.planning import geometric
+from robocorba.planning.heuristics import COST_IN_METRES
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
 from robocorba.planning.route import ELEVATOR, FLOOR, LIMIT, NODE, X, Y, waypoints
 from robocorba.planning.search import (
     FOUND,
     GOAL_NOT_FREE,
-    MOST_JOINTS,
+    MAX_CONNECTIONS,
     START_NOT_FREE,
-    find_way,
-    joints,
-    joints_of_each,
+    component_connections,
+    find_route,
     longest_free,
+    roadmap_connections,
     smoothed,
 )
-from robocorba.planning.snapshot import Snapshot
+from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.world import floor_grid, floor_lanes, unpack
 from robocorba.spatial.grids import Floats, Longs
 from robocorba.spatial.pose import XY
 
-#: An alternative may use an edge of a better path again, but as if it were so much longer.
+#: Cost factor of the edges of a better route in the search for an alternative.
 DETOUR_FACTOR = 1.6
-#: A place without a usable node in sight is tied around corners to nodes among this many nearest ones, and where none
-#: of them can be reached among this many.
+#: Number of nearest nodes that a place without a usable node in sight is connected to around corners, and the larger
+#: number that is tried if none of them can be reached.
 NEAR_NODES, MORE_NODES = 8, 256
-#: Components of the road map that such a place is tied to at most, the nearest first.
-MOST_COMPONENTS = 32
+#: Greatest number of components of the roadmap that such a place is connected to, the nearest first.
+MAX_COMPONENTS = 32
 
 
 NO_CORNERS: Floats = np.empty((0, 2))
 
 
-class Tie:
-    """How a place is tied to the road map: nodes, how far each is (m), and the corners on the way to it."""
+class Connections:
+    """How a place is connected to the roadmap: nodes, distance to each [m], and the corners in between."""
 
-    def __init__(self, nodes: Sequence[int], lengths: Sequence[float], ways: Sequence[Floats] = ()) -> None:
+    def __init__(self, nodes: Sequence[int], lengths: Sequence[float], corners: Sequence[Floats] = ()) -> None:
         self.nodes, self.lengths = np.array(nodes, np.int64), np.array(lengths, float)
-        self._corners = dict(zip(nodes, ways, strict=False))
+        self._corners = dict(zip(nodes, corners, strict=False))
 
     def corners(self, node: int) -> Floats:
         """Corners (k, 2) between the place and one of the nodes, in driving order."""
         return self._corners.get(node, NO_CORNERS)
 
 
-#: What is looked up by the search itself: the nearest nodes in sight.
-IN_SIGHT = Tie((), ())
+#: No connections yet: find_route then connects the place to the nearest nodes in sight.
+IN_SIGHT = Connections((), ())
 
 
-def ways(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Floats]:
-    """The best way and the alternatives asked for, in the order found; empty where there is none."""
+def routes(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> list[Floats]:
+    """The best route and the requested alternatives, in the order found; empty if there is none."""
     smooth = request.mode is RouteMode.SMOOTHED
     factor = snapshot.factor(request.avoid_elevators, request.graph)
-    best = _find(snapshot, request, factor, deadline, smooth=smooth, straight=smooth)
+    best = _find_route(snapshot, request, factor, deadline, smooth=smooth, straight=smooth)
     if best is None:
         leaves_roads = smooth and not request.graph
         return _through_free_space(snapshot, request, deadline) if leaves_roads else []
@@ -67,122 +68,131 @@ def ways(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Floa
     found: dict[tuple[float, ...], Floats] = {}
     factor = factor.copy() if len(factor) else np.ones(len(snapshot.roads.roads.to))
     for _ in range(1 + 3 * request.alternatives):
-        along = _find(snapshot, request, factor, deadline, smooth=False)
-        way = _find(snapshot, request, factor, deadline, smooth=True) if smooth else along
-        if along is None or way is None:
+        along = _find_route(snapshot, request, factor, deadline, smooth=False)
+        route = _find_route(snapshot, request, factor, deadline, smooth=True) if smooth else along
+        if along is None or route is None:
             break
-        found.setdefault(tuple(way[:, [FLOOR, X, Y, NODE]].ravel()), way)
+        found.setdefault(tuple(route[:, [FLOOR, X, Y, NODE]].ravel()), route)
         if len(found) > request.alternatives:
             break
-        _make_dearer(snapshot, factor, along[1:-1, NODE].astype(np.int64).tolist())
+        _penalize_edges(snapshot, factor, along[1:-1, NODE].astype(np.int64).tolist())
     return list(found.values())
 
 
-def _through_free_space(snapshot: Snapshot, request: PathRequest, deadline: float) -> list[Floats]:
-    """The best way and alternatives where the road map has none. One-way edges are obeyed: no drive runs against one,
-    or else, since ways turn at walls only, all keep clear of them."""
-    found = geometric.ways(snapshot, request, deadline, obey_one_way=True)
+def _through_free_space(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> list[Floats]:
+    """The best route and alternatives where the roadmap has none. They obey one-way edges: no drive goes against
+    one. If that fails, all drives avoid one-way edges altogether, because routes in free space turn at walls only."""
+    found = geometric.routes(snapshot, request, deadline, obey_one_way=True)
     if found or not any(len(part.lanes) for part in snapshot.roads.parts.values()):
         return found
-    return geometric.ways(snapshot.with_one_way_edges_closed(), request, deadline)
+    return geometric.routes(snapshot.with_one_way_edges_closed(), request, deadline)
 
 
-def _find(
-    snapshot: Snapshot, request: PathRequest, factor: Floats, deadline: float, *, smooth: bool, straight: bool = False
+def _find_route(
+    snapshot: BuildingSnapshot,
+    request: PathRequest,
+    factor: Floats,
+    deadline: float,
+    *,
+    smooth: bool,
+    straight: bool = False,
 ) -> Floats | None:
-    """The cheapest way, None without one.
+    """The cheapest route; None if there is none.
 
-    Ends are tied to the nearest nodes in sight. Where these lead nowhere, to each component of the road map that is in
-    sight, and then to those around corners."""
+    The ends are connected to the nearest nodes in sight. If these lead nowhere, the ends are connected to each
+    component of the roadmap in sight, and then also around corners."""
     roads, start, goal, radius = snapshot.roads, request.start, request.goal, request.radius
-    pace = request.speed if request.best is Criterion.SHORTEST_TIME else 0.0
-    guide = snapshot.guide_for(pace, radius, request.avoid_elevators)
+    speed_m_s = request.speed if request.best is Criterion.SHORTEST_TIME else COST_IN_METRES
+    heuristics = snapshot.heuristics_for(speed_m_s, radius, request.avoid_elevators)
     origin = (roads.floor_index[start.floor], start.x, start.y)
     target = (roads.floor_index[goal.floor], goal.x, goal.y)
-    begin = end = IN_SIGHT
+    starts = goals = IN_SIGHT
     for attempt in range(3):
         if attempt == 1:
-            begin = in_sight(snapshot, request, start, outbound=True)
-            end = in_sight(snapshot, request, goal, outbound=False)
+            starts = connect_in_sight(snapshot, request, start, outbound=True)
+            goals = connect_in_sight(snapshot, request, goal, outbound=False)
         elif attempt == 2:
-            begin = _joined(begin, around_corners(snapshot, request, start, True, deadline))
-            end = _joined(end, around_corners(snapshot, request, goal, False, deadline))
-        if attempt and not (len(begin.nodes) and len(end.nodes)):
+            starts = _merged(starts, connect_around_corners(snapshot, request, start, True, deadline))
+            goals = _merged(goals, connect_around_corners(snapshot, request, goal, False, deadline))
+        if attempt and not (len(starts.nodes) and len(goals.nodes)):
             continue
-        ends = (origin, begin.nodes, begin.lengths, target, end.nodes, end.lengths)
-        status, way = find_way(snapshot.world, guide, *ends, radius, pace, straight, factor)
+        ends = (origin, starts.nodes, starts.lengths, target, goals.nodes, goals.lengths)
+        status, route = find_route(snapshot.world, heuristics, *ends, radius, speed_m_s, straight, factor)
         if status == FOUND:
-            way = _with_corners(way, begin.corners(int(way[1, NODE])), end.corners(int(way[-2, NODE])))
+            route = _with_corners(route, starts.corners(int(route[1, NODE])), goals.corners(int(route[-2, NODE])))
             break
         if status in (START_NOT_FREE, GOAL_NOT_FREE):
             return None
     else:
         return None
     if not smooth:
-        return way
-    way = smoothed(snapshot.world, way, radius)
-    return way if request.graph else without_detours(snapshot, request, way, deadline)
+        return route
+    route = smoothed(snapshot.world, route, radius)
+    return route if request.graph else without_detours(snapshot, request, route, deadline)
 
 
-def _with_corners(way: Floats, lead: Floats, tail: Floats) -> Floats:
-    """The way with the corners between its ends and the map."""
+def _with_corners(route: Floats, lead: Floats, tail: Floats) -> Floats:
+    """The route with the corners between its ends and the roadmap."""
     return np.concatenate(
-        [way[:1], waypoints(way[0, FLOOR], lead), way[1:-1], waypoints(way[-1, FLOOR], tail), way[-1:]]
+        [route[:1], waypoints(route[0, FLOOR], lead), route[1:-1], waypoints(route[-1, FLOOR], tail), route[-1:]]
     )
 
 
-def without_detours(snapshot: Snapshot, request: PathRequest, way: Floats, deadline: float) -> Floats:
-    """The way with each drive replaced by the way through free space where that is so much shorter (see search.DETOUR).
-
-    One-way edges are obeyed in free space as well."""
+def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Floats, deadline: float) -> Floats:
+    """The route with each drive replaced by a sufficiently shorter path through free space (see search.DETOUR),
+    which obeys one-way edges."""
     floors = snapshot.roads.floors
     parts: list[Floats] = []
     at = 0
-    for i in range(len(way)):
-        if i + 1 < len(way) and way[i, ELEVATOR] < 0.0:
+    for i in range(len(route)):
+        if i + 1 < len(route) and route[i, ELEVATOR] < 0.0:
             continue
-        drive = way[at : i + 1]
-        longest_m = longest_free(snapshot.world, way, at, i)
+        drive = route[at : i + 1]
+        longest_m = longest_free(snapshot.world, route, at, i)
         if longest_m > 0.0:
-            floor = floors[int(way[i, FLOOR])]
-            a, b = (float(way[at, X]), float(way[at, Y])), (float(way[i, X]), float(way[i, Y]))
+            floor = floors[int(route[i, FLOOR])]
+            a, b = (float(route[at, X]), float(route[at, Y])), (float(route[i, X]), float(route[i, Y]))
             leg = snapshot.graph(floor, request.radius).legs(
                 a, [b], longest_m=longest_m, lanes=snapshot.roads.parts[floor].lanes, deadline=deadline
             )[0]
             if math.isfinite(leg.length) and not _is_slower(request, drive, leg.length):
                 first = drive[:1].copy()
                 first[0, LIMIT] = math.inf
-                drive = np.concatenate([first, waypoints(way[i, FLOOR], leg.points[1:-1]), drive[-1:]])
+                drive = np.concatenate([first, waypoints(route[i, FLOOR], leg.points[1:-1]), drive[-1:]])
         parts.append(drive)
         at = i + 1
     return np.concatenate(parts)
 
 
 def _is_slower(request: PathRequest, drive: Floats, length_m: float) -> bool:
-    """Whether a drive of that length through free space takes longer than one along the map, where that matters."""
+    """Whether a drive of this length through free space takes longer than the one along the map, for the shortest
+    time."""
     if request.best is not Criterion.SHORTEST_TIME:
         return False
     steps = np.hypot(*np.diff(drive[:, [X, Y]], axis=0).T)
     return length_m / request.speed > float((steps / np.minimum(drive[:-1, LIMIT], request.speed)).sum())
 
 
-def in_sight(snapshot: Snapshot, request: PathRequest, place: Place, outbound: bool) -> Tie:
-    """The nearest nodes in straight sight of a place, and the nearest one of each component of the road map."""
+def connect_in_sight(snapshot: BuildingSnapshot, request: PathRequest, place: Place, outbound: bool) -> Connections:
+    """The nearest nodes in sight of a place, and the nearest one in sight of each component of the roadmap."""
     ground, roads = unpack(snapshot.world)
     floor = snapshot.roads.floor_index[place.floor]
     low, high = int(ground.first_node[floor]), int(ground.first_node[floor + 1])
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
     grid, lanes = floor_grid(ground, floor), floor_lanes(ground, floor)
-    near = joints(grid, lanes, roads.xy, low, high, *place[1:], request.radius, outbound)
-    each = joints_of_each(grid, lanes, roads.xy, low, high, component, *place[1:], request.radius, outbound)
+    near = roadmap_connections(grid, lanes, roads.xy, low, high, *place[1:], request.radius, outbound)
+    each = component_connections(grid, lanes, roads.xy, low, high, component, *place[1:], request.radius, outbound)
     found = dict(zip(each[0].tolist(), each[1].tolist(), strict=True))
     found.update(zip(near[0].tolist(), near[1].tolist(), strict=True))
-    return Tie(list(found), list(found.values()))
+    return Connections(list(found), list(found.values()))
 
 
-def around_corners(snapshot: Snapshot, request: PathRequest, place: Place, outbound: bool, deadline: float) -> Tie:
-    """Tie a free place to the nearest nodes, and to the nearest of each component of the road map, around corners;
-    outbound: drives lead away from it."""
+def connect_around_corners(
+    snapshot: BuildingSnapshot, request: PathRequest, place: Place, outbound: bool, deadline: float
+) -> Connections:
+    """Connect a free place around corners to the nearest nodes and to the nearest node of each component of the
+    roadmap. `outbound`: drives lead away from the place. Raises PlanningTimeout after `deadline` (time.monotonic)
+    [s]."""
     roads, space = snapshot.roads, snapshot.spaces[place.floor]
     floor = roads.floor_index[place.floor]
     low, high = int(roads.offset[floor]), int(roads.offset[floor + 1])
@@ -193,9 +203,11 @@ def around_corners(snapshot: Snapshot, request: PathRequest, place: Place, outbo
     lanes = roads.parts[place.floor].lanes
     if not len(order):
         return IN_SIGHT
-    for near_by in (_nearest(order, component), order[NEAR_NODES:MORE_NODES]):
+    for candidates in (_nearest(order, component), order[NEAR_NODES:MORE_NODES]):
         nodes = [
-            int(node) for node in near_by if space.stands_free(float(xy[node, 0]), float(xy[node, 1]), request.radius)
+            int(node)
+            for node in candidates
+            if space.stands_free(float(xy[node, 0]), float(xy[node, 1]), request.radius)
         ]
         targets: list[XY] = [(float(xy[node, 0]), float(xy[node, 1])) for node in nodes]
         legs = graph.legs(place[1:], targets, lanes=lanes, outbound=outbound, deadline=deadline)
@@ -204,42 +216,44 @@ def around_corners(snapshot: Snapshot, request: PathRequest, place: Place, outbo
             break
     else:
         return IN_SIGHT
-    seen = set(component[[nodes[i] for _, i in near[:MOST_JOINTS]]].tolist())
-    kept = near[:MOST_JOINTS] + [item for item in near[MOST_JOINTS:] if not _seen(seen, int(component[nodes[item[1]]]))]
+    seen = set(component[[nodes[i] for _, i in near[:MAX_CONNECTIONS]]].tolist())
+    kept = near[:MAX_CONNECTIONS] + [
+        item for item in near[MAX_CONNECTIONS:] if not _already_seen(seen, int(component[nodes[item[1]]]))
+    ]
     corners = [legs[i].points[1:-1] if outbound else legs[i].points[1:-1][::-1] for _, i in kept]
-    return Tie([nodes[i] for _, i in kept], [length for length, _ in kept], corners)
+    return Connections([nodes[i] for _, i in kept], [length for length, _ in kept], corners)
 
 
 def _nearest(order: Longs, component: Longs) -> list[int]:
-    """The nearest nodes and the nearest one of each component, from nodes in the order of their distance."""
+    """The nearest nodes and the nearest node of each component, from nodes sorted by distance."""
     first = np.unique(component[order], return_index=True)[1]
-    of_each = order[np.sort(first)[:MOST_COMPONENTS]]
+    of_each = order[np.sort(first)[:MAX_COMPONENTS]]
     return list(dict.fromkeys([*order[:NEAR_NODES].tolist(), *of_each.tolist()]))
 
 
-def _seen(seen: set[int], number: int) -> bool:
-    """Whether a number was there; it is from now on."""
+def _already_seen(seen: set[int], number: int) -> bool:
+    """Whether the set contains a number; adds it."""
     known = number in seen
     seen.add(number)
     return known
 
 
-def _joined(straight: Tie, around: Tie) -> Tie:
-    """Both ties; what is in sight comes straight."""
+def _merged(straight: Connections, around: Connections) -> Connections:
+    """Both sets of connections; nodes in sight are connected straight."""
     nodes = [node for node in around.nodes.tolist() if node not in set(straight.nodes.tolist())]
     lengths = dict(zip(around.nodes.tolist(), around.lengths.tolist(), strict=True))
-    return Tie(
+    return Connections(
         [*straight.nodes.tolist(), *nodes],
         [*straight.lengths.tolist(), *(lengths[node] for node in nodes)],
         [*(NO_CORNERS for _ in straight.nodes), *(around.corners(node) for node in nodes)],
     )
 
 
-def _make_dearer(snapshot: Snapshot, factor: Floats, nodes: list[int]) -> None:
-    """Let the next search shun the edges between these nodes, both ways."""
+def _penalize_edges(snapshot: BuildingSnapshot, factor: Floats, nodes: list[int]) -> None:
+    """Multiply the cost factor of the edges between these nodes, in both directions."""
     roads = snapshot.roads.roads
-    on_way = set(nodes)
+    on_route = set(nodes)
     for node in nodes[1:-1]:
         for edge in range(roads.first[node], roads.first[node + 1]):
-            if int(roads.to[edge]) in on_way:
+            if int(roads.to[edge]) in on_route:
                 factor[edge] *= DETOUR_FACTOR

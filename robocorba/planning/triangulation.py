@@ -1,9 +1,9 @@
-"""A constrained triangulation of a floor: which vertices of walls may be seen from a point.
+"""A constrained triangulation of a floor: which vertices of walls may be visible from a point.
 
-Vertices are kept on a lattice of 2^30 steps across the frame, so that every test of orientation is exact in
-64-bit integers. Walls become edges that sight does not cross. Where a wall can't be inserted (it crosses another
-one at a point that is no vertex) it is left out: a search that uses the triangulation then looks at more vertices
-than it has to, and every line is verified against the exact geometry anyway.
+Vertices lie on a lattice of 2^30 steps across the frame, so that every orientation test is exact in 64-bit integers.
+Walls become edges that block sight. A wall that cannot be inserted (it crosses another one at a point that is no
+vertex) is left out: a search then considers more vertices than necessary, and every line is verified against the exact
+geometry.
 
 Sources: incremental Delaunay triangulation with Lawson's flips; constraints by flips (Sloan 1993); visibility by
 triangular expansion (Bungiu et al. 2014).
@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from robocorba.kernels import kernel
 from robocorba.spatial.grids import Floats, Grid, Longs
 
-#: Steps of the lattice across the frame: products of two differences fit into 64 bits.
+#: Number of steps of the lattice across the frame: products of two differences fit into 64 bits.
 LATTICE = 1 << 30
-#: A vertex this near to a wall, in steps of the lattice, lies on it.
+#: Greatest distance of a vertex that lies on a wall [steps of the lattice].
 ON_WALL_STEPS = 2.0
-#: Corners of the frame, the first vertices of every mesh.
+#: Number of corners of the frame, the first vertices of every mesh.
 FRAME_CORNERS = 4
-#: Part of the frame that stays empty around what it holds.
+#: Share of the frame that is left empty around its content.
 MARGIN = 0.05
 
 Flags = NDArray[np.bool_]
@@ -36,8 +36,8 @@ class Mesh(NamedTuple):
     """Triangle t has the vertices corner[t] counter-clockwise; across[t, k] is the triangle beyond the edge from
     corner[t, k] to corner[t, k + 1] (-1 beyond the frame) and wall[t, k] whether a wall lies on that edge.
 
-    at (n, 2) are the vertices on the lattice, some[v] a triangle of vertex v, size the number of triangles and of
-    vertices in use, frame the lower left corner in m and the step in m."""
+    at (n, 2) are the vertices on the lattice, some[v] is a triangle of vertex v, size the number of triangles and of
+    vertices in use, frame the lower left corner and the step [m]."""
 
     corner: Longs
     across: Longs
@@ -49,7 +49,7 @@ class Mesh(NamedTuple):
 
 
 def empty_mesh(bounds: tuple[float, float, float, float], vertices: int) -> Mesh:
-    """A mesh of two triangles over `bounds` (min x, min y, max x, max y in m) with room for so many vertices."""
+    """A mesh of two triangles over `bounds` (min x, min y, max x, max y in m) with room for this number of vertices."""
     x0, y0, x1, y1 = bounds
     width = max(x1 - x0, y1 - y0, 1.0)
     low_x, low_y = x0 - MARGIN * width, y0 - MARGIN * width
@@ -72,7 +72,7 @@ def empty_mesh(bounds: tuple[float, float, float, float], vertices: int) -> Mesh
 
 
 def enlarged(mesh: Mesh, vertices: int) -> Mesh:
-    """A copy with room for so many more vertices."""
+    """A copy without unused room, with room for this number of further vertices."""
 
     def longer(array: NDArray, more: int) -> NDArray:
         return np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)])
@@ -111,7 +111,7 @@ def side(at: Longs, a: int, b: int, c: int) -> int:
 
 @kernel
 def locate(mesh: Mesh, x: int, y: int, hint: int) -> int:
-    """The triangle that holds a point of the lattice, found by walking from triangle `hint`."""
+    """The triangle that contains a point of the lattice, found by walking from triangle `hint`."""
     here, turn = hint, 0
     for _ in range(4 * mesh.size[0] + 16):
         moved = False
@@ -148,7 +148,7 @@ def _edge_to(mesh: Mesh, triangle: int, neighbour: int) -> int:
 def _put(
     mesh: Mesh, t: int, a: int, b: int, c: int, ab: int, bc: int, ca: int, wall_ab: bool, wall_bc: bool, wall_ca: bool
 ) -> None:
-    """Make triangle t anew: vertices, neighbours and walls."""
+    """Set vertices, neighbours and walls of triangle t."""
     mesh.corner[t, 0], mesh.corner[t, 1], mesh.corner[t, 2] = a, b, c
     mesh.across[t, 0], mesh.across[t, 1], mesh.across[t, 2] = ab, bc, ca
     mesh.wall[t, 0], mesh.wall[t, 1], mesh.wall[t, 2] = wall_ab, wall_bc, wall_ca
@@ -163,7 +163,7 @@ def _relink(mesh: Mesh, triangle: int, old: int, new: int) -> None:
 
 @kernel
 def _flip(mesh: Mesh, t: int, k: int) -> int:
-    """Replace edge k of triangle t by the other diagonal, a-d-c in t and d-b-c beyond; returns the triangle beyond."""
+    """Replace edge k of triangle t by the other diagonal: a-d-c in t, d-b-c beyond. Returns the triangle beyond."""
     n = mesh.across[t, k]
     j = _edge_to(mesh, n, t)
     k1, k2, j1, j2 = (k + 1) % 3, (k + 2) % 3, (j + 1) % 3, (j + 2) % 3
@@ -179,7 +179,7 @@ def _flip(mesh: Mesh, t: int, k: int) -> int:
 
 @kernel
 def _in_circle(at: Longs, a: int, b: int, c: int, d: int) -> bool:
-    """Whether d lies within the circle through a, b and c, by more than rounding."""
+    """Whether d lies inside the circle through a, b and c by more than rounding."""
     ax, ay = float(at[a, 0] - at[d, 0]), float(at[a, 1] - at[d, 1])
     bx, by = float(at[b, 0] - at[d, 0]), float(at[b, 1] - at[d, 1])
     cx, cy = float(at[c, 0] - at[d, 0]), float(at[c, 1] - at[d, 1])
@@ -190,8 +190,8 @@ def _in_circle(at: Longs, a: int, b: int, c: int, d: int) -> bool:
 
 @kernel
 def _restore(mesh: Mesh, stack: Longs, height: int) -> None:
-    """Flip edges until the triangulation is Delaunay again; the new vertex is corner 2 of the triangles on the
-    stack, their edge 0 is opposite to it."""
+    """Flip edges until the triangulation is Delaunay. The new vertex is corner 2 of the triangles on the stack;
+    their edge 0 is opposite to it."""
     while height:
         height -= 1
         t = stack[height]
@@ -212,7 +212,7 @@ def _restore(mesh: Mesh, stack: Longs, height: int) -> None:
 
 @kernel
 def insert_vertex(mesh: Mesh, x: int, y: int, hint: int, stack: Longs) -> int:
-    """The vertex at a point of the lattice, a new one where there is none; there must be room for it."""
+    """The vertex at a point of the lattice, a new one if there is none; the mesh must have room."""
     t = locate(mesh, x, y, hint)
     on_edge = -1
     for k in range(3):
@@ -259,7 +259,7 @@ def insert_vertex(mesh: Mesh, x: int, y: int, hint: int, stack: Longs) -> int:
 
 @kernel
 def _first_of_star(mesh: Mesh, vertex: int) -> int:
-    """The triangle at which a turn around a vertex begins: the last one clockwise at the frame, else any."""
+    """The first triangle around a vertex: the last one clockwise at the frame, else any."""
     first = here = mesh.some[vertex]
     while True:
         before = mesh.across[here, _corner_of(mesh, here, vertex)]
@@ -276,7 +276,7 @@ def _after_in_star(mesh: Mesh, vertex: int, triangle: int) -> int:
 
 @kernel
 def _find_edge(mesh: Mesh, a: int, b: int) -> tuple[int, int]:
-    """The triangle and the number of the edge from a to b; (-1, -1) where there is none."""
+    """The triangle and the number of the edge from a to b; (-1, -1) if there is none."""
     first = here = _first_of_star(mesh, a)
     while True:
         k = _corner_of(mesh, here, a)
@@ -297,8 +297,8 @@ def _mark(mesh: Mesh, a: int, b: int, wall: bool) -> None:
 
 @kernel
 def _along(at: Longs, a: int, b: int, p: int) -> float:
-    """How far from vertex a vertex p lies on the line from a to b, as a part of its length; negative where it
-    does not lie on the line between them, 1 for b."""
+    """Position of vertex p on the line from vertex a to b, as a share of its length: negative if p is not between
+    them on the line, 1 for b."""
     if p == b:
         return 1.0
     dx, dy = float(at[b, 0] - at[a, 0]), float(at[b, 1] - at[a, 1])
@@ -311,7 +311,7 @@ def _along(at: Longs, a: int, b: int, p: int) -> float:
 
 @kernel
 def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
-    """From vertex a towards vertex b: the nearest neighbour of a on the line, or else the triangle and the edge that
+    """From vertex a towards vertex b: the nearest neighbour of a on the line, else the triangle and the edge that
     the line crosses first; (vertex or -1, triangle, edge)."""
     triangle, edge = -1, -1
     nearest, least = -1, 2.0
@@ -332,7 +332,7 @@ def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
 
 @kernel
 def insert_wall(mesh: Mesh, a: int, b: int) -> bool:
-    """Make the line from vertex a to vertex b a wall; False where another wall is in the way of a part of it."""
+    """Make the line from vertex a to vertex b a wall; False if another wall crosses a part of it."""
     for _ in range(mesh.size[1]):
         if a == b:
             return True
@@ -348,8 +348,8 @@ def insert_wall(mesh: Mesh, a: int, b: int) -> bool:
 
 @kernel
 def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
-    """Flip the edges that the line from a to b crosses, up to the next vertex on it, which is returned; -1 where a
-    wall is among them."""
+    """Flip the edges that the line from a to b crosses up to the next vertex on it. Returns that vertex; -1 if one
+    of the edges is a wall."""
     if triangle < 0:
         return -1
     crossed = np.empty((64, 2), np.int64)
@@ -397,22 +397,9 @@ def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
 
 
 @kernel
-def remove_wall(mesh: Mesh, a: int, b: int) -> None:
-    """Let sight cross the edges along the line from vertex a to vertex b."""
-    for _ in range(mesh.size[1]):
-        if a == b:
-            return
-        on, _triangle, _edge = _next_on(mesh, a, b)
-        if on < 0:
-            return
-        _mark(mesh, a, on, False)
-        a = on
-
-
-@kernel
 def insert_walls(mesh: Mesh, segments: Floats, order: Longs, ends: Longs) -> int:
-    """Insert segments (n, 4) in m as walls, their ends in `order` (2n,); ends (2n,) gets their vertices. Returns how
-    many could not be inserted whole."""
+    """Insert segments (n, 4) [m] as walls, their ends in the given order (2n,); ends (2n,) receives their vertices.
+    Returns the number of walls that were not inserted completely."""
     stack = np.empty(4096, np.int64)
     hint = 0
     for end in order:
@@ -428,7 +415,7 @@ def insert_walls(mesh: Mesh, segments: Floats, order: Longs, ends: Longs) -> int
 
 @kernel
 def insert_points(mesh: Mesh, points: Floats) -> None:
-    """Insert points (n, 2) in m as vertices."""
+    """Insert points (n, 2) [m] as vertices."""
     stack = np.empty(4096, np.int64)
     hint = 0
     for i in range(points.shape[0]):

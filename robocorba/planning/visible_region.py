@@ -1,7 +1,7 @@
-"""Which vertices of a triangulation can be seen from a point, by triangular expansion.
+"""Which vertices of a triangulation are visible from a point, by triangular expansion.
 
-Rays are as wide as SLACK_STEPS of the lattice, so that rounding never hides a vertex: what is returned is at least
-what is visible, and what uses it verifies each line against the exact geometry.
+Rays are as wide as SLACK_STEPS of the lattice, so that rounding never hides a vertex: the result includes all
+visible vertices, and its users verify each line against the exact geometry.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from robocorba.kernels import kernel
 from robocorba.planning.triangulation import Mesh, _after_in_star, _corner_of, _first_of_star, locate, on_lattice
 from robocorba.spatial.grids import Floats, Longs
 
-#: How far beside a ray a vertex still counts as seen, in steps of the lattice.
+#: Distance beside a ray within which a vertex counts as seen [steps of the lattice].
 SLACK_STEPS = 4.0
 
 
 class Scratch(NamedTuple):
-    """Room for one expansion: edges to cross and the rays that bound the view, the vertices seen, and the number of
-    the expansion that saw each vertex last."""
+    """Work arrays of an expansion: edges to cross and the rays that bound the view, the vertices seen, and the
+    number of the last expansion that saw each vertex."""
 
     edges: Longs
     rays: Floats
@@ -31,7 +31,7 @@ class Scratch(NamedTuple):
 
 
 def make_scratch(mesh: Mesh) -> Scratch:
-    """Scratch for a mesh."""
+    """Work arrays for a mesh."""
     triangles, vertices = mesh.corner.shape[0], mesh.at.shape[0]
     return Scratch(
         np.empty((triangles + 8, 2), np.int64),
@@ -44,8 +44,8 @@ def make_scratch(mesh: Mesh) -> Scratch:
 
 @kernel
 def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: Scratch) -> tuple[int, int]:
-    """Fill scratch.seen with the vertices visible from a vertex or, where that is -1, from the point (x, y) in m;
-    returns how many they are and how many triangles were visited. xy (n, 2) are the vertices in m."""
+    """Fill scratch.seen with the vertices visible from a vertex or, if that is -1, from the point (x, y) [m].
+    Returns the number of these vertices and of the triangles visited. xy (n, 2) are the vertices [m]."""
     scratch.counter[0] += 1
     epoch = scratch.counter[0]
     edges, rays, seen, stamp = scratch.edges, scratch.rays, scratch.seen, scratch.stamp
@@ -91,7 +91,7 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
         far = math.hypot(ax, ay)
         if far > 0.0:
             ax, ay = ax / far, ay / far
-        # Edges are crossed from their front only: a ray that touches a vertex would else turn around it.
+        # Edges are crossed from their front only; otherwise a ray that touches a vertex would turn around it.
         right_edge, left_edge = (j + 1) % 3, (j + 2) % 3
         left, right = mesh.corner[there, j], mesh.corner[there, right_edge]
         faces_right = (xy[right, 0] - x) * ay - (xy[right, 1] - y) * ax > 0.0
@@ -119,7 +119,7 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
 
 @kernel
 def _is_closed(mesh: Mesh, triangle: int, k: int) -> bool:
-    """Whether sight does not cross an edge: a wall lies on it, or nothing beyond."""
+    """Whether an edge blocks sight: a wall lies on it, or it is the border of the mesh."""
     return mesh.across[triangle, k] < 0 or mesh.wall[triangle, k]
 
 
@@ -133,7 +133,7 @@ def _edge_index(mesh: Mesh, triangle: int, neighbour: int) -> int:
 
 @kernel
 def _note(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) -> int:
-    """Add a vertex to what is seen, once."""
+    """Add a vertex to those seen, once."""
     if stamp[vertex] == epoch:
         return count
     stamp[vertex] = epoch

@@ -1,4 +1,4 @@
-"""All floors and roads of a building as the compiled search reads them."""
+"""All floors and the roadmap of a building as arrays for the compiled search."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
-from robocorba.planning.roads import Roads
+from robocorba.planning.roads import RoadmapArrays
 from robocorba.planning.space import FloorSpace, stands_free
 from robocorba.spatial.grids import Floats, Grid, Longs
 
 
 class Ground(NamedTuple):
-    """All floors in one: what grid, region and one-way edges of each hold, one behind the other.
+    """Grids, rings and one-way edges of all floors, concatenated.
 
     Floor f has frames[f], start[first_cell[f]:first_cell[f + 1]], borders[first_border[f]:first_border[f + 1]],
     rings[first_ring[f]:first_ring[f + 1]], lanes[first_lane[f]:first_lane[f + 1]], and the nodes
-    first_node[f]:first_node[f + 1]."""
+    first_node[f]:first_node[f + 1]. See FloorSpace for their meaning; lanes are one-way edges (n, 4)."""
 
     segments: Floats
     start: Longs
@@ -37,8 +37,11 @@ class Ground(NamedTuple):
     first_node: Longs
 
 
-def pack_world(spaces: Sequence[FloorSpace], lanes: Sequence[Floats], elevations: Floats, roads: Roads) -> Packed:
-    """The world of a building: its floors' spaces, one-way edges (n, 4) and heights in floor order, and its roads."""
+def pack_world(
+    spaces: Sequence[FloorSpace], lanes: Sequence[Floats], elevations: Floats, roads: RoadmapArrays
+) -> Packed:
+    """Pack the spaces of the floors, their one-way edges (n, 4) [m] and elevations [m] in floor order, and the
+    roadmap."""
     grids = [space.grid for space in spaces]
     first_segment = _firsts([grid.segments for grid in grids])
     first_item = _firsts([grid.items for grid in grids])
@@ -75,8 +78,8 @@ def _firsts(parts: Sequence[Any]) -> Longs:
 
 
 @kernel
-def unpack(world: Packed) -> tuple[Ground, Roads]:
-    """The parts of a world, as views."""
+def unpack(world: Packed) -> tuple[Ground, RoadmapArrays]:
+    """The parts of a packed world, as views."""
     ground = Ground(
         rows(world, 0, 4),
         numbers(world, 8),
@@ -93,7 +96,7 @@ def unpack(world: Packed) -> tuple[Ground, Roads]:
         rows(world, 6, 1)[:, 0],
         numbers(world, 19),
     )
-    roads = Roads(
+    roads = RoadmapArrays(
         rows(world, 4, 2),
         numbers(world, 14),
         numbers(world, 15),
@@ -119,8 +122,8 @@ def floor_lanes(ground: Ground, floor: int) -> Floats:
 
 
 @kernel
-def floor_stands_free(ground: Ground, floor: int, x: float, y: float, radius: float) -> bool:
-    """Whether a robot of that radius can stand at a point of a floor."""
+def floor_point_is_free(ground: Ground, floor: int, x: float, y: float, radius: float) -> bool:
+    """Whether a robot of this radius [m] fits at a point of a floor."""
     borders = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]
     rings = ground.rings[ground.first_ring[floor] : ground.first_ring[floor + 1]]
     return stands_free(floor_grid(ground, floor), borders, rings, ground.inside[floor], x, y, radius)

@@ -1,4 +1,4 @@
-"""What can be proved of the mobile base: that it can get from each place to the next."""
+"""Checks of the mobile base in a program: it can drive from each place to the next."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Protocol
 from robocorba.errors.paths import InvalidPoint, NotFree, PathError, UnknownFloor
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
 from robocorba.programs.icons import HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
-from robocorba.programs.report import Report
+from robocorba.programs.report import CheckReport
 
-#: A way this much longer than the straight line goes around something, m.
+#: A path this much longer than the straight line goes around an obstacle [m].
 _DETOUR_M = 0.01
 
 
 class Planner(Protocol):
-    """The path planning agent: a `robocorba.planning.planner.PathPlanner`, or one that is reached over CORBA."""
+    """The path planning agent: a `robocorba.planning.planner.PathPlanner`, or a remote one over CORBA."""
 
     def paths(self, request: PathRequest) -> Sequence[Path]:
         """The best path first. Raises PathError."""
@@ -25,18 +25,18 @@ class Planner(Protocol):
 
 @dataclass(frozen=True)
 class BaseAt:
-    """Where the base is. `is_known` False: `place` is the last one that was known; None: none ever was."""
+    """Where the base is. If not `is_known`, `place` is the last known place, None if there was none."""
 
     place: Place | None = None
     heading: float | None = None
     is_known: bool = False
 
     def lost(self) -> BaseAt:
-        """It has moved, nobody knows how far."""
+        """The base after a motion of unknown length."""
         return BaseAt(self.place)
 
     def or_at(self, other: BaseAt) -> BaseAt:
-        """Either here or there."""
+        """What is equal in both stays known."""
         if self == other:
             return self
         is_same_place = self.is_known and other.is_known and self.place == other.place
@@ -44,13 +44,13 @@ class BaseAt:
 
 
 class BaseChecks:
-    """Follows the base through a program, and tells a report what can't be. Without a planner it only follows."""
+    """Follows the base through a program and reports what is impossible. Without a planner it only follows."""
 
-    def __init__(self, report: Report, planner: Planner | None) -> None:
+    def __init__(self, report: CheckReport, planner: Planner | None) -> None:
         self._report, self._planner = report, planner
 
     def after(self, path: str, icon: Icon, at: BaseAt) -> BaseAt:
-        """Where the base is after an icon that holds no others."""
+        """Where the base is after an icon that contains no others."""
         if isinstance(icon, MbasePath):
             return self._along_path(path, icon, at)
         if isinstance(icon, MbaseTo):
@@ -60,7 +60,7 @@ class BaseChecks:
         if isinstance(icon, MbaseVelocity):
             return at.lost() if icon.ahead or icon.left or icon.turn else at
         if isinstance(icon, MoveTable | HandOver):
-            self._report.note(path, "the mission layer makes icons of it: not proved here")
+            self._report.note(path, "the mission layer expands it: not proved here")
             return at.lost()
         return at
 
@@ -68,9 +68,9 @@ class BaseChecks:
         goal = Place(icon.floor, icon.x, icon.y)
         if self._planner:
             if not at.place:
-                self._report.note(path, "nobody knows where the drive begins: proved only that its end is free")
+                self._report.note(path, "the start of the drive is unknown: proved only that its end is free")
             elif not at.is_known:
-                self._report.note(path, "nobody knows where the drive begins: proved from the last place known")
+                self._report.note(path, "the start of the drive is unknown: proved from the last known place")
             if self._path_m(path, at.place or goal, goal, RouteMode.SMOOTHED, "x, y") is None:
                 return at.lost()
         return BaseAt(goal, icon.heading, is_known=True)
@@ -100,23 +100,23 @@ class BaseChecks:
 
     def _note_unknown(self, path: str) -> None:
         if self._planner:
-            self._report.note(path, "nobody knows where the drive begins: not proved that it is free")
+            self._report.note(path, "the start of the drive is unknown: not proved that it is free")
 
     def _is_straight(self, path: str, start: Place, goal: Place, parameter: str) -> bool:
-        """Whether the straight line is free, as far as anybody knows; tells where it is not."""
+        """Whether the straight line is free, as far as its start is known; reports an obstacle."""
         if not self._planner:
             return True
-        way_m = self._path_m(path, start, goal, RouteMode.GEOMETRIC, parameter)
-        if way_m is None:
+        length_m = self._path_m(path, start, goal, RouteMode.GEOMETRIC, parameter)
+        if length_m is None:
             return False
-        if way_m > math.dist(start[1:], goal[1:]) + _DETOUR_M:
+        if length_m > math.dist(start[1:], goal[1:]) + _DETOUR_M:
             line = f"from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f}) on {goal.floor}"
-            self._report.find(path, parameter, f"something stands on the straight line {line}")
+            self._report.find(path, parameter, f"an obstacle blocks the straight line {line}")
             return False
         return True
 
     def _path_m(self, path: str, start: Place, goal: Place, mode: RouteMode, parameter: str) -> float | None:
-        """How far it is; None where nothing leads there, which is told."""
+        """Length of the path [m]; None if there is none, which is reported."""
         assert self._planner
         try:
             return self._planner.paths(PathRequest(start, goal, mode=mode))[0].distance

@@ -1,4 +1,4 @@
-"""Programs written in Python: the vocabulary of the file, a method an icon.
+"""Builds programs in Python: one method for each icon.
 
     fetch = ProgramBuilder("fetch")
     fetch.mhand_posture("both", "home")
@@ -6,8 +6,8 @@
         fetch.mbase_path("L3", 10, 4)
     program = fetch.program()
 
-Icons that hold others are used by `with`; all others answer the builder, to go on with. Parameters are those of the
-classes in `icons`, which say what they mean; they are checked by `program`.
+Icons that contain others are context managers; all other methods return the builder, so that calls can be chained.
+The classes in `icons` document the parameters; `program` checks them.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from robocorba.programs.program import Program, checked
 
 
 class ProgramBuilder:
-    """A program that grows icon by icon."""
+    """A program under construction."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._icons: list[Icon] = []
 
     def program(self) -> Program:
-        """What was put together. Raises InvalidProgram, which names icon and parameter."""
+        """The finished program. Raises InvalidProgram, which names icon and parameter."""
         return checked(Program(name=self._name, icons=tuple(self._icons)))
 
     # ---- the mobile base ----
@@ -91,7 +91,7 @@ class ProgramBuilder:
     ) -> ProgramBuilder:
         return self._add(icons.Gripper(hand, action, opening, force, object))
 
-    # ---- what happens when ----
+    # ---- control flow ----
 
     def wait_until(self, condition: Condition, seconds: float) -> ProgramBuilder:
         return self._add(icons.WaitUntil(condition, seconds))
@@ -109,13 +109,13 @@ class ProgramBuilder:
         return self._holding(lambda body: icons.Branch(condition, body))
 
     def otherwise(self) -> contextlib.AbstractContextManager[None]:
-        """The other way of the branch just before. Raises ValueError where there is none."""
+        """The `otherwise` icons of the branch just before. Raises ValueError if there is none."""
         if not self._icons or not isinstance(self._icons[-1], Branch) or self._icons[-1].otherwise:
             raise ValueError("otherwise() comes after the end of a branch()")
         branch = self._icons.pop()
         return self._holding(lambda body: msgspec.structs.replace(branch, otherwise=body))
 
-    # ---- others ----
+    # ---- events and missions ----
 
     def say(self, type: str, payload: Any = None) -> ProgramBuilder:
         return self._add(icons.Say(type, payload))

@@ -1,7 +1,7 @@
-"""Proves before a run what can be proved of a program, and says what could not be.
+"""Checks before a run what can be proved of a program, and notes what cannot.
 
-It goes through the icons as a run would, and keeps in mind where each of them leaves the base and the arms. Where
-several ways lead on, only what all of them agree on is known after it.
+The check follows the icons as a run would, and tracks where each of them leaves the base and the arms. After
+alternatives only what is equal in all of them is known.
 """
 
 from __future__ import annotations
@@ -31,48 +31,47 @@ from robocorba.programs.icons import (
     range_m,
 )
 from robocorba.programs.program import Program, walk
-from robocorba.programs.report import Report
+from robocorba.programs.report import CheckReport
 from robocorba.spatial.grids import Floats
 
-#: How often a check looks at icons, those in repeats more than once.
-MOST_LOOKS = 4000
-#: Whoever has more to mend begins with these.
-MOST_FINDINGS = 100
+#: Greatest number of icons that a check follows; those in repeats count for each time.
+MAX_ICONS_CHECKED = 4000
+#: Number of findings after which a check ends.
+MAX_FINDINGS = 100
 
 
 class Start(NamedTuple):
-    """Where the robot is when the program begins, as far as anybody knows: joints (18,), None for upright with both
-    arms in the posture `home`."""
+    """What is known of the robot at the start: joints (18,), None for upright with both arms in the posture `home`."""
 
     place: Place | None = None
     heading: float | None = None
     joints: Floats | None = None
 
 
-NOWHERE = Start()
+UNKNOWN_START = Start()
 
 
 def check(
     program: Program,
     kinematics: Kinematics | None = None,
     planner: Planner | None = None,
-    start: Start = NOWHERE,
+    start: Start = UNKNOWN_START,
     postures: Mapping[str, Floats] = POSTURES,
-) -> Report:
-    """What is wrong with a program that `loads` let through, and what could not be proved.
+) -> CheckReport:
+    """What is wrong with a program that `loads` accepts, and what could not be proved.
 
-    kinematics: an InverseKinematics; without it nothing is proved of hands. planner: a PathPlanner; without it nothing
-    of the base. Raises only what a planner raises that can't be reached."""
-    report = Report()
+    kinematics: an InverseKinematics; without it the hands are not checked. planner: a PathPlanner; without it the
+    base is not checked. Raises only NotReachable, from a remote planner."""
+    report = CheckReport()
     if kinematics is None:
         report.note("", "there is no kinematics: nothing is proved of the arms")
     elif start.joints is None:
-        report.note("", "the robot is taken to stand upright with its arms in the posture home when it begins")
+        report.note("", "the robot is assumed upright with its arms in the posture home at the start")
     if planner is None:
         report.note("", "there is no map: nothing is proved of the base")
     for path, icon in walk(program):
         _check_alone(path, icon, report)
-    _Walk(report, kinematics, planner, postures).through(program, start)
+    _ProgramWalk(report, kinematics, planner, postures).through(program, start)
     return report
 
 
@@ -80,21 +79,21 @@ def require(
     program: Program,
     kinematics: Kinematics | None = None,
     planner: Planner | None = None,
-    start: Start = NOWHERE,
+    start: Start = UNKNOWN_START,
     postures: Mapping[str, Floats] = POSTURES,
-) -> Report:
-    """The same; raises InvalidProgram for the first thing that is wrong."""
+) -> CheckReport:
+    """Like `check`, but raises InvalidProgram for the first finding."""
     report = check(program, kinematics, planner, start, postures)
     for finding in report.findings:
         raise finding.error()
     return report
 
 
-# ---- icons by themselves ----
+# ---- single icons ----
 
 
-def _check_alone(path: str, icon: Icon, report: Report) -> None:
-    """Parameters that don't go together."""
+def _check_alone(path: str, icon: Icon, report: CheckReport) -> None:
+    """Report parameters of one icon that contradict each other."""
     if isinstance(icon, MbaseVelocity) and math.hypot(icon.ahead, icon.left) > BASE.speed:
         report.find(path, "ahead, left", f"together they are faster than {BASE.speed:g} m/s")
     if isinstance(icon, MhandPose):
@@ -112,82 +111,88 @@ def _check_alone(path: str, icon: Icon, report: Report) -> None:
         _check_distance(path, "condition.distance", icon.condition.sensor, icon.condition.distance, report)
 
 
-def _check_distance(path: str, parameter: str, sensor: str, distance: float, report: Report) -> None:
+def _check_distance(path: str, parameter: str, sensor: str, distance: float, report: CheckReport) -> None:
     if distance > range_m(sensor):
         report.find(path, parameter, f"{sensor} sees no farther than {range_m(sensor):g} m")
 
 
-# ---- icons one after the other ----
+# ---- sequences of icons ----
 
 
-class _Situation(NamedTuple):
-    """if_done: what is known if the icon before ended with the result `done`, where that is more."""
+class _RobotState(NamedTuple):
+    """if_done: what is known in addition if the previous icon ended with the result `done`."""
 
     arms: ArmsAt
     base: BaseAt
-    if_done: _Situation | None = None
+    if_done: _RobotState | None = None
 
 
-class _Walk:
+class _ProgramWalk:
     def __init__(
-        self, report: Report, kinematics: Kinematics | None, planner: Planner | None, postures: Mapping[str, Floats]
+        self,
+        report: CheckReport,
+        kinematics: Kinematics | None,
+        planner: Planner | None,
+        postures: Mapping[str, Floats],
     ) -> None:
         self._report = report
         self._arms = ArmChecks(report, kinematics, postures)
         self._base = BaseChecks(report, planner)
-        self._looks = 0
-        self._ended = ""
+        self._icons_checked = 0
+        self._end_reason = ""
 
     def through(self, program: Program, start: Start) -> None:
         joints = self._arms.home if start.joints is None else start.joints
         base = BaseAt(start.place, start.heading, start.place is not None)
-        self._icons("icons", program.icons, _Situation(ArmsAt(tuple(joints.tolist())), base))
+        self._icons("icons", program.icons, _RobotState(ArmsAt(tuple(joints.tolist())), base))
 
-    def _icons(self, at: str, icons: tuple[Icon, ...], now: _Situation) -> _Situation:
+    def _icons(self, at: str, icons: tuple[Icon, ...], state: _RobotState) -> _RobotState:
         for number, icon in enumerate(icons):
-            now = self._icon(f"{at}[{number}]", icon, now)
-        return now
+            state = self._icon(f"{at}[{number}]", icon, state)
+        return state
 
-    def _icon(self, path: str, icon: Icon, now: _Situation) -> _Situation:
-        if self._is_over(path):
-            return now
+    def _icon(self, path: str, icon: Icon, state: _RobotState) -> _RobotState:
+        if self._is_at_limit(path):
+            return state
         if isinstance(icon, Repeat):
-            return self._repeat(path, icon, now)._replace(if_done=None)
+            return self._repeat(path, icon, state)._replace(if_done=None)
         if isinstance(icon, Branch):
-            yes = no = now
-            if now.if_done and icon.condition == Result("done"):
-                yes = now.if_done
-            elif now.if_done and icon.condition == Result("stopped"):
-                no = now.if_done
-            then = self._icons(f"{path}.then", icon.then, yes)
-            return self._either(then, self._icons(f"{path}.otherwise", icon.otherwise, no))
+            if_true = if_false = state
+            if state.if_done and icon.condition == Result("done"):
+                if_true = state.if_done
+            elif state.if_done and icon.condition == Result("stopped"):
+                if_false = state.if_done
+            then = self._icons(f"{path}.then", icon.then, if_true)
+            return self._either(then, self._icons(f"{path}.otherwise", icon.otherwise, if_false))
         if isinstance(icon, StopIfCloser):
-            # It may have been stopped anywhere; what it does not move is as before.
-            done = self._icons(f"{path}.icons", icon.icons, now)
-            return self._either(now, done)._replace(if_done=done._replace(if_done=None))
-        return _Situation(self._arms.after(path, icon, now.arms), self._base.after(path, icon, now.base))
+            # It may stop anywhere; the joints and the base that it does not move are unchanged.
+            done = self._icons(f"{path}.icons", icon.icons, state)
+            return self._either(state, done)._replace(if_done=done._replace(if_done=None))
+        return _RobotState(self._arms.after(path, icon, state.arms), self._base.after(path, icon, state.base))
 
-    def _is_over(self, path: str) -> bool:
-        if not self._ended:
-            self._looks += 1
-            if self._looks > MOST_LOOKS:
-                self._ended = f"{MOST_LOOKS} icons of repeats have been followed"
-            elif len(self._report.findings) >= MOST_FINDINGS:
-                self._ended = "so much is wrong"
-            if self._ended:
-                self._report.note(path, f"{self._ended}: nothing is proved from here on")
-        return bool(self._ended)
+    def _is_at_limit(self, path: str) -> bool:
+        if not self._end_reason:
+            self._icons_checked += 1
+            if self._icons_checked > MAX_ICONS_CHECKED:
+                self._end_reason = f"the check has followed {MAX_ICONS_CHECKED} icons, those in repeats for each time"
+            elif len(self._report.findings) >= MAX_FINDINGS:
+                self._end_reason = f"the check has {MAX_FINDINGS} findings"
+            if self._end_reason:
+                self._report.note(path, f"{self._end_reason}: nothing is proved from here on")
+        return bool(self._end_reason)
 
-    def _repeat(self, path: str, icon: Repeat, now: _Situation) -> _Situation:
-        """Twice is enough where the second time leaves all as the first one did."""
-        first = self._icons(f"{path}.icons", icon.icons, now)
-        if icon.times == 1 or first == now:
+    def _repeat(self, path: str, icon: Repeat, state: _RobotState) -> _RobotState:
+        """The state after a repeat, which is known if a repetition leaves the state unchanged."""
+        first = self._icons(f"{path}.icons", icon.icons, state)
+        if icon.times == 1 or first == state:
             return first
         second = self._icons(f"{path}.icons", icon.icons, first)
         if icon.times == 2 or second == first:
             return second
-        self._report.note(path, "each time leaves the robot elsewhere: proved for the first two times")
+        self._report.note(path, "each repetition leaves the robot elsewhere: proved for the first two")
         return self._either(first, second)
 
-    def _either(self, one: _Situation, other: _Situation) -> _Situation:
-        return _Situation(one.arms.or_at(other.arms, self._arms.home), one.base.or_at(other.base))
+    def _either(self, first_state: _RobotState, second_state: _RobotState) -> _RobotState:
+        return _RobotState(
+            first_state.arms.or_at(second_state.arms, self._arms.home), first_state.base.or_at(second_state.base)
+        )

@@ -1,4 +1,4 @@
-"""Where the icons of hands, lumbar and grippers bring the joints: for who checks a program, and who runs it."""
+"""Target joints of the icons for hands, lumbar and grippers: for the check and for the run of a program."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from robocorba.spatial.grids import Floats
 
 #: Icons that move joints.
 HandIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar | Gripper
-#: Inverse kinematics along a straight line is asked this often, m.
+#: Distance between solutions of the inverse kinematics along a straight line [m].
 LINE_STEP_M = 0.01
 
 
-class Body(Protocol):
-    """Of `robocorba.kinematics.body.Body`: what is asked here."""
+class BodyModel(Protocol):
+    """The part of `robocorba.kinematics.body.Body` used here."""
 
     def hand(self, side: Side, joints: Floats) -> HandPose: ...
 
@@ -30,10 +30,10 @@ class Body(Protocol):
 
 
 class Kinematics(Protocol):
-    """Of `robocorba.kinematics.inverse.InverseKinematics`: what is asked here. All of it may raise Unreachable."""
+    """The part of `robocorba.kinematics.inverse.InverseKinematics` used here. Its methods raise Unreachable."""
 
     @property
-    def body(self) -> Body: ...
+    def body(self) -> BodyModel: ...
 
     def solve(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
 
@@ -41,7 +41,7 @@ class Kinematics(Protocol):
 
 
 def joints_of(icon: HandIcon) -> list[int]:
-    """Which of the 18 joints an icon moves."""
+    """Indices of the 18 joints that an icon moves."""
     if isinstance(icon, Lumbar):
         return [*range(LUMBAR.start, LUMBAR.stop)]
     if isinstance(icon, Gripper):
@@ -60,10 +60,10 @@ def home(postures: Mapping[str, Floats] = POSTURES) -> Floats:
 def way(
     icon: HandIcon, joints: Floats, kinematics: Kinematics, postures: Mapping[str, Floats] = POSTURES
 ) -> list[Floats]:
-    """The joints (18,) which an icon brings `joints` to, one after the other; between them all go in proportion.
+    """Joints (18,) of each step of an icon, from `joints` on; within a step all joints move in proportion.
 
-    It is a single step but for lines in space, which have one every LINE_STEP_M. Raises Unreachable; InvalidProgram,
-    without the icon's path, for a posture that nobody knows."""
+    A straight line of a hand has a step every LINE_STEP_M, other icons have one. Raises Unreachable, or
+    InvalidProgram without the icon's path for an unknown posture."""
     if isinstance(icon, MhandOffset):
         return _line(icon, joints, kinematics)
     if isinstance(icon, MhandPose):

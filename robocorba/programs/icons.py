@@ -1,6 +1,6 @@
-"""The icons that a program is made of: their parameters, with units and bounds.
+"""The icons of a program: their parameters with units and bounds.
 
-Metres, radians, seconds, newtons throughout. The classes check nothing when they are made in Python;
+Units are metres, radians, seconds and newtons. The classes check nothing when they are constructed in Python;
 `program.loads` and `ProgramBuilder.program` do. Field names are those of the program's JSON file.
 """
 
@@ -25,14 +25,14 @@ def _joint(number: int, title: str) -> Meta:
     return Meta(ge=float(LOWER[number]), le=float(UPPER[number]), title=f"{title} [rad]")
 
 
-# ---- what parameters can be ----
+# ---- types of parameters ----
 
 Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$", title="name")]
 Coordinate = Annotated[float, Meta(ge=-1e6, le=1e6, title="coordinate [m]", description="In the building's frame.")]
 Heading = Annotated[
     float, Meta(ge=-2 * math.pi, le=2 * math.pi, title="heading [rad]", description="Counter-clockwise from +x.")
 ]
-Way = Annotated[float, Meta(ge=-1000.0, le=1000.0, title="way [m]", description="In the robot's own frame.")]
+Offset = Annotated[float, Meta(ge=-1000.0, le=1000.0, title="distance [m]", description="In the robot's own frame.")]
 Turn = Annotated[float, Meta(ge=-2 * math.pi, le=2 * math.pi, title="turn [rad]", description="Plus to the left.")]
 Speed = Annotated[float, Meta(ge=0.01, le=BASE.speed, title="speed [m/s]", description="At most this fast.")]
 Velocity = Annotated[float, Meta(ge=-BASE.speed, le=BASE.speed, title="velocity [m/s]")]
@@ -59,7 +59,7 @@ Times = Annotated[int, Meta(ge=1, le=10_000, title="times")]
 Hand = Literal["left", "right", "both"]
 GripperAction = Literal["open", "close"]
 Outcome = Literal["done", "stopped", "timed_out"]
-#: The laser; the nearest of all proximity sensors; each of them, in the order of the rays of a proximity scan.
+#: The laser; the nearest of all proximity sensors; each proximity sensor, in the order of the rays of a scan.
 Sensor = Literal[
     "laser",
     "proximity",
@@ -76,17 +76,17 @@ PROXIMITY_SENSORS: tuple[str, ...] = get_args(Sensor)[2:]
 
 
 def sides(hand: str) -> tuple[Side, ...]:
-    """The hands that `left`, `right` or `both` names."""
+    """The hands for `left`, `right` or `both`."""
     return (Side.LEFT, Side.RIGHT) if hand == "both" else (Side(hand),)
 
 
 def range_m(sensor: str) -> float:
-    """How far a sensor sees, m."""
+    """Range of a sensor [m]."""
     return LASER.range_m if sensor == "laser" else PROXIMITY.range_m
 
 
 class Destination(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where something shall stand."""
+    """Target pose of an object."""
 
     floor: Text
     x: Coordinate
@@ -102,14 +102,14 @@ class _Condition(Struct, frozen=True, forbid_unknown_fields=True, tag_field="whe
 
 
 class CloserThan(_Condition, frozen=True):
-    """The nearest thing that a sensor sees is closer than this."""
+    """The nearest obstacle that a sensor sees is closer than this."""
 
     sensor: Sensor
     distance: Distance
 
 
 class FartherThan(_Condition, frozen=True):
-    """Everything that a sensor sees is at least as far as this."""
+    """Every obstacle that a sensor sees is at least this far away."""
 
     sensor: Sensor
     distance: Distance
@@ -122,15 +122,15 @@ class Holding(_Condition, frozen=True):
 
 
 class Event(_Condition, frozen=True):
-    """An event has come since the program began that no condition has used up: this one uses up one. In type and source
-    * stands for any text, ? for any character."""
+    """An event has arrived since the program began that no condition has consumed; this condition consumes one. In
+    type and source * matches any text, ? any character."""
 
     type: Text = "*"
     source: Text = "*"
 
 
 class Result(_Condition, frozen=True):
-    """The icon before ended like this."""
+    """The previous icon ended with this result."""
 
     result: Outcome
 
@@ -143,8 +143,9 @@ class _Icon(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True,
 
 
 class MbasePath(_Icon, frozen=True):
-    """Drive to a point in the building along a path of the path planning agent, across floors and elevators, giving way
-    to other robots and, once it was blocked, around them. Without `heading` it is left as the drive ends."""
+    """Drive to a point in the building along a path of the path planning agent, across floors and elevators. The
+    robot yields to other robots and, after it was blocked, plans around them. Without `heading` it keeps the last
+    heading of the drive."""
 
     floor: Text
     x: Coordinate
@@ -163,10 +164,10 @@ class MbaseTo(_Icon, frozen=True):
 
 
 class MbaseBy(_Icon, frozen=True):
-    """Drive straight so far ahead and to the left, and turn by so much on the way."""
+    """Drive straight by a distance ahead and to the left, turning by an angle on the way."""
 
-    ahead: Way = 0.0
-    left: Way = 0.0
+    ahead: Offset = 0.0
+    left: Offset = 0.0
     turn: Turn = 0.0
     speed: Speed | None = None
 
@@ -182,7 +183,7 @@ class MbaseVelocity(_Icon, frozen=True):
 
 class MhandJoints(_Icon, frozen=True):
     """Bring an arm's joints to angles, from shoulder to wrist. `both`: the same angles, so that the arms mirror each
-    other. `seconds` is the least time it takes."""
+    other. `seconds` is the least duration."""
 
     hand: Hand
     joints: Joints
@@ -190,9 +191,9 @@ class MhandJoints(_Icon, frozen=True):
 
 
 class MhandPose(_Icon, frozen=True):
-    """Bring a hand to a place in the robot's frame: its control point to x, y, z, turned by roll about x, then pitch
-    about y, then yaw about z; all three left out: turned as it likes. `both`: this is the left hand's, the right one
-    mirrors it."""
+    """Bring a hand to a pose in the robot's frame: its control point to x, y, z, turned by roll about x, then pitch
+    about y, then yaw about z; without all three the attitude is free. `both`: the pose is the left hand's, the right
+    hand mirrors it."""
 
     hand: Hand
     x: Reach
@@ -205,7 +206,7 @@ class MhandPose(_Icon, frozen=True):
 
 
 class MhandOffset(_Icon, frozen=True):
-    """Move a hand along a straight line in the robot's frame, without turning it. `both` move alike."""
+    """Move a hand along a straight line in the robot's frame, without turning it. `both`: the hands move alike."""
 
     hand: Hand
     dx: Reach = 0.0
@@ -215,7 +216,7 @@ class MhandOffset(_Icon, frozen=True):
 
 
 class MhandPosture(_Icon, frozen=True):
-    """Bring an arm into a posture that has a name; `both`: the arms mirror each other."""
+    """Bring an arm into a named posture; `both`: the arms mirror each other."""
 
     hand: Hand
     posture: Text
@@ -231,8 +232,8 @@ class Lumbar(_Icon, frozen=True):
 
 
 class Gripper(_Icon, frozen=True):
-    """Open or close a gripper. `opening` says how far, else to the end. `force` (closing only) is how hard; `object`
-    (closing only) the name of what is gripped in the building."""
+    """Open or close a gripper, by default completely; `opening` sets how far. `force` (closing only) is the gripping
+    force; `object` (closing only) names the gripped object in the building."""
 
     hand: Hand
     action: GripperAction
@@ -242,20 +243,20 @@ class Gripper(_Icon, frozen=True):
 
     @property
     def angle_rad(self) -> float:
-        """Of the gripper's joint: where it shall go."""
+        """Target angle of the gripper's joint [rad]."""
         opening = self.opening if self.opening is not None else float(self.action == "open")
         return SHUT_RAD + opening * (OPEN_RAD - SHUT_RAD)
 
 
 class WaitUntil(_Icon, frozen=True):
-    """Wait for a condition, at most so many seconds: its result is `done` or `timed_out`."""
+    """Wait for a condition, at most for `seconds`: the result is `done` or `timed_out`."""
 
     condition: Condition
     seconds: Seconds
 
 
 class StopIfCloser(_Icon, frozen=True):
-    """Do icons, but end with the result `stopped` once a sensor sees something closer than this."""
+    """Run icons, but end with the result `stopped` as soon as a sensor sees an obstacle closer than this."""
 
     sensor: Sensor
     distance: Distance
@@ -269,14 +270,14 @@ class Wait(_Icon, frozen=True):
 
 
 class Repeat(_Icon, frozen=True):
-    """Do icons several times."""
+    """Run icons several times."""
 
     times: Times
     icons: Body
 
 
 class Branch(_Icon, frozen=True):
-    """Do the icons of `then` if a condition holds, else those of `otherwise`."""
+    """Run the icons of `then` if a condition holds, else those of `otherwise`."""
 
     condition: Condition
     then: Body
@@ -284,21 +285,21 @@ class Branch(_Icon, frozen=True):
 
 
 class Say(_Icon, frozen=True):
-    """Tell others: an event on the robot's channel, with any JSON value as payload."""
+    """Publish an event on the robot's channel, with any JSON value as payload."""
 
     type: Text
     payload: Any = None
 
 
 class MoveTable(_Icon, frozen=True):
-    """Carry a table somewhere together with other robots: the mission layer makes icons for each of them."""
+    """Carry a table together with other robots: the mission layer makes the icons of each of them."""
 
     table: Text
     to: Destination
 
 
 class HandOver(_Icon, frozen=True):
-    """Hand an object to another robot. Without `giver` it is the robot that runs the program."""
+    """Hand an object to another robot. Without `giver` the giver is the robot that runs the program."""
 
     object: Text
     taker: Text
@@ -334,12 +335,12 @@ CONDITIONS: dict[str, type[Condition]] = {str(kind.__struct_config__.tag): kind 
 
 
 def kind(icon: Icon | Condition) -> str:
-    """Its tag, such as mbase_path."""
+    """The tag of an icon or a condition, such as mbase_path."""
     return str(icon.__struct_config__.tag)
 
 
 def bodies(icon: Icon) -> tuple[tuple[str, tuple[Icon, ...]], ...]:
-    """The icons inside an icon, by the parameter that holds them."""
+    """The icons inside an icon, by the parameter that contains them."""
     if isinstance(icon, Repeat | StopIfCloser):
         return (("icons", icon.icons),)
     if isinstance(icon, Branch):

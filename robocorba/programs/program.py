@@ -1,4 +1,4 @@
-"""A program and its JSON file: read, with what is wrong in it named by icon and parameter, written, walked through."""
+"""A program and its JSON file: reading, checking, writing and traversal. Errors name icon and parameter."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ import msgspec
 from robocorba.errors.robots import InvalidProgram
 from robocorba.programs.icons import CONDITIONS, ICONS, Body, Icon, Text, bodies
 
-MOST_BYTES = 1024 * 1024
-MOST_ICONS = 1000
-#: Of icons inside icons: those of the program itself are at 1.
-MOST_NESTING = 8
-#: Of objects and arrays inside each other, of an event's payload too.
-MOST_DEPTH = 64
-#: More digits than a parameter has any use for; Python takes long for millions of them.
-_MOST_DIGITS = 20
+#: Size limit of a program file [bytes].
+MAX_BYTES = 1024 * 1024
+#: Greatest number of icons of a program, nested ones included.
+MAX_ICONS = 1000
+#: Greatest nesting depth of icons; those of the program itself have depth 1.
+MAX_NESTING = 8
+#: Greatest nesting depth of objects and arrays, including an event's payload.
+MAX_DEPTH = 64
+#: Longest integer that is parsed [digits]; Python takes long for millions of digits.
+_MAX_DIGITS = 20
 
 
 class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a robot shall do: icons, one after the other. `format` is the version of this format."""
+    """A program of a robot: icons in sequence. `format` is the version of this format."""
 
     format: Literal[1] = 1
     name: Text
@@ -34,17 +36,17 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def load(file: str | Path) -> Program:
-    """Read a program file. Raises InvalidProgram; OSError where it can't be read."""
+    """Read a program file. Raises InvalidProgram, and OSError if the file cannot be read."""
     with Path(file).open("rb") as source:
-        return loads(source.read(MOST_BYTES + 1))
+        return loads(source.read(MAX_BYTES + 1))
 
 
 def loads(text: str | bytes) -> Program:
-    """A program from JSON. Raises InvalidProgram, which names the first icon and parameter that is wrong."""
+    """A program from JSON. Raises InvalidProgram, which names the first wrong icon and parameter."""
     try:
         data = text.encode() if isinstance(text, str) else text
-        if len(data) > MOST_BYTES:
-            raise InvalidProgram("", "", f"a program has at most {MOST_BYTES} bytes")
+        if len(data) > MAX_BYTES:
+            raise InvalidProgram("", "", f"a program has at most {MAX_BYTES} bytes")
         plain = json.loads(data.decode(), object_pairs_hook=_object, parse_int=_integer)
     except RecursionError:
         raise _too_deep("") from None
@@ -56,7 +58,7 @@ def loads(text: str | bytes) -> Program:
 
 
 def checked(program: Program) -> Program:
-    """The same program, known to be what `loads` would accept; for those made in Python. Raises InvalidProgram."""
+    """The same program, checked like one from a file; for programs made in Python. Raises InvalidProgram."""
     try:
         return _converted(msgspec.to_builtins(program))
     except RecursionError:
@@ -66,7 +68,7 @@ def checked(program: Program) -> Program:
 
 
 def dumps(program: Program) -> str:
-    """A program as JSON for people to read; loading it gives an equal program."""
+    """A program as indented JSON; loading it gives an equal program."""
     return msgspec.json.format(msgspec.json.encode(program), indent=2).decode() + "\n"
 
 
@@ -101,7 +103,7 @@ def _walk(at: str, icons: tuple[Icon, ...], depth: int) -> Iterator[tuple[str, I
 
 
 class _Twice(dict[str, Any]):
-    """An object of the file that has a key more than once."""
+    """A JSON object with a duplicate key."""
 
     key = ""
 
@@ -117,7 +119,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _integer(text: str) -> int | float:
-    return int(text) if len(text) <= _MOST_DIGITS else math.inf
+    return int(text) if len(text) <= _MAX_DIGITS else math.inf
 
 
 def _converted(plain: Any) -> Program:
@@ -129,23 +131,23 @@ def _converted(plain: Any) -> Program:
     count = 0
     for path, icon, depth in _walk("icons", program.icons, 1):
         count += 1
-        if depth == MOST_NESTING and any(body for _, body in bodies(icon)):
+        if depth == MAX_NESTING and any(body for _, body in bodies(icon)):
             name = next(name for name, body in bodies(icon) if body)
-            raise InvalidProgram(path, name, f"icons are nested more than {MOST_NESTING} deep")
-    if count > MOST_ICONS:
-        raise InvalidProgram("", "icons", f"{count} icons in all; at most {MOST_ICONS} are allowed")
+            raise InvalidProgram(path, name, f"icons are nested more than {MAX_NESTING} deep")
+    if count > MAX_ICONS:
+        raise InvalidProgram("", "icons", f"{count} icons in all; at most {MAX_ICONS} are allowed")
     return program
 
 
 def _check_plain(value: Any, at: str, depth: int) -> None:
-    """Raise InvalidProgram for what JSON's readers let through: two values of a key, numbers that are none, text that
-    can't be written."""
+    """Raise InvalidProgram for what JSON readers accept: duplicate keys, numbers that are not finite, text that is
+    not UTF-8."""
     if isinstance(value, dict):
         if isinstance(value, _Twice):
-            raise _located(f"{at}.{value.key}", "is there twice")
+            raise _located(f"{at}.{value.key}", "is a duplicate key")
         for key, part in value.items():
             if not isinstance(key, str):
-                raise _located(at, f"{key!r:.80} is a key that JSON can't have")
+                raise _located(at, f"{key!r:.80} cannot be a key in JSON")
             _check_text(key, at)
             _check_part(part, f"{at}.{key}", depth)
     elif isinstance(value, list | tuple):
@@ -155,7 +157,7 @@ def _check_plain(value: Any, at: str, depth: int) -> None:
 
 def _check_part(part: Any, at: str, depth: int) -> None:
     if isinstance(part, dict | list | tuple):
-        if depth == MOST_DEPTH:
+        if depth == MAX_DEPTH:
             raise _too_deep(at)
         _check_plain(part, at, depth + 1)
     elif isinstance(part, float) and not math.isfinite(part):
@@ -177,7 +179,7 @@ def _check_text(text: str, at: str) -> None:
 
 
 def _unwritable(program: Program) -> tuple[str, str]:
-    """Icon and parameter that hold what JSON has no words for."""
+    """Icon and parameter with a value that JSON cannot represent."""
     for path, icon in walk(program):
         inside = {name for name, _ in bodies(icon)}
         for name in set(icon.__struct_fields__) - inside:
@@ -193,14 +195,14 @@ _TAGS = {"icon": ("icon", ", ".join(ICONS)), "when": ("condition", ", ".join(CON
 
 
 def _located(at: str, reason: str) -> InvalidProgram:
-    """What is wrong at a path such as $.icons[2].joints[0]."""
+    """The error at a path such as $.icons[2].joints[0]."""
     found = _ICON.fullmatch(at)
     icon, parameter = found.groups() if found else ("", at)
     return InvalidProgram(icon.removeprefix("."), _short(parameter), _short(reason))
 
 
 def _translated(message: str) -> InvalidProgram:
-    """msgspec's message in words of the program."""
+    """msgspec's message in terms of the program."""
     found = re.fullmatch(r"(.*?)(?: - at `(\$.*)`)?", message, re.DOTALL)
     reason, at = (found[1], found[2] or "$") if found else (message, "$")
     if missing := re.fullmatch(r"Object missing required field `(.*)`", reason):
@@ -216,7 +218,7 @@ def _translated(message: str) -> InvalidProgram:
 
 
 def _too_deep(at: str) -> InvalidProgram:
-    reason = f"objects and arrays are inside each other more than {MOST_DEPTH} deep"
+    reason = f"objects and arrays are inside each other more than {MAX_DEPTH} deep"
     return _located(at, reason) if at else InvalidProgram("", "", reason)
 
 

@@ -1,4 +1,4 @@
-"""What a check of a program found."""
+"""Findings and notes of a program check."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import NamedTuple
 from robocorba.errors.robots import InvalidProgram
 
 
-class Finding(NamedTuple):
-    """Something that can't be: `parameter` of the icon at a path such as icons[2].then[0], and what is wrong with it.
-    Several parameters that are wrong together are told as `x, y, z`."""
+class ProgramFinding(NamedTuple):
+    """An error: `parameter` of the icon at a path such as icons[2].then[0], and what is wrong. Parameters that are
+    wrong in combination are joined, such as `x, y, z`."""
 
     icon: str
     parameter: str
@@ -19,12 +19,12 @@ class Finding(NamedTuple):
         return str(self.error())
 
     def error(self) -> InvalidProgram:
-        """The same to raise."""
+        """The finding as an exception."""
         return InvalidProgram(*self)
 
 
 class Note(NamedTuple):
-    """What could not be proved of an icon, or what was taken for granted; an empty path: of the program as a whole."""
+    """What could not be proved of an icon, or what was assumed; with an empty path, of the whole program."""
 
     icon: str
     what: str
@@ -33,15 +33,15 @@ class Note(NamedTuple):
         return f"{self.icon}: {self.what}" if self.icon else self.what
 
 
-class Report:
-    """Findings, the first one of each parameter, and notes, in the order in which they were met."""
+class CheckReport:
+    """Notes and findings in the order found, with the first finding of each parameter only."""
 
     def __init__(self) -> None:
-        self._findings: dict[tuple[str, str], Finding] = {}
+        self._findings: dict[tuple[str, str], ProgramFinding] = {}
         self._notes: dict[Note, None] = {}
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[ProgramFinding, ...]:
         return tuple(self._findings.values())
 
     @property
@@ -50,12 +50,12 @@ class Report:
 
     @property
     def is_sound(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there are no findings."""
         return not self._findings
 
     def find(self, icon: str, parameter: str, what: str) -> None:
         """Add a finding."""
-        self._findings.setdefault((icon, parameter), Finding(icon, parameter, what))
+        self._findings.setdefault((icon, parameter), ProgramFinding(icon, parameter, what))
 
     def note(self, icon: str, what: str) -> None:
         """Add a note."""

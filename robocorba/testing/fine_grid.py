@@ -1,4 +1,4 @@
-"""What a robot can surely reach on a floor, by shapely and a fine grid; the planner's kernels take no part in it."""
+"""What a robot can certainly reach on a floor, by shapely and a fine grid, without the planner's kernels."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from robocorba.maps.model import Building
 from robocorba.spatial.pose import XY
 from robocorba.testing.grid_maps import Cell, OctileGraph
 
-#: Rounding that is forgiven, m.
+#: Tolerance for rounding [m].
 FORGIVEN_M = 1e-6
-#: Side of a cell, m.
+#: Side of a cell [m].
 GRID_CELL_M = 0.04
-#: Clearance beyond the robot's radius that every way on the grid keeps, m. More than obstacles grown by polygons need.
+#: Clearance beyond the radius that every path on the grid keeps [m]; obstacles grown by polygons need less.
 SPARE_M = 0.01
-#: Clearance beyond the radius at the centre of a free cell, m: from one to the next, half a cell of it can be lost.
-#: See OctileGraph for diagonal moves.
+#: Clearance beyond the radius at the centre of a free cell [m]: a move to the next cell may lose half a cell of it. See
+#: OctileGraph for diagonal moves.
 GRID_MARGIN_M = SPARE_M + GRID_CELL_M / 2
-#: A place is on the grid if a straight drive leads to a free cell that is no farther, m.
+#: A place is on the grid if a straight drive leads to a free cell within this distance [m].
 GRID_REACH_M = 0.3
-#: How many of the nearest free cells are tried for such a drive.
+#: Number of nearest free cells that are tried for such a drive.
 GRID_TRIES = 64
 
 
 class FloorGeometry:
-    """What blocks on a floor, and its one-way edges."""
+    """The obstacles of a floor, and its one-way edges."""
 
     def __init__(self, building: Building, name: str) -> None:
         self.building, self.name = building, name
@@ -56,11 +56,11 @@ class FloorGeometry:
         return not self.touching([(at, at)], radius_m)
 
     def clearance(self, at: XY) -> float:
-        """How far a place is from the nearest obstacle, m."""
+        """Distance from a place to the nearest obstacle [m]."""
         return float(shapely.distance(self.shapes, Point(at)).min(initial=math.inf))
 
     def touching(self, lines: Sequence[tuple[XY, XY]], radius_m: float) -> set[int]:
-        """Indices of the lines that come nearer than the radius to something, or leave the outline."""
+        """Indices of the lines that come nearer than the radius to an obstacle, or leave the outline."""
         if not lines:
             return set()
         shapes = self._lines(lines)
@@ -95,7 +95,7 @@ class FloorGeometry:
 
 
 class FineGrid:
-    """Cells whose centres keep radius + GRID_MARGIN_M from everything; `labels` numbers connected parts from 1."""
+    """Cells whose centres keep radius + GRID_MARGIN_M from all obstacles; `labels` numbers connected parts from 1."""
 
     def __init__(self, floor: FloorGeometry, radius_m: float, without_lanes: bool) -> None:
         self._floor, self._radius = floor, radius_m
@@ -151,11 +151,11 @@ class FineGrid:
         return OctileGraph(self.free, GRID_CELL_M)
 
     def parts(self, at: XY) -> set[int]:
-        """The connected parts that a straight drive from a place reaches; empty where the grid cannot tell."""
+        """The connected parts that a straight drive from a place reaches; empty if the grid cannot decide."""
         return {int(self.labels[cell]) for cell, _ in self.links(at)}
 
     def links(self, at: XY) -> list[tuple[Cell, float]]:
-        """The nearest free cell of each part that a straight drive from a place reaches, and how far it is, m."""
+        """The nearest free cell of each part that a straight drive from a place reaches, and its distance [m]."""
         if at not in self._links:
             self._links[at] = self._find_links(at)
         return self._links[at]
@@ -166,7 +166,7 @@ class FineGrid:
         if self._lanes and any(lane.distance(Point(at)) <= self._radius + GRID_MARGIN_M for lane in self._lanes):
             return []
         low, high = self._origin, self._origin + np.array(self.free.shape[::-1]) * GRID_CELL_M
-        if self.is_open and (np.any(at < low) or np.any(at > high)):  # nothing stands beyond the grid
+        if self.is_open and (np.any(at < low) or np.any(at > high)):  # there are no obstacles beyond the grid
             inside = np.clip(at, low + GRID_CELL_M, high - GRID_CELL_M)
             column, row = ((inside - low) / GRID_CELL_M).astype(int).tolist()
             return [((row, column), math.dist(at, (self._x[column], self._y[row])))]
@@ -175,7 +175,7 @@ class FineGrid:
         rows, columns = np.nonzero(self.free[bottom:top, left:right])
         rows, columns = rows + bottom, columns + left
         away = np.hypot(self._x[columns] - at[0], self._y[rows] - at[1])
-        # A robot that stands near something may keep its distance from it, but the drive must not squeeze through.
+        # At a place near an obstacle the drive may keep that clearance, but must not pass a narrower gap.
         needed = min(self._floor.clearance(at), self._radius + SPARE_M)
         found: dict[int, tuple[Cell, float]] = {}
         for i in np.argsort(away)[:GRID_TRIES]:

@@ -1,4 +1,4 @@
-"""Queries at the places where a planner goes wrong: on nodes and edges, in cabins, at corners, in line with walls."""
+"""Queries at places where planners fail: on nodes and edges, in cabins, at corners, in line with walls."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from robocorba.maps.model import Building
 from robocorba.planning.request import Place
 from robocorba.spatial.pose import XY
 
-#: Shares of queries whose ends are the same, nearly the same, or on both sides of a wall in line with it.
+#: Shares of queries whose ends are equal, nearly equal, or on both sides of a wall in line with it.
 EQUAL, NEARLY_EQUAL, IN_LINE = 0.03, 0.03, 0.06
-#: How often a kind of place is tried until the robot fits there.
+#: Number of attempts to find a free place of a kind.
 TRIES = 20
 
 
 class Query(NamedTuple):
-    """Start and goal, and the kinds of places that they are."""
+    """Start and goal, and their kinds of places."""
 
     kind: str
     start: Place
@@ -34,7 +34,7 @@ class Adversary:
     def __init__(
         self, building: Building, radius_m: float, is_free: Callable[[Place, float], bool], seed: int = 0
     ) -> None:
-        """`is_free` says whether a robot of a radius can stand at a place."""
+        """`is_free` returns whether a robot of a radius fits at a place."""
         self._building, self._radius, self._is_free = building, radius_m, is_free
         self._rng = np.random.default_rng(seed)
         self._floors = list(building.floors)
@@ -51,12 +51,12 @@ class Adversary:
             "grid": self._grid,
             "end": self._end,
         }
-        #: How likely each kind is.
+        #: Relative frequency of each kind.
         self._weights = np.array([8, 3, 3, 2, 3, 3, 3, 2, 0.5])
         self._weights /= self._weights.sum()
 
     def queries(self, count: int) -> Iterator[Query]:
-        """So many queries."""
+        """This number of queries."""
         for _ in range(count):
             yield self._query()
 
@@ -77,7 +77,7 @@ class Adversary:
         return Query(f"{kind} to {other}", start, goal)
 
     def _place(self) -> tuple[str, Place]:
-        """A place of any kind, free but where that kind never is, or where chance finds none."""
+        """A place of a random kind. It is free, except for kinds that never are, or after TRIES attempts."""
         kind = str(self._rng.choice(list(self._kinds), p=self._weights))
         place = None
         for _ in range(TRIES):
@@ -111,7 +111,7 @@ class Adversary:
         return float(self._rng.uniform(x0, x1)), float(self._rng.uniform(y0, y1))
 
     def _grid(self, floor: str) -> XY:
-        """On a grid of half metres, where drawn walls and nodes are too."""
+        """On a grid of half metres, on which drawn walls and nodes lie."""
         x, y = self._anywhere(floor)
         return round(2 * x) / 2, round(2 * y) / 2
 
@@ -129,7 +129,7 @@ class Adversary:
         return _xy(a + float(self._rng.choice([0.5, self._rng.random()])) * (b - a))
 
     def _cabin(self, floor: str) -> XY | None:
-        """In the middle of a cabin, or anywhere in it."""
+        """At the centre of a cabin, or anywhere in it."""
         cabins = [lift for lift in self._building.elevators.values() if floor in lift.floors()]
         if not cabins:
             return None

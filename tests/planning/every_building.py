@@ -1,4 +1,4 @@
-"""The buildings that the planner has to get right: drawn, generated and imported ones."""
+"""The buildings of the planner tests: drawn, generated and imported ones."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from robocorba.testing.grid_maps import KINDS, building_of
 from tests.planning.generated import isolated_node, one_way_hall, random_building, two_halls, with_random_roads
 from tests.planning.scenes import random_room, tower, two_rooms
 
-#: Real buildings, tested where they are present.
+#: Folder of real buildings, tested if present.
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
-#: Side of a cell of the generated grid maps, m.
+#: Side of a cell of the generated grid maps [m].
 GRID_CELL_M = 0.5
-#: Kinds of grid maps, and how many random nodes they get.
+#: Kinds of grid maps, and their number of random nodes.
 GRID_KINDS = (("rooms of 8", 0), ("maze of 4", 30), ("cave", 30), ("city", 0), ("laser", 30))
 
 
 class Case(NamedTuple):
-    """A building and the radius of its robot. `is_small`: a visibility graph tells exact lengths within seconds."""
+    """A building and the radius of its robot. `is_small`: a visibility graph gives exact lengths within seconds."""
 
     make: Callable[[], Building]
     radius_m: float
@@ -38,7 +38,7 @@ def _real(file: str) -> Building:
     return read_map(REAL / file).building
 
 
-#: Drawn and imported buildings by name. The sizes of robots fit the buildings.
+#: Drawn and sample buildings by name, with radii that fit them.
 DRAWN: dict[str, Case] = {
     "two halls": Case(two_halls, 0.4),
     "one-way hall": Case(one_way_hall, 0.4),
@@ -55,7 +55,7 @@ IMPORTED: dict[str, Case] = {
 
 
 def grids(size: int) -> dict[str, Case]:
-    """Grid maps of size x size cells, some with a random road map."""
+    """Grid maps of size x size cells, some with a random roadmap."""
     return {
         f"{kind}, {nodes} nodes": Case(partial(_grid, kind, size, nodes), 0.2, is_small=False)
         for kind, nodes in GRID_KINDS
@@ -63,7 +63,7 @@ def grids(size: int) -> dict[str, Case]:
 
 
 def rooms_at_random(seeds: range) -> dict[str, Case]:
-    """Single rooms with boxes and walls, without a road map."""
+    """Single rooms with boxes and walls, without a roadmap."""
     return {f"random room {seed}": Case(partial(random_room, seed), 0.4) for seed in seeds}
 
 

@@ -1,6 +1,6 @@
 """Adversarial queries on every kind of building, each answer judged by shapely, fine grids and visibility graphs.
 
-Nothing is timed: the bench counts wrong answers. Which ones they are is written to every_query_wrong.txt.
+The bench measures no times: it counts wrong answers and writes examples to every_query_wrong.txt.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from tests.planning.judge import Judge, Verdict
 
 #: Queries in each mode, spread evenly over all buildings.
 QUERIES = 10_000
-#: Largest time for one building in one mode, s: a planner that is slow on it gets fewer queries there.
+#: Time limit for one building in one mode [s]: a slow planner gets fewer queries there.
 LIMIT_S = 60.0
-#: Side of the grid maps, cells.
+#: Side of the grid maps [cells].
 GRID_SIZE = 96
-#: A geometric path may be longer than the shortest by this factor: arcs are driven as chords outside of them.
+#: A geometric path may be longer than the shortest by this factor: arcs become tangent lines outside of them.
 LONGEST_RATIO = 1.01
-#: Shorter paths are not compared: the chords of one arc count for more, m.
+#: Shorter paths are not compared, because the tangent lines of one arc count for more [m].
 SHORT_M = 0.5
-#: Paths on a large building that are compared to its fine grid, which takes a tenth of a second each.
+#: Number of paths on a large building that are compared to its fine grid, which takes a tenth of a second each.
 COMPARED_ON_GRID = 60
-#: Wrong answers that are written for each building and mode.
+#: Number of wrong answers that are written for each building and mode.
 EXAMPLES = 5
 
 GROUPS: dict[str, dict[str, Case]] = {
@@ -44,7 +44,7 @@ GROUPS: dict[str, dict[str, Case]] = {
 
 
 class Tally:
-    """What was found in one mode on a group of buildings."""
+    """Results in one mode on a group of buildings."""
 
     def __init__(self, group: str, mode: RouteMode) -> None:
         self.group, self.mode = group, mode
@@ -90,7 +90,7 @@ def main() -> None:
 
 
 def try_building(name: str, case: Case, count: int, tallies: dict[RouteMode, Tally]) -> None:
-    """Ask `count` queries in each mode and judge the answers."""
+    """Make `count` queries in each mode and judge the answers."""
     building = case.make()
     planner, judge = PathPlanner(building), Judge(building)
     queries = list(Adversary(building, case.radius_m, judge.stands_free).queries(count))
@@ -111,7 +111,7 @@ def try_building(name: str, case: Case, count: int, tallies: dict[RouteMode, Tal
 
 
 def show(tallies: Sequence[Tally]) -> bool:
-    """Print and write what was found; whether every answer was right."""
+    """Print and write the results; returns whether every answer was right."""
     total: Counter[str] = Counter()
     for tally in tallies:
         total.update(tally.counts)

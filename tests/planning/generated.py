@@ -1,4 +1,4 @@
-"""Buildings made by chance, each the same for the same seed: what nobody would draw, and every map may hold."""
+"""Random buildings, reproducible by seed, with unusual but valid content."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from robocorba.maps.validation import problems
 from robocorba.spatial.pose import XY
 from tests.planning.scenes import edge, node, room, wall
 
-#: Nodes keep this distance from obstacles, m: far less than a robot needs.
+#: Clearance of nodes from obstacles [m]: far less than a robot needs.
 NODE_CLEARANCE_M = 0.02
-#: Nodes farther apart are not connected, m.
+#: Greatest distance of connected nodes [m], with few exceptions.
 LONGEST_EDGE_M = 7.0
 
 
 def two_halls() -> Building:
-    """Two halls with one gap between them; the road map covers only one."""
+    """Two halls with one gap between them; the roadmap covers only one."""
     return room(
         12.0,
         8.0,
@@ -56,7 +56,7 @@ def one_way_hall() -> Building:
 
 
 def isolated_node() -> Building:
-    """Two rooms with a road map through the doorway, and a node in the second room that no edge reaches."""
+    """Two rooms with a roadmap through the doorway, and a node in the second room that no edge reaches."""
     return room(
         20.0,
         8.0,
@@ -72,7 +72,7 @@ def isolated_node() -> Building:
 
 
 def random_building(seed: int) -> Building:
-    """One to three floors with walls, doors, objects, elevators and a road map in several parts, all by chance."""
+    """One to three floors with random walls, doors, objects, elevators and a roadmap in several parts."""
     rng = np.random.default_rng(seed)
     building = Building(f"random {seed}")
     width, depth = float(rng.integers(10, 19)), float(rng.integers(8, 14))
@@ -108,7 +108,7 @@ def _elevator(name: str, at: XY, floors: list[str], rng: np.random.Generator) ->
 
 
 def _spot(width: float, depth: float, rng: np.random.Generator) -> XY:
-    """Somewhere on the floor; half of all on a grid of half metres, so that things line up."""
+    """A random place on the floor; half of them on a grid of half metres, so that elements line up."""
     x, y = float(rng.uniform(0.0, width)), float(rng.uniform(0.0, depth))
     return (round(2 * x) / 2, round(2 * y) / 2) if rng.random() < 0.5 else (x, y)
 
@@ -155,7 +155,7 @@ def _objects(width: float, depth: float, rng: np.random.Generator) -> list[Eleme
 
 
 def with_random_roads(building: Building, nodes: int, seed: int) -> Building:
-    """The building with about so many nodes a floor, in cabins too, and edges between some that see each other.
+    """The building with about this number of nodes a floor, also in cabins, and edges between some that see each other.
 
     Some nodes stay isolated, some edges are one-way, or only for small robots."""
     rng = np.random.default_rng(seed)

@@ -1,8 +1,8 @@
-"""Judges the planner's answers by shapely and numpy alone; none of the planner's kernels takes part.
+"""Judges the planner's answers by shapely and numpy alone, without the planner's kernels.
 
-A path must keep the robot's radius from every obstacle. A refusal must be justified: the judge searches a fine grid for
-a way. The grid only knows ways that surely exist, so the judge never blames a correct answer; it may miss a way that is
-narrower than radius + GRID_MARGIN_M.
+A path must keep the robot's radius from every obstacle. A refusal must be justified: the judge searches a path on a
+fine grid. The grid contains only paths that certainly exist, so the judge never rejects a correct answer; it may
+miss a path that is narrower than radius + GRID_MARGIN_M.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ from tests.planning.visibility import VisibilityGraph, cabin_place
 
 Array: TypeAlias = NDArray[np.float64]
 
-#: A place nearer to a node is on it, m.
+#: A place nearer to a node than this is on the node [m].
 ON_NODE_M = 0.01
 
 
 class Verdict(NamedTuple):
-    """What the planner answered and what is wrong with it.
+    """The planner's answer and its errors.
 
-    `outcome` is found, NoPath, NotFree or the name of an unexpected exception. `touches` are collisions, `faults` other
-    errors of the path. `is_refused_wrongly`: there is a way. `length_m` is that of the path, 0 without one."""
+    `outcome` is found, NoPath, NotFree or the name of an unexpected exception. `touches` are collisions, `faults`
+    other errors of the path. `is_refused_wrongly`: a path exists. `length_m` is the length of the path, 0 without
+    one."""
 
     outcome: str
     touches: tuple[str, ...] = ()
@@ -64,7 +65,7 @@ class Judge:
         self._roads: dict[float, nx.DiGraph] = {}
 
     def verdict(self, planner: PathPlanner, request: PathRequest) -> Verdict:
-        """Ask the planner and judge its answer."""
+        """Query the planner and judge its answer."""
         try:
             path = planner.paths(request)[0]
         except NotFree as refusal:
@@ -72,13 +73,13 @@ class Judge:
             return Verdict("NotFree", is_refused_wrongly=self.stands_free(place, request.radius, FORGIVEN_M))
         except NoPath:
             return Verdict("NoPath", is_refused_wrongly=self.has_way(request))
-        except Exception as error:  # whatever it is, the planner must not raise it
+        except Exception as error:  # the planner must not raise any other exception
             return Verdict(type(error).__name__, faults=(repr(error)[:200],))
         touches, faults = self.touches(path, request.radius), self.faults(path, request)
         return Verdict("found", tuple(touches), tuple(faults), length_m=path.distance)
 
     def stands_free(self, place: Place, radius_m: float, spare_m: float = 0.0) -> bool:
-        """Whether a robot can stand at a place with `spare_m` to spare."""
+        """Whether a robot fits at a place with `spare_m` of additional clearance."""
         return self.floors[place.floor].stands_free(place[1:], radius_m + spare_m)
 
     # Paths.
@@ -92,7 +93,7 @@ class Judge:
         return [text for floor, lines in drives.items() for text in self.floors[floor].touches(lines, radius_m)]
 
     def faults(self, path: Path, request: PathRequest) -> list[str]:
-        """What else is wrong: ends, rides, the order of points, distances, one-way edges."""
+        """Other errors: ends, rides, the order of points, distances, one-way edges."""
         points = path.points
         found = []
         if len(points) < 2:
@@ -121,7 +122,7 @@ class Judge:
                 found.append(f"{where}: distance or time falls")
             found += self._node_faults(b)
         if not math.isclose(driven, path.distance, rel_tol=1e-9, abs_tol=1e-6):
-            found.append(f"the path is {driven} m long and says {path.distance} m")
+            found.append(f"the path is {driven} m long and reports {path.distance} m")
         return found
 
     def _height(self, floor: str) -> float:
@@ -148,7 +149,7 @@ class Judge:
         return []
 
     def _is_wrong_way(self, a: PathPoint, b: PathPoint, radius_m: float) -> bool:
-        """Whether a drive goes back beside a one-way edge for more than the robot's width."""
+        """Whether a drive goes back beside a one-way edge for more than the robot's diameter."""
         if not self.floors[a.floor].lanes or self._is_along_edge(a, b):
             return False
         drive = np.array([b.x - a.x, b.y - a.y])
@@ -164,7 +165,7 @@ class Judge:
         return False
 
     def _is_along_edge(self, a: PathPoint, b: PathPoint) -> bool:
-        """Whether a drive stays on an edge that allows its direction, whatever one-way edges are beside it."""
+        """Whether a drive stays on an edge that allows its direction, regardless of one-way edges beside it."""
         topological = self.building.floors[a.floor].topological
         for edge in topological.edges.values():
             first, last = (np.array(topological.nodes[name].at) for name in (edge.a, edge.b))
@@ -178,7 +179,7 @@ class Judge:
     # Refusals.
 
     def has_way(self, request: PathRequest) -> bool:
-        """Whether a way surely exists that the mode allows, where the planner says that there is none."""
+        """Whether a path that the mode allows certainly exists, although the planner found none."""
         if request.mode is RouteMode.TOPOLOGICAL:
             return self._has_way_along_the_map(request)
         without_lanes = request.mode is RouteMode.SMOOTHED
@@ -187,7 +188,7 @@ class Judge:
         return bool(starts & goals) or self._is_straight(request, without_lanes)
 
     def _is_straight(self, request: PathRequest, without_lanes: bool) -> bool:
-        """Whether the straight line from start to goal is a way."""
+        """Whether a robot can drive straight from start to goal."""
         start, goal = request.start, request.goal
         if start.floor != goal.floor:
             return False
@@ -199,7 +200,7 @@ class Judge:
         return needed >= request.radius and not floor.touching([(start[1:], goal[1:])], needed)
 
     def grid(self, floor: str, radius_m: float, without_lanes: bool = False) -> FineGrid:
-        """The fine grid of a floor for a radius; without what lies beside one-way edges, if asked for."""
+        """The fine grid of a floor for a radius; optionally without the area beside one-way edges."""
         without_lanes = without_lanes and bool(self.floors[floor].lanes)
         key = (floor, radius_m, without_lanes)
         if key not in self._grids:
@@ -207,7 +208,7 @@ class Judge:
         return self._grids[key]
 
     def _parts(self, place: Place, radius_m: float, without_lanes: bool) -> set[int]:
-        """The parts of the building, connected by rides too, that a place is surely in."""
+        """The parts of the building, connected by rides too, that certainly contain a place."""
         known = self._components.get((radius_m, without_lanes))
         if known is None:
             known = self._components[radius_m, without_lanes] = self._connect(radius_m, without_lanes)
@@ -229,7 +230,7 @@ class Judge:
         return {node: i for i, part in enumerate(parts) for node in part}
 
     def _has_way_along_the_map(self, request: PathRequest) -> bool:
-        """Whether networkx finds a way on the road map between the nodes in sight, else those around corners."""
+        """Whether networkx finds a route on the roadmap between the nodes in sight, else those around corners."""
         graph = self.roads(request.radius)
         starts = self._ties(request.start, request.radius, outbound=True)
         goals = self._ties(request.goal, request.radius, outbound=False)
@@ -263,7 +264,7 @@ class Judge:
         return any(line.distance(lane) <= radius_m for lane in floor.lanes)
 
     def roads(self, radius_m: float) -> nx.DiGraph:
-        """The road map that a robot can use: edges that are clear, and rides."""
+        """The roadmap that a robot can use: clear edges, and rides."""
         if radius_m in self._roads:
             return self._roads[radius_m]
         graph: nx.DiGraph = nx.DiGraph()
@@ -293,14 +294,15 @@ class Judge:
     # Lengths.
 
     def shortest_length(self, request: PathRequest, exact: bool) -> float:
-        """Length that a shortest path must not exceed by more than a percent, m; infinite where none is known.
+        """Length that a shortest path must not exceed by more than a percent [m]; infinite if none is known.
 
-        `exact`: by a visibility graph where an end is not too near to something for it; else by the fine grids."""
+        With `exact` it comes from a visibility graph, unless an end is too near to an obstacle for it; else from the
+        fine grids."""
         length = self.exact_length(request) if exact else math.nan
         return self.octile_length(request) if math.isnan(length) else length
 
     def exact_length(self, request: PathRequest) -> float:
-        """Length of the shortest path by a visibility graph, m; NaN where the reference cannot tell.
+        """Length of the shortest path by a visibility graph [m]; NaN if the graph cannot decide.
 
         For small buildings: it takes a second for 300 corners a floor."""
         if request.radius not in self._exact:
@@ -308,9 +310,9 @@ class Judge:
         return self._exact[request.radius].length(request.start, request.goal)
 
     def octile_length(self, request: PathRequest) -> float:
-        """Length of the shortest way on the fine grids, rides included, m: no shortest path is longer.
+        """Length of the shortest path on the fine grids, rides included [m]: no shortest path is longer.
 
-        Infinite where the grid knows no way. Takes a tenth of a second for a new start in a million cells."""
+        Infinite if the grid has no path. A new start in a million cells takes a tenth of a second."""
         start, goal, radius = request.start, request.goal, request.radius
         best = math.inf
         if start.floor == goal.floor:
@@ -355,7 +357,7 @@ class Judge:
         return min(first + float(self._start_lengths[key][goal_cell]) + last for goal_cell, last in goals)
 
     def _from_cabin(self, stop: tuple[str, str], place: Place, radius_m: float) -> float:
-        """Length of a way from a cabin to a place on the same floor."""
+        """Length of a path from a cabin to a place on the same floor [m]."""
         floor, name = stop
         grid = self.grid(floor, radius_m)
         links = grid.links(cabin_place(self.building, name, floor))

@@ -1,4 +1,4 @@
-"""Does a path hold what it promises? Checked with shapely, apart from what planned it."""
+"""Checks a path with shapely, independently of the planner."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building
 from robocorba.planning.request import Path, PointKind
 
-#: Rounding that a check forgives, m.
+#: Tolerance for rounding [m].
 FORGIVEN_M = 1e-6
 
 
 def faults(building: Building, path: Path, radius_m: float) -> list[str]:
-    """What is wrong with a path for a robot of that radius, a sentence each; empty where nothing is.
+    """The errors of a path for a robot of this radius [m], one sentence each; empty if there are none.
 
-    Looked at: distance to walls, objects, shafts and outline; rides only in elevators that
-    serve both floors; floors changed only by rides; distance and time never fall."""
+    Checked: distance to walls, objects, shafts and outline; rides only in elevators that serve both floors; floors
+    changed only by rides; distance and time never decrease."""
     found = []
     points = path.points
     if not points or points[0].kind is not PointKind.START or points[-1].kind is not PointKind.GOAL:

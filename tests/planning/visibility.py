@@ -18,16 +18,16 @@ from robocorba.planning.request import Place
 from robocorba.spatial.pose import XY
 
 Array: TypeAlias = NDArray[np.float64]
-#: Sides of a quarter of an arc; grown obstacles are up to 0.5 % of the radius too large.
+#: Number of sides of a quarter of an arc; grown obstacles are up to 0.5 % of the radius too large.
 ARC_SIDES = 12
-#: Vertices nearer to each other are the same, m.
+#: Vertices nearer to each other are equal [m].
 SAME_VERTEX_M = 1e-7
-#: Points at the same place are so far apart, m: a sparse graph has no edges of length 0.
+#: Length of an edge between points at the same place [m]: a sparse graph has no edges of length 0.
 SHORTEST_EDGE_M = 1e-12
 
 
 def cabin_place(building: Building, elevator: str, floor: str) -> XY:
-    """Where a robot stands in a cabin: at the cabin's node, else in its middle."""
+    """Place of a robot in a cabin: at the cabin's node, else at its centre."""
     nodes = building.floors[floor].topological.nodes.values()
     return next((node.at for node in nodes if node.elevator == elevator), building.elevators[elevator].at)
 
@@ -70,14 +70,15 @@ class VisibilityGraph:
         self._edges = np.concatenate([*edges, np.array(rides, float).reshape(-1, 3)])
 
     def _seen(self, floor: str, points: Array, a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
-        """(n, 3): those pairs of points that see each other and how far they are apart."""
+        """The pairs of points that see each other (n, 3): their indices and distance [m]."""
         ends = np.stack([points[a], points[b]], axis=1)
         seen = shapely.covers(self._spaces[floor], shapely.linestrings(ends)) if len(ends) else np.empty(0, np.bool_)
         lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
         return np.column_stack([a, b, lengths])[seen]
 
     def length(self, start: Place, goal: Place) -> float:
-        """Length of the shortest path, m; infinite without one, NaN where an end is too near to something to tell."""
+        """Length of the shortest path [m]; infinite if there is none, NaN if an end is too near to an obstacle to
+        decide."""
         ends = []
         for i, place in enumerate((start, goal)):
             if not shapely.covers(self._spaces[place.floor], Point(place[1:])):
@@ -105,7 +106,7 @@ def _bends(space: shapely.Geometry) -> Array:
     found = [np.empty((0, 3, 2))]
     for ring in rings:
         at = shapely.get_coordinates(ring)[:-1]
-        # Unions leave vertices that are the same but for rounding: at none of them does the ring seem to bend.
+        # Unions leave vertices that differ only by rounding, at which the ring would not seem to bend.
         at = at[np.hypot(*(at - np.roll(at, 1, axis=0)).T) > SAME_VERTEX_M]
         before, after = np.roll(at, 1, axis=0), np.roll(at, -1, axis=0)
         found.append(np.stack([at, before, after], axis=1)[_cross(at - before, after - at) < 0.0])
@@ -113,7 +114,8 @@ def _bends(space: shapely.Geometry) -> Array:
 
 
 def _touches(bends: Array, seen_from: Array) -> NDArray[np.bool_]:
-    """Whether lines from points to corners pass the obstacle there on one side, as all lines of shortest paths do."""
+    """Whether a line from a point to a corner passes the obstacle there on one side, like all lines of shortest
+    paths."""
     line = bends[:, 0] - seen_from
     before, after = _cross(line, bends[:, 1] - bends[:, 0]), _cross(line, bends[:, 2] - bends[:, 0])
     slack = 1e-9 * (1.0 + np.abs(line).sum(axis=1))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
-from robocorba.programs.program import MOST_NESTING, schema
+from robocorba.programs.program import MAX_NESTING, schema
 from tests.programs import json_schema
 
 SCHEMA = schema()
@@ -71,8 +71,8 @@ def malformed(draw: st.DrawFn) -> Malformed:
         marked = json.dumps(program | {"icons": _marked(program["icons"], icon)})
         return Malformed(marked.replace('"MARK": 0', '"icon": "wait"'), path, name, False)
     elif fault == "deep":
-        icon[name] = _nested(MOST_NESTING)
-        levels = MOST_NESTING - path.count("[")
+        icon[name] = _nested(MAX_NESTING)
+        levels = MAX_NESTING - path.count("[")
         return Malformed(json.dumps(program), f"{path}.{name}[0]" + ".icons[0]" * (levels - 1), "icons", False)
     else:
         icon[name] = _wrong(draw, fault, part)

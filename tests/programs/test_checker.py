@@ -18,10 +18,10 @@ from robocorba.maps.samples import load_sample
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest, Place
 from robocorba.programs.builder import ProgramBuilder
-from robocorba.programs.checker import MOST_LOOKS, NOWHERE, Start, check, require
+from robocorba.programs.checker import MAX_ICONS_CHECKED, UNKNOWN_START, Start, check, require
 from robocorba.programs.hands import home
 from robocorba.programs.icons import CloserThan, Destination, FartherThan, Holding, Result
-from robocorba.programs.report import Report
+from robocorba.programs.report import CheckReport
 
 Build = Callable[[ProgramBuilder], object]
 LOBBY = Start(Place("L1", 17.0, 4.0), 0.0)
@@ -46,11 +46,11 @@ def built(build: Build) -> ProgramBuilder:
     return builder
 
 
-def wrong(report: Report) -> list[tuple[str, str]]:
+def wrong(report: CheckReport) -> list[tuple[str, str]]:
     return [(finding.icon, finding.parameter) for finding in report.findings]
 
 
-def notes(report: Report) -> list[str]:
+def notes(report: CheckReport) -> list[str]:
     return [note.icon for note in report.notes if note.icon]
 
 
@@ -58,11 +58,11 @@ def notes(report: Report) -> list[str]:
 
 
 @pytest.fixture
-def arms(kinematics: InverseKinematics) -> Callable[[Build], Report]:
+def arms(kinematics: InverseKinematics) -> Callable[[Build], CheckReport]:
     return lambda build: check(built(build).program(), kinematics)
 
 
-def test_a_hand_gets_where_it_can(arms: Callable[[Build], Report]) -> None:
+def test_a_hand_gets_where_it_can(arms: Callable[[Build], CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         a.mhand_posture("both", "ready").mhand_pose("left", 0.45, 0.2, 0.9).mhand_posture("both", "ready")
         a.mhand_pose("both", 0.42, 0.2, 0.88, 0.0, 0.0, 0.0).mhand_offset("both", dx=0.03)
@@ -81,21 +81,21 @@ def test_a_hand_gets_where_it_can(arms: Callable[[Build], Report]) -> None:
         (lambda a: a.mhand_offset("right", dx=1.0), "dx, dy, dz", "the right hand"),
         (lambda a: a.mhand_posture("left", "wave"), "posture", "there is no posture 'wave'; there are home"),
         (lambda a: a.mhand_joints("left", INTO_THE_BODY), "joints", "runs into"),
-        (lambda a: a.mhand_joints("left", THROUGH_THE_BODY), "joints", "on its way"),
+        (lambda a: a.mhand_joints("left", THROUGH_THE_BODY), "joints", "on the way"),
         (lambda a: a.mhand_posture("both", "reach").lumbar(0.0, 2.0), "lower, upper", "runs into"),
         (lambda a: a.mhand_pose("left", 0.4, 0.2, 1.0, roll=0.0), "pitch", "is missing"),
         (lambda a: a.gripper("left", "open", force=5), "force", "is for closing"),
         (lambda a: a.gripper("left", "open", object="cup"), "object", "is for closing"),
     ],
 )
-def test_a_hand_that_can_not(build: Build, parameter: str, what: str, arms: Callable[[Build], Report]) -> None:
+def test_a_hand_that_can_not(build: Build, parameter: str, what: str, arms: Callable[[Build], CheckReport]) -> None:
     report = arms(build)
     last = len(built(build).program().icons) - 1
     assert wrong(report) == [(f"icons[{last}]", parameter)]
     assert what in report.findings[0].what
 
 
-def test_a_way_is_judged_from_where_the_program_has_brought_the_arm(arms: Callable[[Build], Report]) -> None:
+def test_a_way_is_judged_from_where_the_program_has_brought_the_arm(arms: Callable[[Build], CheckReport]) -> None:
     assert not arms(lambda a: a.mhand_joints("left", THROUGH_THE_BODY)).is_sound
     safely = [0.0, -0.9, *THROUGH_THE_BODY[2:]]
     assert arms(
@@ -115,7 +115,7 @@ def test_a_hand_is_judged_from_the_joints_that_the_robot_has(kinematics: Inverse
     assert not check(program, kinematics).is_sound
 
 
-def test_after_a_branch_only_what_both_ways_agree_on_is_known(arms: Callable[[Build], Report]) -> None:
+def test_after_a_branch_only_what_both_ways_agree_on_is_known(arms: Callable[[Build], CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         with a.branch(Holding("left")):
             a.mhand_posture("left", "carry")
@@ -139,7 +139,7 @@ def test_after_a_branch_only_what_both_ways_agree_on_is_known(arms: Callable[[Bu
     assert notes(arms(agreeing)) == []
 
 
-def test_a_repeat_that_goes_on_is_followed_twice(arms: Callable[[Build], Report]) -> None:
+def test_a_repeat_that_goes_on_is_followed_twice(arms: Callable[[Build], CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         a.mhand_posture("both", "ready")
         with a.repeat(100):
@@ -172,7 +172,7 @@ def test_without_kinematics_nothing_is_proved_of_arms() -> None:
     assert any("no kinematics" in note.what for note in report.notes)
 
 
-def test_a_check_ends_soon_also_where_repeats_are_deep(arms: Callable[[Build], Report]) -> None:
+def test_a_check_ends_soon_also_where_repeats_are_deep(arms: Callable[[Build], CheckReport]) -> None:
     def deep(a: ProgramBuilder, levels: int) -> None:
         with a.repeat(1000):
             a.mbase_by(ahead=0.1)
@@ -182,18 +182,18 @@ def test_a_check_ends_soon_also_where_repeats_are_deep(arms: Callable[[Build], R
                 a.mbase_by(turn=0.1)
 
     report = check(built(lambda a: deep(a, 6)).program(), start=LOBBY)
-    assert any(str(MOST_LOOKS) in note.what for note in report.notes)
+    assert any(str(MAX_ICONS_CHECKED) in note.what for note in report.notes)
 
 
 # ---- the base ----
 
 
 @pytest.fixture
-def base(planner: PathPlanner) -> Callable[..., Report]:
+def base(planner: PathPlanner) -> Callable[..., CheckReport]:
     return lambda build, start=LOBBY: check(built(build).program(), None, planner, start)
 
 
-def test_a_base_gets_where_it_can(base: Callable[..., Report]) -> None:
+def test_a_base_gets_where_it_can(base: Callable[..., CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         a.mbase_path("L3", 21.25, 5.0, heading=-1.57).mbase_to(21.25, 4.0).mbase_by(ahead=0.3, left=0.2)
         a.mbase_path("L1", 17.0, 4.0)
@@ -218,13 +218,13 @@ def test_a_base_gets_where_it_can(base: Callable[..., Report]) -> None:
         (lambda a: a.wait_until(FartherThan("proximity", 2), 1), "condition.distance", "no farther than 1 m"),
     ],
 )
-def test_a_base_that_can_not(build: Build, parameter: str, what: str, base: Callable[..., Report]) -> None:
+def test_a_base_that_can_not(build: Build, parameter: str, what: str, base: Callable[..., CheckReport]) -> None:
     report = base(lambda a: build(a.wait(1)))
     assert wrong(report) == [("icons[1]", parameter)]
     assert what in report.findings[0].what
 
 
-def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., Report]) -> None:
+def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         with a.stop_if_closer("left", 1.5):
             a.wait(1)
@@ -232,13 +232,13 @@ def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., Report]) -
     assert wrong(base(build)) == [("icons[0]", "distance")]
 
 
-def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(base: Callable[..., Report]) -> None:
+def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(base: Callable[..., CheckReport]) -> None:
     report = base(lambda a: a.mbase_path("L3", 21.25, 5.0), Start(Place("L1", 0.1, 4.0)))
     assert wrong(report) == [("icons[0]", "")]
     assert "start L1" in report.findings[0].what
 
 
-def test_where_nobody_knows_where_a_drive_begins_it_says_so(base: Callable[..., Report]) -> None:
+def test_where_nobody_knows_where_a_drive_begins_it_says_so(base: Callable[..., CheckReport]) -> None:
     for lose in (
         lambda a: a.mbase_velocity(0.1, 0, 0, 1),
         lambda a: a.move_table("table", Destination("L1", 20, 4)),
@@ -248,12 +248,12 @@ def test_where_nobody_knows_where_a_drive_begins_it_says_so(base: Callable[..., 
         assert report.is_sound
         assert {"icons[1]", "icons[2]"} <= set(notes(report))
         assert "icons[3]" not in notes(report)
-    report = base(lambda a: a.mbase_to(17, 4).mbase_path("L3", 8, 0.1).mbase_by(ahead=1), NOWHERE)
+    report = base(lambda a: a.mbase_to(17, 4).mbase_path("L3", 8, 0.1).mbase_by(ahead=1), UNKNOWN_START)
     assert wrong(report) == [("icons[1]", "x, y")]
     assert notes(report) == ["icons[0]", "icons[1]", "icons[2]"]
 
 
-def test_a_relative_drive_needs_a_heading(base: Callable[..., Report]) -> None:
+def test_a_relative_drive_needs_a_heading(base: Callable[..., CheckReport]) -> None:
     assert notes(base(lambda a: a.mbase_path("L1", 17, 4).mbase_by(ahead=0.5))) == ["icons[1]"]
     assert notes(base(lambda a: a.mbase_path("L1", 17, 4).mbase_by(turn=0.5).mbase_to(17, 3))) == []
     # Turned about, ahead is where it came from.
@@ -268,7 +268,7 @@ def guarded(a: ProgramBuilder, condition: Result) -> None:
         a.mbase_to(17.0, 4.0)
 
 
-def test_what_a_sensor_may_have_stopped_is_unknown_unless_its_result_is_asked(base: Callable[..., Report]) -> None:
+def test_what_a_sensor_may_have_stopped_is_unknown_unless_its_result_is_asked(base: Callable[..., CheckReport]) -> None:
     stopped = base(lambda a: guarded(a, Result("stopped")))
     assert notes(stopped) == ["icons[1].then[0]"]
     done = base(lambda a: guarded(a, Result("done")))
@@ -283,7 +283,7 @@ def test_what_a_sensor_may_have_stopped_is_unknown_unless_its_result_is_asked(ba
     assert notes(base(not_timed_out)) == ["icons[1].then[0]", "icons[1].otherwise[0]"]
 
 
-def test_a_result_tells_of_the_icon_just_before_and_of_no_other(base: Callable[..., Report]) -> None:
+def test_a_result_tells_of_the_icon_just_before_and_of_no_other(base: Callable[..., CheckReport]) -> None:
     def inside(a: ProgramBuilder) -> None:
         with a.stop_if_closer("laser", 0.3), a.stop_if_closer("left", 0.3):
             a.mbase_path("L1", 17.0, 2.5, heading=0.0)
@@ -306,7 +306,7 @@ def test_a_result_tells_of_the_icon_just_before_and_of_no_other(base: Callable[.
         assert f"icons[{last}].then[0]" in notes(base(build))
 
 
-def test_what_a_branch_leaves_as_it_was_stays_known(base: Callable[..., Report]) -> None:
+def test_what_a_branch_leaves_as_it_was_stays_known(base: Callable[..., CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         with a.branch(Holding("left")):
             a.say("holding")

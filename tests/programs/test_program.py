@@ -27,7 +27,7 @@ from robocorba.programs.icons import (
     Wait,
     WaitUntil,
 )
-from robocorba.programs.program import MOST_BYTES, MOST_ICONS, MOST_NESTING, Program, dumps, load, loads, walk
+from robocorba.programs.program import MAX_BYTES, MAX_ICONS, MAX_NESTING, Program, dumps, load, loads, walk
 from tests.programs import json_schema
 from tests.programs.plain_programs import PROGRAMS, SCHEMA, Malformed, malformed
 
@@ -73,12 +73,12 @@ def refusal(text: str | bytes) -> tuple[str, str, str]:
         ("", "", "", "not JSON"),
         ("[]", "", "", "expected object, got array"),
         ("[" * 200_000, "", "", "more than 64 deep"),
-        (" " * (MOST_BYTES + 1), "", "", "at most 1048576 bytes"),
+        (" " * (MAX_BYTES + 1), "", "", "at most 1048576 bytes"),
         ('{"icons": [{"icon": "wait", "seconds": 1}]}', "", "name", "is missing"),
         ('{"name": "a"}', "", "icons", "is missing"),
         ('{"name": "a", "icons": []}', "", "icons", "length >= 1"),
         ('{"name": "a", "icons": 3}', "", "icons", "got int"),
-        ('{"name": "a", "name": "b", "icons": []}', "", "name", "twice"),
+        ('{"name": "a", "name": "b", "icons": []}', "", "name", "duplicate"),
         ('{"name": "a", "format": 2, "icons": []}', "", "format", "2"),
         ('{"name": "a", "robot": "Other", "icons": []}', "", "robot", "Other"),
         ('{"name": "a", "icons": [5]}', "icons[0]", "", "got int"),
@@ -131,13 +131,13 @@ def nested(depth: int) -> str:
 
 
 def test_icons_may_be_nested_so_deep_and_no_deeper() -> None:
-    assert len(list(walk(loads(one(nested(MOST_NESTING - 1)))))) == MOST_NESTING + 1
-    assert refusal(one(nested(MOST_NESTING)))[:2] == ("icons[1]" + ".icons[0]" * (MOST_NESTING - 1), "icons")
+    assert len(list(walk(loads(one(nested(MAX_NESTING - 1)))))) == MAX_NESTING + 1
+    assert refusal(one(nested(MAX_NESTING)))[:2] == ("icons[1]" + ".icons[0]" * (MAX_NESTING - 1), "icons")
 
 
 def test_a_program_may_have_so_many_icons_and_no_more() -> None:
-    waits = [{"icon": "wait", "seconds": 1}] * (MOST_ICONS - 1)
-    assert len(list(walk(loads(json.dumps({"name": "a", "icons": [*waits, waits[0]]}))))) == MOST_ICONS
+    waits = [{"icon": "wait", "seconds": 1}] * (MAX_ICONS - 1)
+    assert len(list(walk(loads(json.dumps({"name": "a", "icons": [*waits, waits[0]]}))))) == MAX_ICONS
     more = [*waits, {"icon": "repeat", "times": 2, "icons": waits[:1]}]
     assert refusal(json.dumps({"name": "a", "icons": more}))[:2] == ("", "icons")
 
@@ -158,7 +158,7 @@ def test_load_reads_a_file(tmp_path: Any) -> None:
     file = tmp_path / "a.json"
     file.write_text(one(nested(1)))
     assert load(file).name == "a"
-    file.write_bytes(b" " * (MOST_BYTES + 1))
+    file.write_bytes(b" " * (MAX_BYTES + 1))
     with pytest.raises(InvalidProgram, match="1048576 bytes"):
         load(file)
     with pytest.raises(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""Requests to the path planning agent and its paths."""
+"""Conversion of path requests, paths and their errors between the domain and IDL structs."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _CRITERION_OF = {struct: best for best, struct in _CRITERIA.items()}
 
 
 def place_of(point: Any) -> Place:
-    """The place behind a Point."""
+    """The place of a Point struct."""
     return Place(point.floor, point.x, point.y)
 
 
 def point(place: Place) -> Any:
-    """A Point."""
+    """The Point struct of a place."""
     return RoboCorba.Point(*place)
 
 
@@ -48,8 +48,9 @@ class _PathPoint(NamedTuple):
 
 
 def path_points(found: Path) -> list[Any]:
-    """A PathPointSeq. Runs for every getPath: straight from the path's rows, and as tuples with the members'
-    names, which omniORBpy sends as well as the generated classes and which are made in a third of the time."""
+    """The PathPointSeq of a path. It runs for every getPath: directly from the rows of the path, and with tuples
+    that have the names of the members, which omniORBpy accepts like the generated classes and which take a third of
+    the time."""
     kinds, (floors, nodes, lifts) = _POINT_KIND_BY_VALUE, found.names
     new, make, at = tuple.__new__, _PathPoint, _Position
     return [
@@ -70,12 +71,12 @@ def path_points(found: Path) -> list[Any]:
 
 
 def path(found: Path) -> Any:
-    """A Path struct."""
+    """The Path struct of a path."""
     return RoboCorba.Path(path_points(found), found.distance, found.duration, found.version)
 
 
 def path_of(struct: Any) -> Path:
-    """The path behind a Path struct."""
+    """The path of a Path struct."""
     floors, nodes, elevators = _Index(), _Index(), _Index()
     rows = [
         [
@@ -91,14 +92,14 @@ def path_of(struct: Any) -> Path:
 
 
 class _Index(dict[str, int]):
-    """Numbers names in the order in which they first come."""
+    """Numbers names in the order of their first use."""
 
     def __call__(self, name: str) -> int:
         return self.setdefault(name, len(self))
 
 
 def request(wanted: PathRequest) -> Any:
-    """A PathRequest struct."""
+    """The PathRequest struct of a request."""
     return RoboCorba.PathRequest(
         point(wanted.start),
         point(wanted.goal),
@@ -116,7 +117,7 @@ def request(wanted: PathRequest) -> Any:
 
 
 def request_of(struct: Any) -> PathRequest:
-    """The request behind a PathRequest struct. Raises InvalidRequest for an area not of the form FLOOR/NAME."""
+    """The request of a PathRequest struct. Raises InvalidRequest for an area that is not FLOOR/NAME."""
     areas = []
     for text in struct.avoidAreas:
         floor, slash, area = text.partition("/")

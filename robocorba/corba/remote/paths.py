@@ -1,4 +1,4 @@
-"""The path planning agent, called from another process."""
+"""The path planning agent as a remote object."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from robocorba.errors.services import NotReachable
 from robocorba.planning.request import Path, PathRequest
 from robocorba.stubs import RoboCorba
 
+#: Timeouts for resolving the agent and for a call [s].
 FIND_LIMIT_S, CALL_LIMIT_S = 5.0, 5.0
 
 
 class RemotePlanner:
-    """It is found when it is first asked, and again where it was away."""
+    """Resolves the agent on first use, and again after a failed call."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
         self._planner: Any = None
 
     def paths(self, request: PathRequest) -> list[Path]:
-        """The best path first. Raises PathError, NotReachable."""
+        """The best path first. Raises PathError and NotReachable."""
         try:
             if self._planner is None:
                 self._planner = self._orb.resolve("PathPlanner", RoboCorba.PathPlanner, FIND_LIMIT_S, CALL_LIMIT_S)

@@ -12,7 +12,7 @@ from robocorba.stubs import RoboCorba__POA
 
 
 class PathPlannerServant(RoboCorba__POA.PathPlanner):
-    """RoboCorba::PathPlanner on a planner of the domain."""
+    """RoboCorba::PathPlanner for a planner of the domain."""
 
     def __init__(self, planner: PathPlanner) -> None:
         self._planner = planner
