@@ -13,8 +13,8 @@ from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
-from robocorba.events.event import Header, Run
-from robocorba.events.federation import Federation, Notice
+from robocorba.events.event import EventHeader, EventRun
+from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.foreign import Attach
 from robocorba.events.links import Links
 from robocorba.events.outlet import PullOutlet
@@ -24,9 +24,11 @@ from robocorba.events.subscription import checked
 from robocorba.events.watermarks import Watermarks
 
 
-def run_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> Run:
+def run_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> EventRun:
     """Events of one supplier; the channel sets their time."""
-    return Run(Header(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads])
+    return EventRun(
+        EventHeader(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads]
+    )
 
 
 class MemoryStore:
@@ -34,7 +36,7 @@ class MemoryStore:
 
     def __init__(self) -> None:
         self.records: dict[str, PeerRecord] = {}
-        self.kept: list[Notice] = []
+        self.kept: list[Advertisement] = []
 
     def peers(self) -> list[PeerRecord]:
         return list(self.records.values())
@@ -45,8 +47,8 @@ class MemoryStore:
     def forget_peer(self, name: str) -> None:
         self.records.pop(name, None)
 
-    def save_notices(self, notices: Iterable[Notice]) -> None:
-        self.kept = list(notices)
+    def save_advertisements(self, advertisements: Iterable[Advertisement]) -> None:
+        self.kept = list(advertisements)
 
 
 class Weather:
@@ -147,15 +149,15 @@ class GatewayWire:
 
     def __init__(self, network: Network, here: str, there: str) -> None:
         self._network, self._here, self._there = network, here, there
-        self._held: tuple[str, int, list[Run]] | None = None
+        self._held: tuple[str, int, list[EventRun]] | None = None
 
-    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
         weather = self._network.weather
         try:
             there = self._network.reach(self._here, self._there)
         except NotReachable as wrong:
             raise NotDelivered(str(wrong)) from None
-        copies = [Run(run.header, run.times, run.payloads, run.first) for run in runs]
+        copies = [EventRun(run.header, run.times, run.payloads, run.first) for run in runs]
         if weather.strikes(weather.lost):
             return []
         if self._held is None and weather.strikes(weather.late):
@@ -177,7 +179,7 @@ class FeedWire:
         self.session, self.position = session, position
         self._network, self._here, self._there = network, here, there
 
-    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
+    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         answer = self._network.reach(self._here, self._there).links.renew(self.session, position, news)
         if self._network.weather.strikes(self._network.weather.fails):
             raise NotReachable("the answer was lost")

@@ -10,25 +10,25 @@ import pytest
 
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events import feed as feed_module
-from robocorba.events.event import Encoding, Header, Run
+from robocorba.events.event import Encoding, EventHeader, EventRun
 from robocorba.events.feed import Feed
-from robocorba.events.subscription import Fit
+from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
 
-FIT = Fit(True, ())
+FIT = SubscriptionMatch(True, ())
 
 
 class Gateway:
     """Keeps what was forwarded to it."""
 
     def __init__(self) -> None:
-        self.got: list[tuple[str, int, list[Run]]] = []
+        self.got: list[tuple[str, int, list[EventRun]]] = []
         self.is_dead = False
         self.refused: set[bytes] = set()
         self.may_take = threading.Event()
         self.may_take.set()
 
-    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
         assert self.may_take.wait(10)
         if self.is_dead:
             raise NotDelivered("it is dead")
@@ -50,12 +50,12 @@ class Setting:
         self.session = ""
         self._next = 1
 
-    def run(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> Run:
+    def run(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> EventRun:
         first, self._next = self._next, self._next + count
         payloads = [b"%0*d" % (bytes, number) for number in range(first, first + count)]
-        return Run(Header(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
+        return EventRun(EventHeader(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
 
-    def offer(self, run: Run) -> bool:
+    def offer(self, run: EventRun) -> bool:
         with self.lock:
             return self.feed.offer(run, FIT, time.time())
 
@@ -183,9 +183,9 @@ def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
     claimed = at.run()
     assert at.offer(claimed)
     at.say()
-    at.feed.hand_over(claimed)
+    at.feed.defer(claimed)
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both")
-    at.feed.hand_over(claimed)  # no effect any more
+    at.feed.defer(claimed)  # no effect any more
     assert at.check_account().received == 2
 
 
@@ -202,7 +202,7 @@ def test_a_batch_that_did_not_get_out_goes_again_once_the_gateway_is_heard(at: S
 
 
 def test_a_batch_that_got_lost_goes_again(at: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feed_module, "LOST_S", 0.0)
+    monkeypatch.setattr(feed_module, "RETRANSMIT_S", 0.0)
     at.join()
     at.renew(1)
     at.say()
@@ -218,7 +218,7 @@ def test_a_gateway_that_is_behind_is_not_sent_everything_again(at: Setting) -> N
     at.renew(1)
     at.say()
     at.say()
-    time.sleep(feed_module.LOST_S + 0.05)
+    time.sleep(feed_module.RETRANSMIT_S + 0.05)
     at.acknowledge(2)
     at.renew(2)  # the second is on its way for long, but there was progress
     time.sleep(0.1)
@@ -231,7 +231,7 @@ def test_a_session_without_a_sign_is_down(at: Setting, monkeypatch: pytest.Monke
     at.renew(1)
     assert at.feed.state().is_up
     eventually(lambda: not at.feed.state().is_up, what="the end of the lease")
-    assert "nothing heard" in at.feed.state().problem
+    assert "has not called" in at.feed.state().problem
     at.say()
     assert at.gateway.got == []
 
@@ -301,7 +301,7 @@ def test_a_batch_of_nothing_but_what_can_not_be_sent_is_acknowledged_too(at: Set
 
 def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(at: Setting) -> None:
     class Quick(Gateway):
-        def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+        def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
             unsendable = super().forward(session, position, runs, limit_s)
             at.acknowledge(position + 1)
             return unsendable
@@ -315,7 +315,7 @@ def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(
 
 
 def test_plain_values_count_as_events_in_a_large_run(at: Setting) -> None:
-    run = Run(Header("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
+    run = EventRun(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
     assert not at.offer(run)
     at.join()
     at.renew(1)
@@ -341,7 +341,7 @@ def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> Non
 
 def test_a_fault_of_a_translator_does_not_end_the_feed(at: Setting) -> None:
     class Broken(Gateway):
-        def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+        def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
             raise ValueError("a fault")
 
     sound, at.gateway = at.gateway, Broken()

@@ -9,9 +9,9 @@ import pytest
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events import inlet
 from robocorba.events.account import Account
-from robocorba.events.event import Run
+from robocorba.events.event import EventRun
 from robocorba.events.inlet import Inlet, PolledInlet
-from robocorba.events.outlet import Condition
+from robocorba.events.outlet import ProxyCondition
 from robocorba.testing.processes import eventually
 from tests.events.samples import Supplier, said
 
@@ -24,7 +24,7 @@ class Published:
         self.reasons: list[str] = []
         self.lock = threading.Lock()
 
-    def publish(self, run: Run, account: Account) -> None:
+    def publish(self, run: EventRun, account: Account) -> None:
         self.payloads += run.payloads
 
     def given_up(self, proxy: PolledInlet, reason: str) -> None:
@@ -70,7 +70,7 @@ def test_a_supplier_that_fails_now_and_then_is_asked_on(published: Published, er
     supplier = Supplier(error, error, error, said("t", b"a"), error, error, error, said("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
-    eventually(lambda: one.condition is Condition.CONNECTED and one.failures == 0)
+    eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
     one.end()
     assert published.reasons == []
 

@@ -17,10 +17,10 @@ from tests.events.network import Consumer, Network, Weather
 @pytest.fixture(autouse=True)
 def _hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """What a link waits for, all the same but shorter."""
-    monkeypatch.setattr(gateway, "RENEW_S", 0.02)
+    monkeypatch.setattr(gateway, "RENEW_INTERVAL_S", 0.02)
     monkeypatch.setattr(gateway, "LONGEST_PAUSE_S", 0.05)
-    monkeypatch.setattr(feed, "LOST_S", 0.02)
-    monkeypatch.setattr(feed, "LOOK_S", 0.05)
+    monkeypatch.setattr(feed, "RETRANSMIT_S", 0.02)
+    monkeypatch.setattr(feed, "RECHECK_S", 0.05)
     yield
 
 
@@ -184,7 +184,7 @@ def _wait_links_known(network: Network, shape: tuple[str, ...]) -> None:
         wanted = sorted("".join(sorted(pair)) for pair in shape)
         for node in network.nodes.values():
             with node.channel.lock:
-                told = {n.name: n.peers for n in node.channel.federation.notices}
+                told = {n.name: n.peers for n in node.channel.federation.advertisements}
             links = sorted(a + b for a, peers in told.items() for b in peers if a < b and a in told.get(b, ()))
             if links != wanted:
                 return False

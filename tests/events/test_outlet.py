@@ -15,10 +15,10 @@ from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDel
 from robocorba.events import push_outlet
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import Together
-from robocorba.events.outlet import Condition, Outlet, PullOutlet
+from robocorba.events.event import CorrelatedEvents
+from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
 from robocorba.events.push_outlet import PushOutlet
-from robocorba.events.queue import Item, OverflowRule, QueuePolicy
+from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
 from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, add, failing, is_balanced, open_channel, said, wanting
@@ -60,10 +60,10 @@ def push_outlet_of(
     policy: QueuePolicy | None = None,
     wanted: Subscription = ALL,
     name: str = "",
-    on_given_up: Callable[[PushOutlet, str], None] | None = None,
+    on_client_lost: Callable[[PushOutlet, str], None] | None = None,
 ) -> PushOutlet:
     id = f"{len(channel.outlets) + 1}"
-    outlet = PushOutlet(channel.lock, id, wanted, policy or QueuePolicy(), on_given_up or GivenUp(), name)
+    outlet = PushOutlet(channel.lock, id, wanted, policy or QueuePolicy(), on_client_lost or GivenUp(), name)
     add(channel, outlet, consumer)
     return outlet
 
@@ -116,11 +116,11 @@ def test_in_line_a_supplier_has_delivered_when_it_returns(
 
 
 def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(push_outlet, "REST_S", 0.3)
+    monkeypatch.setattr(push_outlet, "COALESCE_S", 0.3)
     calls: list[int] = []
     is_called, may_end = threading.Event(), threading.Event()
 
-    def take(items: Sequence[Item]) -> None:
+    def take(items: Sequence[QueueItem]) -> None:
         calls.append(sum(map(len, items)))
         is_called.set()
         assert may_end.wait(20)
@@ -194,7 +194,7 @@ def test_each_failure_costs_what_it_must(
         eventually(lambda: is_settled(outlet))
     assert told(consumer)[-3:] == ([1, 2, 3] if is_delivered else [*([0] if in_line else []), 2, 3])
     assert totals(outlet) == account
-    assert outlet.condition is Condition.CONNECTED
+    assert outlet.condition is ProxyCondition.CONNECTED
 
 
 @pytest.mark.parametrize("name", ["", "durable"])
@@ -203,13 +203,13 @@ def test_of_a_client_that_is_gone_no_event_is_called_delivered(channel: Channel,
     consumer = Consumer(answer=failing(ClientGone("gone")))
     left: list[Totals] = []
 
-    def on_given_up(outlet: PushOutlet, reason: str) -> None:
+    def on_client_lost(outlet: PushOutlet, reason: str) -> None:
         given_up.reasons.append(reason)
         with channel.lock:
             outlet.leave()
         left.append(totals(outlet))
 
-    outlet = push_outlet_of(channel, consumer, name=name, on_given_up=on_given_up)
+    outlet = push_outlet_of(channel, consumer, name=name, on_client_lost=on_client_lost)
     say(channel, 1, 2)
     eventually(lambda: left)
     assert given_up.reasons == ["gone"]
@@ -226,7 +226,7 @@ def test_a_consumer_that_never_answers_is_given_up_after_bounded_failures(channe
     given_up = GivenUp()
     consumer = Consumer(answer=failing(*[Unconfirmed("no answer")] * 99))
     consumer.is_there = lambda: False
-    outlet = push_outlet_of(channel, consumer, on_given_up=given_up)
+    outlet = push_outlet_of(channel, consumer, on_client_lost=given_up)
     say(channel, 1)
     eventually(lambda: given_up.reasons)
     assert given_up.reasons == ["4 failures in a row"]
@@ -236,7 +236,7 @@ def test_a_consumer_that_never_answers_is_given_up_after_bounded_failures(channe
 def test_a_consumer_that_answers_but_never_takes_events_is_given_up_as_well(channel: Channel) -> None:
     given_up = GivenUp()
     consumer = Consumer(answer=failing(*[NotDelivered("stuck")] * 99))
-    push_outlet_of(channel, consumer, on_given_up=given_up)
+    push_outlet_of(channel, consumer, on_client_lost=given_up)
     say(channel, 1)
     eventually(lambda: given_up.reasons)
     assert given_up.reasons == ["stuck"]
@@ -252,7 +252,7 @@ def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel)
         return len(asked) > 10
 
     consumer.answer, consumer.is_there = failing(NotDelivered("no way")), is_there
-    outlet = push_outlet_of(channel, consumer, name="durable", on_given_up=given_up)
+    outlet = push_outlet_of(channel, consumer, name="durable", on_client_lost=given_up)
     say(channel, 1)
     eventually(lambda: told(consumer) == [1])
     eventually(lambda: is_settled(outlet))
@@ -264,7 +264,7 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
     is_stalled = threading.Event()
     is_stalled.set()
 
-    def answer(items: Sequence[Item]) -> None:
+    def answer(items: Sequence[QueueItem]) -> None:
         if is_stalled.is_set():
             raise NotDelivered("asleep")
 
@@ -277,7 +277,7 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
         say(channel, number)
     eventually(lambda: is_settled(second))
     assert told(awake) == list(range(25))
-    eventually(lambda: first.condition is Condition.STALLED)
+    eventually(lambda: first.condition is ProxyCondition.STALLED)
     is_stalled.clear()
     eventually(lambda: is_settled(first))
     assert told(asleep) == list(range(15, 25))
@@ -368,7 +368,7 @@ def test_a_conjunction_reaches_who_takes_batches_at_once_and_others_one_by_one(c
         eventually(lambda outlet=outlet: is_settled(outlet))
         assert totals(outlet) == Totals(received=2, delivered=2)
     (item,) = batches.items
-    assert isinstance(item, Together) and item.which == 0
+    assert isinstance(item, CorrelatedEvents) and item.clause_number == 0
     assert told(plain) == [1, 3]
 
 
@@ -382,7 +382,7 @@ def test_a_conjunction_that_stays_keeps_what_waits_in_it(channel: Channel) -> No
     say(channel, 2, type="b")
     eventually(lambda: consumer.items)
     (item,) = consumer.items
-    assert isinstance(item, Together) and item.which == 1
+    assert isinstance(item, CorrelatedEvents) and item.clause_number == 1
     with channel.lock:
         outlet.select(BOTH)
         channel.changed()
@@ -430,7 +430,7 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
 ) -> None:
     pending = list(failures)
 
-    def answer(items: Sequence[Item]) -> None:
+    def answer(items: Sequence[QueueItem]) -> None:
         if pending and (failure := pending.pop(0)):
             raise failure
 
@@ -443,7 +443,7 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
         assert is_balanced(totals(outlet))
         if pauses:
             time.sleep(0.001)
-    eventually(lambda: outlet.condition is Condition.CONNECTED and not outlet._queue)
+    eventually(lambda: outlet.condition is ProxyCondition.CONNECTED and not outlet._queue)
     eventually(lambda: outlet._in_flight == 0)
     with channel.lock:
         outlet.end()
