@@ -91,7 +91,7 @@ class Node:
             self.channel.outlets[outlet.id] = outlet
             outlet.connect(None)
         self.consumers.append(Consumer(self, outlet))
-        self.consumers[-1].tell()
+        self.consumers[-1].update_interest()
         return self.consumers[-1]
 
     def knows(self, name: str) -> tuple[str, ...]:
@@ -129,15 +129,15 @@ class Consumer:
     def change(self, *types: str) -> None:
         with self.node.channel.lock:
             self.outlet.select(checked([([(type, "*")], 0.0) for type in types]))
-        self.tell()
+        self.update_interest()
 
     def leave(self) -> None:
         with self.node.channel.lock:
             del self.node.channel.outlets[self.outlet.id]
             self.outlet.end()
-        self.tell()
+        self.update_interest()
 
-    def tell(self) -> None:
+    def update_interest(self) -> None:
         with self.node.channel.lock:
             changed = self.node.channel.changed()
         if changed:
