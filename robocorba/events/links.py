@@ -184,9 +184,7 @@ class Links:
         link = self._link_of(session)
         with self._channel.lock:
             link.feed.renew(session, position)
-            known = (
-                link.known_versions
-            )  # of this session: if another one begins meanwhile, it starts with an empty dict
+            known = link.known_versions  # of this session; a later session starts with an empty dict
         known.update((entry.name, entry.version) for entry in advertisements)
         if advertisements:
             self.learn(advertisements)

@@ -34,9 +34,9 @@ CALL_LIMIT_S = 10.0
 PING_LIMIT_S = 1.0
 #: A consumer is fast while its mean call duration is below this [s].
 QUICK_S = 0.002
-#: Events are a flood when they follow each other within this multiple of the mean call duration ...
+#: Events are a flood when they follow each other within this multiple of the mean call duration.
 FLOOD_GAP = 1.5
-#: ... and within this time [s].
+#: Upper limit of that gap [s].
 LONGEST_GAP_S = 0.0005
 #: Pause after a stall [s]: the consumer finishes the call that timed out, so that the next event cannot overtake it.
 SETTLE_S = 0.1

@@ -80,7 +80,7 @@ class Node:
         self.account = Account()
         self.consumers: list[Consumer] = []
 
-    def say(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
+    def publish(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
         self.channel.publish(run_of(*payloads, type=type, source=source, expiry=expiry), self.account)
 
     def consume(self, *types: str, size: int = 1_000_000) -> Consumer:
@@ -145,7 +145,7 @@ class Consumer:
 
 
 class GatewayWire:
-    """A feed's way to the gateway of `there`."""
+    """A feed's connection to the gateway of `there`."""
 
     def __init__(self, network: Network, here: str, there: str) -> None:
         self._network, self._here, self._there = network, here, there
@@ -173,7 +173,7 @@ class GatewayWire:
 
 
 class FeedWire:
-    """A gateway's way to the feed of `there`, in one session."""
+    """A gateway's connection to the feed of `there`, in one session."""
 
     def __init__(self, network: Network, here: str, there: str, session: str, position: int) -> None:
         self.session, self.position = session, position

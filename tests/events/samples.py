@@ -29,8 +29,8 @@ def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, ex
     )
 
 
-def said(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> EventRun:
-    """Events as a supplier gives them: without origin, numbers and times."""
+def supplied(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> EventRun:
+    """Events of a supplier: without origin, numbers and times."""
     return EventRun(EventHeader(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
 
 
@@ -86,7 +86,7 @@ class Consumer:
 
 
 class Supplier:
-    """A supplier that is asked: gives `runs` in turn, then nothing; an error among them is raised."""
+    """A polled supplier: gives `runs` in turn, then nothing; an error among them is raised."""
 
     def __init__(self, *runs: EventRun | EventError) -> None:
         self.reference = self.address = f"supplier {next(_references)}"

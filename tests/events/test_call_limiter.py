@@ -52,7 +52,7 @@ def test_turns_that_hang_hold_up_nobody_for_longer_than_the_limit() -> None:
     released.set()
     for thread in hanging:
         thread.join(20)
-    with limiter.slot(), limiter.slot():  # those that came back late took nobody's place
+    with limiter.slot(), limiter.slot():  # late ones have not taken a slot
         assert len(limiter._running) == 2
 
 

@@ -50,10 +50,10 @@ def test_merged_runs_are_the_same_events_in_as_few_runs_as_can_be(pieces: list[t
         number += count
     result = merged(runs)
 
-    def told(several: list[EventRun]) -> list[tuple[int, str, object]]:
+    def content(several: list[EventRun]) -> list[tuple[int, str, object]]:
         return [(r.first + i, r.header.type, payload) for r in several for i, payload in enumerate(r.payloads)]
 
-    assert told(result) == told(runs)
+    assert content(result) == content(runs)
     assert all(
         second.first != first.last + 1 or second.header != first.header for first, second in itertools.pairwise(result)
     )

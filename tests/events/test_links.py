@@ -49,7 +49,7 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
         eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link")
         a.links.remove("B")
         assert a.links.states() == b.links.states() == []
-        a.say("nobody")
+        a.publish("nobody")
         with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
             a.links.join("B", "B", GatewayWire(network, "A", "B"))
 
@@ -60,7 +60,7 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
 
         network.link("AB")
         eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link again")
-        a.say("again")
+        a.publish("again")
         eventually(lambda: consumer.read() == ["again"], what="the event")
 
 
@@ -85,7 +85,7 @@ def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
         network["B"].consume("t")
         eventually(lambda: a.knows("B") == ("t",), what="the interest")
         network.cut.add(frozenset("AB"))
-        a.say("1", "2", "3")
+        a.publish("1", "2", "3")
         feed = a.channel.feeds["B"]
         a.links.remove("B")
         assert feed.account.discarded == 3
@@ -111,7 +111,7 @@ def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
 
 
 def test_a_renewal_that_was_overtaken_by_a_join_does_not_count_as_heard() -> None:
-    """Its answer never came: in the next session everything is told again."""
+    """Its answer never came: in the next session all advertisements are sent again."""
     with Network("A") as network:
         links = network["A"].links
         wire = GatewayWire(network, "A", "B")
@@ -266,7 +266,7 @@ def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
     alone = Alone(tmp_path)
     alone.feed.problem = ValueError("a fault")
     with alone:
-        eventually(lambda: "internal fault" in alone.gateway.state().problem, what="a problem that is told")
+        eventually(lambda: "internal fault" in alone.gateway.state().problem, what="a reported problem")
         alone.feed.problem = None
         eventually(lambda: alone.gateway.state().is_up, what="the session")
 

@@ -1,4 +1,4 @@
-"""What channels tell of themselves, and what of it is believed."""
+"""The advertisements of channels: versions, links and bounds."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def test_a_channel_that_no_way_leads_to_counts_for_nothing_until_there_is_one_ag
     lab.learn([notice("hall", 2, "lab", interest=())])
     assert [n.name for n in lab.advertisements] == ["lab", "hall"]
     assert not lab.is_wanted("hall", "t", "s", "lab")
-    # The hall tells its own news only: of the yard there are none.
+    # Only the hall has sent an advertisement, the yard has not.
     lab.learn([notice("hall", 3, "lab", "yard", interest=())])
     assert [n.name for n in lab.advertisements] == ["lab", "hall", "yard"]
     assert lab.is_wanted("hall", "t", "s", "lab")
 
 
 def test_a_channel_that_forgot_itself_is_believed_again() -> None:
-    """Its clock was set back as well: what the others remember has a higher version than what it says now."""
+    """Its clock was set back as well: what the others remember has a higher version than its new advertisement."""
     before = 2**62
     lab, hall = Federation("lab"), Federation("hall")
     lab.advertise(["hall"], WANTS_T)

@@ -33,7 +33,7 @@ from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.store import ChannelStore, PeerRecord
 from robocorba.events.subscription import ALL
 from robocorba.testing.processes import eventually
-from tests.events.samples import Consumer, Supplier, failing, open_channel, said, wanting
+from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
 
 POLICY = QueuePolicy(100)
 
@@ -53,10 +53,10 @@ class Lab:
         self.clients[client.reference] = client
         return client
 
-    def say(self, *payloads: bytes) -> None:
+    def publish(self, *payloads: bytes) -> None:
         inlet = self.proxies.supply("A")
         for payload in payloads:
-            inlet.push(said("t", payload))
+            inlet.push(supplied("t", payload))
 
 
 @contextmanager
@@ -114,7 +114,7 @@ def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
     seen: list[list[str]] = []
 
     class Mutual(Consumer):
-        """Disconnects its proxy while it is told of its disconnection."""
+        """Disconnects its proxy while it is notified of its disconnection."""
 
         def disconnect(self) -> None:
             super().disconnect()
@@ -156,13 +156,13 @@ def test_a_supplier_of_a_name_gets_its_proxy_again(lab: Lab) -> None:
 def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) -> None:
     first, second = Consumer(), Consumer()
     proxy = lab.proxies.subscribe("log", first, ALL, POLICY)
-    lab.say(b"1")
+    lab.publish(b"1")
     eventually(lambda: first.payloads == [b"1"])
     lab.proxies.disconnect(proxy)
     with pytest.raises(ProxyGone):
         lab.proxies.disconnect(proxy)
     assert (first.disconnections, proxy.condition) == (1, ProxyCondition.WAITING)
-    lab.say(b"2", b"3")
+    lab.publish(b"2", b"3")
     assert lab.proxies.subscribe("log", second, ALL, POLICY) is proxy
     eventually(lambda: second.payloads == [b"2", b"3"])
     lab.proxies.unsubscribe("log")
@@ -175,7 +175,7 @@ def test_who_takes_a_durable_subscription_over_replaces_the_one_before(lab: Lab)
     first, second = Consumer(), Consumer()
     lab.proxies.subscribe("log", first, ALL, POLICY)
     lab.proxies.subscribe("log", second, wanting("t"), QueuePolicy(7))
-    lab.say(b"1")
+    lab.publish(b"1")
     eventually(lambda: second.payloads == [b"1"])
     assert (first.payloads, first.disconnections, second.disconnections) == ([], 1, 0)
     (state,) = [state for state in lab.proxies.states() if state.name == "log"]
@@ -186,7 +186,7 @@ def test_a_consumer_that_is_gone_is_evicted_and_its_durable_subscription_stays(l
     gone = [Consumer(answer=failing(ClientGone("gone"))) for _ in range(2)]
     lab.proxies.subscribe("", gone[0], ALL, POLICY)
     durable = lab.proxies.subscribe("log", gone[1], ALL, POLICY)
-    lab.say(b"1")
+    lab.publish(b"1")
     eventually(lambda: lab.proxies.evicted == 2)
     assert [state.name for state in lab.proxies.states() if state.kind is ProxyKind.PUSH_SUPPLIER] == ["log"]
     assert durable.condition is ProxyCondition.WAITING
@@ -261,7 +261,7 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         assert set(after) == {proxy.id for proxy in (waiting, pulled, polled, inlet, durable, away)}
         assert after[durable.id].condition is ProxyCondition.SUSPENDED
         assert lab.channel.last_number > last
-        lab.say(b"1")
+        lab.publish(b"1")
         again = by_id(lab)[durable.id]
         assert isinstance(again, PushOutlet) and again.totals().queued == 1
         lab.proxies.suspend(again, False)
@@ -269,7 +269,7 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         with pytest.raises(Disconnected):
             fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
             assert isinstance(fresh, Inlet) and fresh.id not in {*before, ended.id}
-            fresh.push(said("t", b"x"))
+            fresh.push(supplied("t", b"x"))
 
 
 def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
@@ -283,7 +283,7 @@ def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
         for _ in range(60):
             lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), None)
     # Another object with the same reference: a thread of the channel before may just be asking the old one.
-    clients[supplier.reference] = Supplier(said("t", b"1"))
+    clients[supplier.reference] = Supplier(supplied("t", b"1"))
     with lab_in(tmp_path, clients) as lab:
         outlets = [proxy for proxy in by_id(lab).values() if isinstance(proxy, Outlet)]
         eventually(lambda: [outlet.account.received for outlet in outlets] == [1] * 60)

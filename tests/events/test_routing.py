@@ -84,10 +84,10 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
             place.channel.federation.learn(advertisements)
             place.channel.changed()
 
-        said: dict[tuple[str, str], list[bytes]] = {}
+        supplied: dict[tuple[str, str], list[bytes]] = {}
         events = st.lists(st.tuples(st.sampled_from(names), st.sampled_from(TYPES)), max_size=12)
         for count, (origin, type) in enumerate(data.draw(events)):
-            said.setdefault((origin, type), []).append(b"%d" % count)
+            supplied.setdefault((origin, type), []).append(b"%d" % count)
             places[origin].channel.publish(run_of(str(count), type=type, source=origin), Account())
             _carry(places, data, at_most=2)
         _carry(places, data)
@@ -95,11 +95,11 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
         for name, place in places.items():
             got = place.got()
             assert len(got) == len(set(got))
-            for (_, type), payloads in said.items():
+            for (_, type), payloads in supplied.items():
                 expected = payloads if type in wants[name] else []
                 assert [payload for payload in got if payload in payloads] == expected
         distances = dict(nx.all_pairs_shortest_path_length(graph))
-        for (origin, type), payloads in said.items():
+        for (origin, type), payloads in supplied.items():
             wanting = [name for name in names if type in wants[name] and name != origin]
             for here in names:
                 for way in places[here].ways.values():

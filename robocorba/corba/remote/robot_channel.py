@@ -30,7 +30,6 @@ class RobotChannel:
 
         Replaces the earlier patterns and receiver. Raises EventError, NotReachable."""
         self._receiver = receive
-
         if self._subscription and patterns:
             self._subscription.change(*patterns)
         elif self._subscription:

@@ -17,7 +17,7 @@ from robocorba.events.proxies import Proxies, Proxy, ProxyKind
 from robocorba.stubs import RoboCorba__POA
 
 
-class Objects(Protocol):
+class ChannelObjects(Protocol):
     """Gives access to the CORBA objects of a channel."""
 
     #: The admins, the feed that gateways join, and the gateway that feeds supply.
@@ -42,7 +42,12 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
     """RoboCorba::EventChannel. on_destroyed: called when the channel was destroyed and all clients are disconnected."""
 
     def __init__(
-        self, channel: Channel, proxies: Proxies, links: Links, objects: Objects, on_destroyed: Callable[[], None]
+        self,
+        channel: Channel,
+        proxies: Proxies,
+        links: Links,
+        objects: ChannelObjects,
+        on_destroyed: Callable[[], None],
     ) -> None:
         self._channel, self._proxies, self._links, self._objects = channel, proxies, links, objects
         self._on_destroyed = on_destroyed
@@ -113,7 +118,7 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 class _Admin:
     """Base of both admins."""
 
-    def __init__(self, proxies: Proxies, objects: Objects) -> None:
+    def __init__(self, proxies: Proxies, objects: ChannelObjects) -> None:
         self._proxies, self._objects = proxies, objects
 
     @translating
