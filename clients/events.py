@@ -1,6 +1,6 @@
-"""Say and hear events: python -m robocorba.clients.events publish|consume CHANNEL [COUNT]
+"""Publish and consume events: python -m robocorba.clients.events publish|consume CHANNEL [COUNT]
 
-The naming service is that of ROBOCORBA_NAMING, 127.0.0.1:2809 if it is not set."""
+The naming service is at ROBOCORBA_NAMING, by default 127.0.0.1:2809."""
 
 import sys
 from queue import SimpleQueue

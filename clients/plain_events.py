@@ -1,4 +1,4 @@
-"""Say and hear events with nothing but OMG's interfaces, as any CORBA client of an event channel does:
+"""Publish and consume events with OMG's interfaces only, as any CORBA client of an event channel can:
 
 python -m robocorba.clients.plain_events publish|consume CHANNEL [COUNT [HOST:PORT]] [-ORB...]"""
 
@@ -6,14 +6,14 @@ import sys
 from queue import SimpleQueue
 from typing import Any
 
-from omniORB import CORBA  # first: it leads to OMG's stubs
+from omniORB import CORBA  # first: it makes OMG's stubs importable
 
 # isort: split
 import CosEventChannelAdmin
 import CosEventComm__POA
 
 
-class Consumer(CosEventComm__POA.PushConsumer):
+class PrintingConsumer(CosEventComm__POA.PushConsumer):
     def __init__(self) -> None:
         self.arrived: SimpleQueue[Any] = SimpleQueue()
 
@@ -21,12 +21,12 @@ class Consumer(CosEventComm__POA.PushConsumer):
         self.arrived.put(value.value())
 
     def disconnect_push_consumer(self) -> None:
-        pass  # comes when the channel goes, and also when this consumer leaves by itself
+        pass  # called when the channel is destroyed, and also when this consumer disconnects
 
 
 def publish(channel: Any, count: int) -> None:
     proxy = channel.for_suppliers().obtain_push_consumer()
-    proxy.connect_push_supplier(None)  # nil: this supplier need not be told when the channel goes
+    proxy.connect_push_supplier(None)  # nil: no notification when the channel is destroyed
     for number in range(count):
         proxy.push(CORBA.Any(CORBA.TC_string, f"reading {number}"))
     proxy.disconnect_push_consumer()
@@ -35,7 +35,7 @@ def publish(channel: Any, count: int) -> None:
 def consume(channel: Any, count: int, orb: Any) -> None:
     adapter = orb.resolve_initial_references("RootPOA")
     adapter._get_the_POAManager().activate()
-    consumer = Consumer()
+    consumer = PrintingConsumer()
     proxy = channel.for_consumers().obtain_push_supplier()
     proxy.connect_push_consumer(consumer._this())
     print("waiting", flush=True)
@@ -45,7 +45,7 @@ def consume(channel: Any, count: int, orb: Any) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)  # takes its own arguments out
+    orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)  # removes the -ORB arguments
     what, name, *more = arguments[1:]
     count, naming = [*more, *["10", "127.0.0.1:2809"][len(more) :]]
     found = orb.string_to_object(f"corbaname::{naming}#RoboCorba/EventChannels/{name}")

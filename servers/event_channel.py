@@ -10,8 +10,8 @@ from typing import Any
 
 from robocorba import logs
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.event_clients import EventClients
-from robocorba.corba.remote.event_peers import Joining, RemoteGateway
+from robocorba.corba.remote.event_clients import RemoteClients
+from robocorba.corba.remote.event_peers import PeerJoiner, RemoteGateway
 from robocorba.corba.remote.foreign_channel import ForeignChannel
 from robocorba.corba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
 from robocorba.corba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
@@ -29,35 +29,35 @@ from robocorba.events.outlet import Outlet, PullOutlet
 from robocorba.events.proxies import Proxies, Proxy
 from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.store import PeerRecord, Store
+from robocorba.events.store import ChannelStore, PeerRecord
 from robocorba.events.watermarks import Watermarks
 from robocorba.names import CHANNELS
 from robocorba.settings import ChannelSettings
 
 
 class ChannelServer:
-    """A channel and its CORBA objects. Their keys begin with the name that the channel is bound to, and are the same
-    whenever it is started again: references to them stay valid."""
+    """A channel and its CORBA objects. Their object keys begin with the name that the channel is bound to and do not
+    change, so references to them stay valid after a restart."""
 
-    def __init__(self, name: str, orb: Orb, store: Store, watermarks: Watermarks) -> None:
+    def __init__(self, name: str, orb: Orb, store: ChannelStore, watermarks: Watermarks) -> None:
         self.path = f"{CHANNELS}/{check_name(name)}"
         self._orb, self._store = orb, store
         self._lock = threading.Lock()
         self._active: dict[str, Any] = {}
-        self.clients = EventClients(orb)
-        channel = Channel(Federation(name, store.notices()), watermarks, store.first_number())
-        self.proxies = Proxies(channel, store, QueuePolicy(), self._tell_peers, self._deactivate)
+        self.clients = RemoteClients(orb)
+        channel = Channel(Federation(name, store.advertisements()), watermarks, store.first_number())
+        self.proxies = Proxies(channel, store, QueuePolicy(), self._interest_changed, self._deactivate)
         self.links = Links(channel, store, self._join, self._attach)
         self.servant = EventChannelServant(channel, self.proxies, self.links, self, self._destroyed)
-        itself = orb.activate(self.servant, self.path)
+        reference = orb.activate(self.servant, self.path)
         self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self), "consumers")
         self.supplier_admin = self._activate(SupplierAdminServant(self.proxies, self), "suppliers")
         self.feed = self._activate(GatewayFeedServant(self.links), "feed")
         gateway = self._activate(EventGatewayServant(self.links), "gateway")
-        self._joining = Joining(orb, name, itself, gateway)
+        self._joiner = PeerJoiner(orb, name, reference, gateway)
 
     def start(self, peers: Sequence[PeerRecord]) -> None:
-        """Go on where the process before stopped, link with `peers`, and let calls in."""
+        """Restore proxies and links from the store, link with `peers`, and accept calls."""
         for proxy in self.proxies.restore(self.clients):
             self.of(proxy)
         self.links.restore()
@@ -65,10 +65,10 @@ class ChannelServer:
             self.links.add(peer)
         self._orb.serve({self.path: self.servant})
 
-    # ---- what the servants ask for ----
+    # ---- for the servants ----
 
     def of(self, proxy: Proxy) -> Any:
-        """The reference of a proxy, which is activated where it is not."""
+        """The reference of a proxy's object, which is activated on the first call."""
         with self._lock:
             if proxy.id not in self._active:
                 self._active[proxy.id] = self._activate(self._servant(proxy), f"proxies/{proxy.id}")
@@ -103,16 +103,16 @@ class ChannelServer:
         self._orb.deactivate_key(f"{self.path}/proxies/{id}")
 
     def _join(self, record: PeerRecord) -> Any:
-        return self._joining(record)
+        return self._joiner(record)
 
     def _attach(self, record: PeerRecord) -> Any:
         return functools.partial(ForeignChannel, self._orb, record.address)
 
-    def _tell_peers(self) -> None:
+    def _interest_changed(self) -> None:
         self.links.interest_changed()
 
     def _destroyed(self) -> None:
-        """Peers keep their links, and find a fresh channel when this process is started again."""
+        """Peers keep their links, and find an empty channel when this process is started again."""
         self.links.close()
         self._store.clear()
         for key in ("consumers", "suppliers", "feed", "gateway"):
@@ -127,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     peers = [PeerRecord(name, address) for name, address in settings.peers]
     peers += [PeerRecord(name, uri, foreign=True) for name, uri in settings.foreign]
     with (
-        Store(folder / f"{settings.name}.sqlite") as store,
+        ChannelStore(folder / f"{settings.name}.sqlite") as store,
         Watermarks(folder / f"{settings.name}.seen") as watermarks,
         Orb(settings.server.naming, settings.server.endpoint) as orb,
     ):

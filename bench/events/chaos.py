@@ -1,9 +1,9 @@
-"""How soon a federation is whole again after kill -9 of a channel or the naming service, and what the kill costs.
+"""Recovery time and lost events of a federation after kill -9 of a channel or of the naming service.
 
     python -m bench.events.chaos --rounds 20
 
-Three channels in a chain, each with a supplier and a consumer of everything. In each round one process is killed
-under traffic and started again. Times are from its start: to its first answer, and until all links are up."""
+Three channels in a chain, each with a supplier and a consumer of all events. In each round one process is killed
+under traffic and restarted. Times are from the restart to the first answer, and until all links are up."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from robocorba.testing.federation_chaos import NAMING, Chaos, Outcome
 
 VICTIMS = ("B", "A", NAMING, "C")
 TITLE = "kills under traffic: chain A - B - C"
-#: From the restarted channel's first answer until all its links are up.
+#: Maximum time from the first answer of the restarted channel until all its links are up [s].
 MARK_S = 2.0
 
 
 def row(victim: str, outcomes: list[Outcome]) -> dict[str, Any]:
-    """What the rounds of one victim have in common; times are median and longest, in s."""
+    """Summary of the rounds of one victim; times are median and longest [s]."""
     links = [outcome.to_links_s for outcome in outcomes]
     after_ready = [outcome.links_after_ready_s for outcome in outcomes]
     return {
@@ -47,8 +47,10 @@ def row(victim: str, outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=20, help="kills in all (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of the moments of the kills (default: %(default)s)")
+    parser.add_argument("--rounds", type=int, default=20, help="total number of kills (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="random seed of the times of the kills (default: %(default)s)"
+    )
     options = parser.parse_args()
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as folder, channels(Path(folder), *"ABC") as started:

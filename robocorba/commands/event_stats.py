@@ -1,4 +1,4 @@
-"""What event channels tell of themselves, for the terminal, for pipes and as JSON."""
+"""The state of event channels, for the terminal, for pipes and as JSON."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS
 from robocorba.stubs import RoboCorba
 
-#: For each channel to answer.
+#: Timeout for each channel [s].
 TIMEOUT_S = 3.0
-#: Channels that are asked at the same time.
+#: Number of channels that are queried at the same time.
 THREADS = 16
 
 ACCOUNT = ("received", "delivered", "unconfirmed", "discarded", "expired", "queued")
 PROXY = ("proxy", "name", "client", "condition", "subscribed to")
 LINK = ("link", "condition", "lag", "batches", "bytes", "repeated", "unseen")
 NUMBERS = {"lag", "batches", "bytes", "repeated", "unseen", *ACCOUNT}
-#: Rows, each with its cells.
+#: Rows of a table, each with its cells.
 Rows = list[tuple[str, ...]]
 
-#: A ChannelState, or why there is none.
+#: A ChannelState, or the reason why it is not available.
 State = Any | str
 
 
 def ask(orb: Orb, names: Sequence[str]) -> dict[str, State]:
-    """The state of each channel, or the problem with it; all are asked at the same time."""
+    """The state of each channel, or the reason why it is not available. Queries the channels concurrently."""
     with ThreadPoolExecutor(THREADS) as threads:
         return dict(zip(names, threads.map(lambda name: _ask(orb, name), names), strict=True))
 
 
 def as_json(state: State) -> Any:
-    """A state with the names of the IDL, in what JSON holds; a problem as an object with this one member."""
+    """A state as JSON types with the member names of the IDL, or {"problem": reason}."""
     return {"problem": state} if isinstance(state, str) else _plain(state)
 
 
 def show(states: dict[str, State]) -> None:
-    """Print tables; without a terminal one line a row, which begins with channel and kind of row, with tabs between."""
+    """Print tables; without a terminal, tab-separated rows that begin with the channel and the kind of row."""
     console = Console()
     for name, state in states.items():
         if console.is_terminal:
@@ -84,7 +84,9 @@ def _show(console: Console, name: str, state: State) -> None:
     if isinstance(state, str):
         console.print(f"[red]{escape(state)}[/red]\n")
         return
-    console.print(f"federation: {', '.join(map(escape, state.federation))};  given up: {state.evicted}")
+    console.print(
+        f"federation: {', '.join(map(escape, state.federation))};  disconnected after failures: {state.evicted}"
+    )
     for _, header, rows in _tables(state):
         if rows:
             table = Table()
@@ -112,10 +114,16 @@ def _proxy(proxy: Any) -> tuple[str, ...]:
 
 
 def _link(link: Any) -> tuple[str, ...]:
-    way = "from" if link.direction == RoboCorba.INCOMING else "to"
+    direction = "from" if link.direction == RoboCorba.INCOMING else "to"
     condition = _words(link.condition) + (f" ({link.problem})" if link.problem else "")
     counts = (link.batches, link.bytes, link.repeated, link.unseen)
-    return (f"{way} {link.peer}", condition, f"{link.lag * 1000:.1f} ms", *map(str, counts), *_account([link.events]))
+    return (
+        f"{direction} {link.peer}",
+        condition,
+        f"{link.lag * 1000:.1f} ms",
+        *map(str, counts),
+        *_account([link.events]),
+    )
 
 
 def _totals(state: Any) -> Rows:

@@ -1,6 +1,6 @@
-"""robocorba events: look into the event channels, listen to them, say something.
+"""robocorba events: inspect event channels, print their events, publish events.
 
-What listens and speaks is imported where it is used: it takes a while to load."""
+The event client is imported where it is used, because it takes a while to load."""
 
 from __future__ import annotations
 
@@ -29,15 +29,17 @@ from robocorba.stubs import RoboCorba
 if TYPE_CHECKING:
     from robocorba.corba.event_client import Event, EventClient
 
-#: For a channel to be found.
+#: Timeout for finding a channel [s].
 FIND_S = 3.0
-#: How often `tail` looks whether its channel still knows it, and how many events may wait here and in the channel.
-CHECK_S, WAITING_EVENTS, QUEUED_EVENTS = 2.0, 1000, 100_000
-#: What is shown of a value: characters, bytes, levels.
+#: `tail` checks that its channel still serves it after this time without events [s].
+CHECK_S = 2.0
+#: Maximum number of events that wait in `tail`, and in the channel for it.
+WAITING_EVENTS, QUEUED_EVENTS = 1000, 100_000
+#: How much of a value is shown: characters, bytes, levels of nesting.
 SHOWN_TEXT, SHOWN_BYTES, SHOWN_LEVELS = 300, 16, 20
 
-app = typer.Typer(help="Look into the event channels, listen to them, say something.", no_args_is_help=True)
-peer_app = typer.Typer(help="Link channels, and end links.", no_args_is_help=True)
+app = typer.Typer(help="Inspect event channels, print their events, publish events.", no_args_is_help=True)
+peer_app = typer.Typer(help="Link channels, and remove links.", no_args_is_help=True)
 app.add_typer(peer_app, name="peer")
 
 _Channel = Annotated[str, typer.Argument(metavar="CHANNEL", help="The channel's name.")]
@@ -51,16 +53,17 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 @app.command()
 def stats(
     channels: Annotated[
-        list[str] | None, typer.Argument(metavar="[CHANNEL]...", help="Which ones; all that the naming service knows.")
+        list[str] | None,
+        typer.Argument(metavar="[CHANNEL]...", help="The channels; default: all in the naming service."),
     ] = None,
     json: _Json = False,
     naming: _Naming = None,
 ) -> None:
-    """Show proxies, links and accounts. Exit code 0 if every channel answers, else 1."""
+    """Show proxies, links and event counts. Exit code 0 if every channel answers, else 1."""
     with reporting("events stats"), _orb(naming) as orb:
         names = channels or orb.names(CHANNELS, FIND_S)
         if not names:
-            raise NotReachable(f"the naming service at {orb.naming} knows no event channel")
+            raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
         states = event_stats.ask(orb, names)
     if json:
         print(json_format.dumps({name: event_stats.as_json(state) for name, state in states.items()}, indent=2))
@@ -73,20 +76,20 @@ def stats(
 @app.command()
 def tail(
     channel: _Channel,
-    type: Annotated[str, typer.Option(metavar="T", help="Only types that fit; * and ? are wildcards.")] = "*",
-    source: Annotated[str, typer.Option(metavar="S", help="Only sources that fit.")] = "*",
-    count: Annotated[int, typer.Option(metavar="N", min=0, help="End after so many; 0: never.")] = 0,
+    type: Annotated[str, typer.Option(metavar="T", help="Only these types; * and ? are wildcards.")] = "*",
+    source: Annotated[str, typer.Option(metavar="S", help="Only these sources; * and ? are wildcards.")] = "*",
+    count: Annotated[int, typer.Option(metavar="N", min=0, help="End after N events; 0: never.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON object a line.")] = False,
     naming: _Naming = None,
 ) -> None:
-    """Print events as they come, one a line, until Ctrl-C or SIGTERM."""
+    """Print events as they arrive, one a line, until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with (
             reporting("events tail"),
             _orb(naming) as orb,
             _connected(orb, channel) as client,
-            contextlib.closing(_arriving(client, channel, (type, source))) as events,
+            contextlib.closing(_received(client, channel, (type, source))) as events,
         ):
             for number, event in enumerate(events, 1):
                 print(json_line(event) if json else text_line(event), flush=True)
@@ -100,10 +103,12 @@ def tail(
 def push(
     channel: _Channel,
     type: Annotated[str, typer.Argument(metavar="TYPE", help="Words separated by dots, such as robot.state.")],
-    payload: Annotated[str, typer.Argument(metavar="JSON", help="What to say.")],
-    source: Annotated[str, typer.Option(metavar="S", help="Who says it.")] = "",
-    priority: Annotated[int, typer.Option(metavar="N", min=-32768, max=32767, help="Higher ones are kept longer.")] = 0,
-    expiry: Annotated[float, typer.Option(metavar="S", help="Seconds after which nobody wants it; 0: never.")] = 0.0,
+    payload: Annotated[str, typer.Argument(metavar="JSON", help="The payload.")],
+    source: Annotated[str, typer.Option(metavar="S", help="The source of the event.")] = "",
+    priority: Annotated[
+        int, typer.Option(metavar="N", min=-32768, max=32767, help="A full queue discards low priorities first.")
+    ] = 0,
+    expiry: Annotated[float, typer.Option(metavar="S", help="Seconds until the event expires; 0: never.")] = 0.0,
     naming: _Naming = None,
 ) -> None:
     """Push one event, with a JSON value as its payload."""
@@ -122,19 +127,19 @@ def add(
     channel: _Channel,
     peer: _Peer,
     address: Annotated[
-        str, typer.Option(metavar="HOST:PORT|URI", help="Where it is; by default the naming service is asked.")
+        str, typer.Option(metavar="HOST:PORT|URI", help="Its address; default: look it up in the naming service.")
     ] = "",
-    foreign: Annotated[bool, typer.Option("--foreign", help="It knows CosEventChannelAdmin only.")] = False,
+    foreign: Annotated[bool, typer.Option("--foreign", help="It supports CosEventChannelAdmin only.")] = False,
     naming: _Naming = None,
 ) -> None:
-    """Link two channels, both ways and for good."""
+    """Link two channels permanently, in both directions."""
     with reporting("events peer add"), _orb(naming) as orb:
         _find(orb, channel).addPeer(RoboCorba.PeerAddress(peer, address, foreign))
 
 
 @peer_app.command()
 def remove(channel: _Channel, peer: _Peer, naming: _Naming = None) -> None:
-    """End a link at both ends."""
+    """Remove a link at both ends."""
     with reporting("events peer remove"), _orb(naming) as orb:
         _find(orb, channel).removePeer(peer)
 
@@ -143,7 +148,7 @@ def remove(channel: _Channel, peer: _Peer, naming: _Naming = None) -> None:
 
 
 def text_line(event: Event) -> str:
-    """Time, origin and number, type, source and payload; with nothing in it that ends a line or moves a cursor."""
+    """Time, origin and number, type, source and payload; without characters that end a line or move the cursor."""
     extras = [f"priority {event.priority}"] * bool(event.priority)
     extras += [f"expires after {event.expiry:g} s"] * bool(event.expiry)
     shown = json_format.dumps(_shown(event.payload), ensure_ascii=False)
@@ -155,13 +160,13 @@ def text_line(event: Event) -> str:
 
 
 def json_line(event: Event) -> str:
-    """All of it, as an object; bytes are shortened, and what JSON does not know is shown as text."""
+    """The whole event as a JSON object; bytes are shortened, values without a JSON type are shown as text."""
     fields = event._asdict() | {"payload": _shown(event.payload)}
     return json_format.dumps(fields)
 
 
 def _shown(value: Any, level: int = 0) -> Any:
-    """A payload in what JSON holds."""
+    """A payload as JSON types."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
@@ -180,7 +185,7 @@ def _shown(value: Any, level: int = 0) -> Any:
 def _moment(time_s: float) -> str:
     try:
         return datetime.fromtimestamp(time_s).astimezone().isoformat(timespec="milliseconds")
-    except (ValueError, OverflowError, OSError):  # whatever a supplier says
+    except (ValueError, OverflowError, OSError):  # a supplier may send any number
         return f"{time_s:g}"
 
 
@@ -191,13 +196,13 @@ def _printable(text: str) -> str:
 # ---- connections ----
 
 
-def _arriving(client: EventClient, channel: str, pattern: tuple[str, str]) -> Generator[Event, None, None]:
-    """Events as they come, for ever. Raises NotReachable where the channel has disconnected this consumer."""
+def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Generator[Event, None, None]:
+    """Events as they arrive, without end. Raises NotReachable if the channel has disconnected this consumer."""
     waiting: queue.Queue[Event] = queue.Queue(WAITING_EVENTS)
     ended = threading.Event()
 
     def receive(event: Event) -> None:
-        while not ended.is_set():  # the channel holds the rest, until the terminal takes more
+        while not ended.is_set():  # the channel queues the rest until the terminal accepts more
             with contextlib.suppress(queue.Full):
                 return waiting.put(event, timeout=0.2)
 
@@ -207,7 +212,9 @@ def _arriving(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
             try:
                 yield waiting.get(timeout=CHECK_S)
             except queue.Empty:
-                with contextlib.suppress(CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT):  # it will be back
+                with contextlib.suppress(
+                    CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT
+                ):  # the channel may be restarting
                     subscription.proxy.state()
     except CORBA.OBJECT_NOT_EXIST:
         raise NotReachable(f"channel {channel} has disconnected this consumer") from None
@@ -215,7 +222,7 @@ def _arriving(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
         ended.set()
         with contextlib.suppress(CORBA.SystemException):
             if discarded := subscription.proxy.state().events.discarded:
-                typer.echo(f"{discarded} events were discarded: they came faster than they could be shown", err=True)
+                typer.echo(f"{discarded} events were discarded: they arrived faster than they could be shown", err=True)
         subscription.end()
 
 

@@ -1,4 +1,4 @@
-"""Calls to CORBA objects: how long they may take, and what went wrong."""
+"""Calls to CORBA objects: their timeouts, and descriptions of their errors."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from omniORB import CORBA
 
 
 def limit_calls(reference: Any, timeout_s: float | None) -> None:
-    """How long each call by this very reference may take; None: as long as its ORB says."""
+    """Set the timeout of calls through this reference object; None: the timeout of the ORB."""
     omniORB.setClientCallTimeout(reference, 0 if timeout_s is None else max(1, round(timeout_s * 1000)))
 
 
 def describe(error: BaseException) -> str:
-    """'TRANSIENT_ConnectFailed' for omniORB's system exceptions, which say little as text."""
+    """The name of an error, with omniORB's minor code for system exceptions, such as TRANSIENT_ConnectFailed."""
     if isinstance(error, CORBA.SystemException):
         minor = omniORB.minorCodeToString(error)
         return str(minor) if isinstance(minor, str) else type(error).__name__

@@ -4,8 +4,8 @@
         events.subscribe(lambda event: print(event.type, event.payload), "robot.*")
         events.push("robot.state", {"x": 1.0, "y": 2.0})
 
-Payloads are whatever msgpack holds: numbers, strings, bytes, lists, dicts. What a plain CORBA client pushed
-arrives with the Python value of its `any` as payload.
+A payload is any value that msgpack can encode: numbers, strings, bytes, lists, dicts. The payload of an event from a
+plain CORBA client is the Python value of its `any`.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ from robocorba.events.subscription import Subscription, checked
 from robocorba.names import CHANNELS
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
-#: A channel that is started again is waited for so long.
+#: Default time for which a push is retried while the channel is not reachable [s].
 RETRY_S = 10.0
+#: Backoff between retries: first, longest [s].
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 0.25
 
 _log = logging.getLogger(__name__)
 
 
 class Event(NamedTuple):
-    """An event as a consumer gets it: `time` in s since 1970, `expiry` in s after that (0: never)."""
+    """An event as a consumer receives it. time: s since 1970. expiry: s after that, 0 for never."""
 
     type: str
     source: str
@@ -53,9 +54,9 @@ class Event(NamedTuple):
 
 
 class EventClient:
-    """Connected to channel `channel`, in whose events `source` says who speaks.
+    """A connection to channel `channel`. source: the source of the events that it pushes.
 
-    Raises NotReachable where the channel can't be found within `timeout_s`."""
+    Raises NotReachable if the channel is not found within `timeout_s`."""
 
     def __init__(self, orb: Orb, channel: str, source: str = "", timeout_s: float = 10.0) -> None:
         self.channel = orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, timeout_s)
@@ -75,9 +76,9 @@ class EventClient:
     def push(
         self, type: str, payload: Any, *, priority: int = 0, expiry_s: float = 0.0, retry_s: float = RETRY_S
     ) -> None:
-        """Say one thing. Tries again for `retry_s` while the channel is not there.
+        """Publish one event. Retries for `retry_s` while the channel is not reachable.
 
-        Raises InvalidEvent; NotReachable where the channel does not have the event; Unconfirmed where it may have."""
+        Raises InvalidEvent; NotReachable if the channel has not received the event; Unconfirmed if it may have."""
         header = self._header(type, priority, expiry_s)
         event = RoboCorba.Event(header, _packed(payload))
         self._call(lambda: self._supplier().pushEvent(event), retry_s)
@@ -91,7 +92,7 @@ class EventClient:
         expiry_s: float = 0.0,
         retry_s: float = RETRY_S,
     ) -> None:
-        """Say many things of one type in one call, in order. Raises as `push` does."""
+        """Publish events of one type in one call, in order. Raises the errors of `push`."""
         packed = [_packed(payload) for payload in payloads]
         now = time.time()
         run = RoboCorba.EventRun(self._header(type, priority, expiry_s), [now] * len(packed), packed)
@@ -104,12 +105,12 @@ class EventClient:
         name: str = "",
         queue: QueuePolicy | None = None,
     ) -> EventSubscription:
-        """Call `receive` with each event that fits any of `patterns`: a type, or a type and a source, with wildcards
-        * and ?. None: every event.
+        """Call `receive` with each event that matches any of `patterns`: a type, or a type and a source, with wildcards
+        * and ?. Without patterns: with every event.
 
-        Calls come one after another, in a thread of the ORB. A `name` makes the subscription durable: events that come
-        while this process is away wait for the next one that subscribes by this name. Raises InvalidSubscription,
-        InvalidQueue, NotReachable."""
+        The calls are made one after another, in a thread of the ORB. A `name` makes the subscription durable: events
+        that arrive while this process is away wait for the next process that subscribes by this name. Raises
+        InvalidSubscription, InvalidQueue, NotReachable."""
         clauses = checked([([_pair(pattern)], 0.0) for pattern in patterns or ("*",)])
         return self._subscribe(clauses, receive, lambda which, found: None, name, queue)
 
@@ -121,19 +122,19 @@ class EventClient:
         name: str = "",
         queue: QueuePolicy | None = None,
     ) -> EventSubscription:
-        """Call `receive` whenever there is an event for each of `patterns`, made within `window_s` (0: no limit)."""
+        """Call `receive` with one event for each of `patterns`, made at most `window_s` apart (0: no limit)."""
         clauses = checked([([_pair(pattern) for pattern in patterns], window_s)])
         return self._subscribe(clauses, lambda event: receive([event]), lambda _, found: receive(found), name, queue)
 
     def close(self) -> None:
-        """End what `subscribe` began; durable subscriptions keep their events for the next process."""
+        """End all subscriptions; durable ones collect events for the next process."""
         for subscription in self._subscriptions[:]:
             subscription.end()
-        if self._proxy and not self._name:  # one with a name is its supplier's for good, and perhaps shared
+        if self._proxy and not self._name:  # a named proxy is permanent, and possibly shared
             try:
                 self._proxy.disconnect_push_consumer()
             except CORBA.Exception as wrong:
-                _log.info("the channel was not told that a supplier left (%s)", describe(wrong))
+                _log.info("could not disconnect a supplier from the channel (%s)", describe(wrong))
             self._proxy = None
 
     def _subscribe(
@@ -144,7 +145,7 @@ class EventClient:
         name: str,
         queue: QueuePolicy | None,
     ) -> EventSubscription:
-        consumer = _Consumer(receive, receive_together)
+        consumer = _EventConsumerServant(receive, receive_together)
         reference = self._orb.activate(consumer)
         policy = events.policy(queue or QueuePolicy())
         try:
@@ -173,9 +174,11 @@ class EventClient:
                 raise (domain_error(wrong) or wrong) from None
             except CORBA.SystemException as wrong:
                 if wrong.completed != CORBA.COMPLETED_NO:
-                    raise Unconfirmed(f"the channel may have the event or not ({describe(wrong)})") from None
+                    raise Unconfirmed(
+                        f"no answer from the channel, which may have received the event ({describe(wrong)})"
+                    ) from None
                 if not isinstance(wrong, CORBA.TRANSIENT | CORBA.COMM_FAILURE) or time.monotonic() + pause > deadline:
-                    raise NotReachable(f"the channel does not take events ({describe(wrong)})") from None
+                    raise NotReachable(f"the channel does not accept events ({describe(wrong)})") from None
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE_S)
 
@@ -183,12 +186,12 @@ class EventClient:
 class EventSubscription:
     """A consumer of this process, connected to its channel by `proxy`."""
 
-    def __init__(self, client: EventClient, orb: Orb, consumer: _Consumer, proxy: Any) -> None:
+    def __init__(self, client: EventClient, orb: Orb, consumer: _EventConsumerServant, proxy: Any) -> None:
         self.proxy = proxy
         self._client, self._orb, self._consumer = client, orb, consumer
 
     def change(self, *patterns: str | tuple[str, str]) -> None:
-        """Receive events that fit any of these from now on. Raises InvalidSubscription, NotReachable."""
+        """Replace the patterns of the subscription. Raises InvalidSubscription, NotReachable."""
         wanted = events.subscription(checked([([_pair(pattern)], 0.0) for pattern in patterns or ("*",)]))
         try:
             self.proxy.changeSubscription(wanted)
@@ -196,7 +199,7 @@ class EventSubscription:
             raise _translated(wrong) from None
 
     def wait_in_force(self, peer: str, timeout_s: float = 5.0) -> bool:
-        """Wait until the channel `peer` forwards what is subscribed to; whether it does.
+        """Wait until the channel `peer` forwards the events of this subscription; False after `timeout_s`.
 
         Raises UnknownPeer, NotReachable."""
         deadline = time.monotonic() + timeout_s
@@ -210,28 +213,28 @@ class EventSubscription:
         return True
 
     def end(self) -> None:
-        """Receive nothing more. A durable subscription goes on collecting until `unsubscribe` of the channel."""
+        """Stop receiving. A durable subscription keeps collecting until the channel's `unsubscribe`."""
         if self not in self._client._subscriptions:
             return
         self._client._subscriptions.remove(self)
         try:
             self.proxy.disconnect_push_supplier()
-        except CORBA.Exception as wrong:  # the channel is away; it will find nobody here
-            _log.info("the channel was not told that a consumer left (%s)", describe(wrong))
+        except CORBA.Exception as wrong:  # the channel is away; it finds out by its first call
+            _log.info("could not disconnect a consumer from the channel (%s)", describe(wrong))
         self._orb.deactivate(self._consumer)
 
 
 def _translated(wrong: CORBA.Exception) -> Exception:
-    """Ours for an exception of the channel."""
+    """The domain error for an exception of the channel."""
     return domain_error(wrong) or NotReachable(f"the channel does not answer ({describe(wrong)})")
 
 
-class _Consumer(RoboCorba__POA.EventConsumer):
-    """What the channel calls. A fault in the receiver is logged, and costs no other event."""
+class _EventConsumerServant(RoboCorba__POA.EventConsumer):
+    """The servant that the channel calls. An exception of the receiver is logged, and affects no other event."""
 
     def __init__(self, receive: Callable[[Event], None], receive_together: Callable[[int, list[Event]], None]) -> None:
         self._receive, self._receive_together = receive, receive_together
-        self._lock = threading.Lock()  # one after another, also where the channel had lost its patience once
+        self._lock = threading.Lock()  # one call after another, also if an earlier call of the channel timed out
 
     def push(self, value: Any) -> None:
         run = events.run_of_any(value)
@@ -256,8 +259,8 @@ class _Consumer(RoboCorba__POA.EventConsumer):
     def _guard(receive: Callable[..., None], *arguments: Any) -> None:
         try:
             receive(*arguments)
-        except Exception:  # whatever the user's own code raises: the next event must come all the same
-            _log.exception("a receiver of events failed")
+        except Exception:  # raised by user code; later events must still be delivered
+            _log.exception("the receiver of an event raised an exception")
 
 
 def _event(header: Any, payload: bytes, moment: float, number: int) -> Event:
@@ -277,12 +280,12 @@ def _packed(payload: Any) -> bytes:
     try:
         packed: bytes = msgpack.packb(payload)
     except (TypeError, ValueError, OverflowError) as wrong:
-        raise InvalidEvent("payload", f"msgpack can't hold it: {wrong}") from None
+        raise InvalidEvent("payload", f"cannot be encoded by msgpack: {wrong}") from None
     return packed
 
 
 def _unpacked(encoding: Any, payload: bytes) -> Any:
-    """The value in a payload; the bytes as they are where they don't hold what they should."""
+    """The decoded payload; the bytes themselves if they cannot be decoded."""
     try:
         if encoding == RoboCorba.CDR_ANY:
             return omniORB.cdrUnmarshal(CORBA.TC_any, payload).value()

@@ -1,4 +1,4 @@
-"""The naming service: objects found by their names, and names kept bound."""
+"""Access to the naming service: resolving names, and keeping the names of a server bound."""
 
 from __future__ import annotations
 
@@ -16,45 +16,47 @@ from robocorba.corba.calls import describe, limit_calls
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 
-#: How often a server looks whether its names are still bound.
+#: Interval at which a server checks that its names are still bound [s].
 BINDING_CHECK_S = 2.0
-#: Longest single call to the naming service, and to an object that is asked whether it is there.
+#: Timeout of a single call to the naming service, and of a call that probes an object [s].
 PROBE_TIMEOUT_S = 1.0
+#: Backoff between attempts: first, longest [s].
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 0.25
-_LISTED_AT_ONCE = 500
+#: Number of names in one answer of the naming service.
+_PAGE_SIZE = 500
 
 _log = logging.getLogger(__name__)
 
 
 class NamingService:
-    """The one at an address. connect: makes a reference of a URI; asks nobody.
+    """The naming service at `address`. connect: converts a URI to a reference without a call.
 
-    context: that names are relative to, parts separated by slashes; empty for the root. with_kinds: names may have
-    kinds, as Mobility.Unit; without, a dot is part of a name, such as a robot's."""
+    context: the naming context that names are relative to, parts separated by slashes; empty for the root.
+    with_kinds: names may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's."""
 
     def __init__(self, connect: Callable[[str], Any], address: Address, context: str, with_kinds: bool = False) -> None:
         self._connect, self.address = connect, address
         self._context, self._with_kinds = context, with_kinds
 
     def path(self, name: str) -> str:
-        """Of a name, from the root."""
+        """The path of a name from the root context."""
         return f"{self._context}/{name}" if self._context else name
 
     def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float | None) -> Any:
         """The object bound to `name`, as `interface` (a class of the stubs), once it has answered a call.
 
-        Tries again for `timeout_s` while the name is not bound or nobody answers; then raises
-        NotReachable with the reason. The reference's own calls take at most `call_timeout_s`
-        (default: the ORB's), then raise CORBA.TIMEOUT."""
+        Retries for `timeout_s` while the name is not bound or the object does not answer, then raises NotReachable
+        with the reason. call_timeout_s: timeout of later calls through the reference (default: the ORB's), after
+        which they raise CORBA.TIMEOUT."""
         if not all(name.split("/")):
             raise NotReachable(f"{self.path(name)!r} can't be a name")
         deadline, pause = time.monotonic() + timeout_s, FIRST_PAUSE_S
         while True:
             try:
                 found = self._lookup(name, deadline)
-                reference = self._ask(found, interface, name, deadline)
+                reference = self._narrow(found, interface, name, deadline)
                 break
-            except _NotYet as reason:
+            except _Retryable as reason:
                 if time.monotonic() + pause > deadline:
                     raise NotReachable(f"{self.path(name)} is not reachable: {reason}") from None
             time.sleep(pause)
@@ -63,11 +65,13 @@ class NamingService:
         return reference
 
     def resolve_once(self, name: str, interface: Any, call_timeout_s: float) -> Any:
-        """The same, asked once. No call takes longer than `call_timeout_s`, then and later. Raises NotReachable."""
+        """Resolve without retries. call_timeout_s: timeout of each call, also of later calls through the reference.
+
+        Raises NotReachable."""
         try:
             found = self._root(call_timeout_s).resolve(self._components(name))
             if found is None:
-                raise NotReachable(f"nil is bound to {name} at {self.address}")
+                raise NotReachable(f"{name} is bound to nil at {self.address}")
             limit_calls(found, call_timeout_s)
             reference = found._narrow(interface)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
@@ -80,9 +84,9 @@ class NamingService:
         return reference
 
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
-        """What is bound in the naming context `path`, sorted; nothing where there is no such context.
+        """The names bound in the naming context `path`, sorted; empty if there is no such context.
 
-        Tries again for `timeout_s` while the naming service does not answer; then raises NotReachable."""
+        Retries for `timeout_s` while the naming service does not answer, then raises NotReachable."""
         deadline = time.monotonic() + timeout_s
         while True:
             try:
@@ -103,7 +107,7 @@ class NamingService:
             raise NotReachable(f"the naming service at {self.address} does not answer ({describe(wrong)})") from None
 
     def bind(self, name: str, reference: Any) -> None:
-        """Let a name stand for an object, whatever it stood for. Raises CORBA.SystemException, NotFound."""
+        """Bind a name to an object, also if it is bound already. Raises CORBA.SystemException, NotFound."""
         root, path = self._root(), self._components(name)
         try:
             root.rebind(path, reference)
@@ -116,7 +120,7 @@ class NamingService:
             root.rebind(path, reference)
 
     def is_unbound(self, name: str) -> bool:
-        """Whether a name stands for nothing. Raises CORBA.SystemException."""
+        """Whether a name is not bound. Raises CORBA.SystemException."""
         try:
             self._root().resolve(self._components(name))
         except CosNaming.NamingContext.NotFound:
@@ -124,7 +128,7 @@ class NamingService:
         return False
 
     def unbind(self, name: str, reference: Any) -> None:
-        """Let a name that stands for this object stand for nothing. Raises CORBA.SystemException."""
+        """Unbind a name, if it is bound to this object. Raises CORBA.SystemException."""
         try:
             if self._root().resolve(self._components(name))._is_equivalent(reference):
                 self._root().unbind(self._components(name))
@@ -132,13 +136,13 @@ class NamingService:
             pass
 
     def _bindings(self, path: str, deadline: float) -> list[Any]:
-        found = self._root(_share(deadline)).resolve(self._components(path))
+        found = self._root(_call_limit_s(deadline)).resolve(self._components(path))
         context = found._unchecked_narrow(CosNaming.NamingContext)
         limit_calls(context, PROBE_TIMEOUT_S)
-        bindings, rest = context.list(_LISTED_AT_ONCE)
+        bindings, rest = context.list(_PAGE_SIZE)
         has_more = rest is not None
         while has_more:
-            has_more, more = rest.next_n(_LISTED_AT_ONCE)
+            has_more, more = rest.next_n(_PAGE_SIZE)
             bindings += more
         if rest is not None:
             rest.destroy()
@@ -155,31 +159,31 @@ class NamingService:
 
     def _lookup(self, name: str, deadline: float) -> Any:
         try:
-            return self._root(_share(deadline)).resolve(self._components(name))
+            return self._root(_call_limit_s(deadline)).resolve(self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
-            raise _NotYet(f"the naming service at {self.address} does not know it") from None
+            raise _Retryable(f"the naming service at {self.address} does not know it") from None
         except CORBA.SystemException as wrong:
-            raise _NotYet(f"the naming service at {self.address} does not answer ({describe(wrong)})") from None
+            raise _Retryable(f"the naming service at {self.address} does not answer ({describe(wrong)})") from None
 
-    def _ask(self, found: Any, interface: Any, name: str, deadline: float) -> Any:
+    def _narrow(self, found: Any, interface: Any, name: str, deadline: float) -> Any:
         try:
             if found is None:
-                raise _NotYet("nil is bound to it")
-            limit_calls(found, _share(deadline))
+                raise _Retryable("it is bound to nil")
+            limit_calls(found, _call_limit_s(deadline))
             reference = found._narrow(interface)
             if reference is None:
                 kind = interface._NP_RepositoryId
                 raise NotReachable(f"what is bound to {self.path(name)} at {self.address} is not a {kind}")
-            limit_calls(reference, _share(deadline))
+            limit_calls(reference, _call_limit_s(deadline))
             if reference._non_existent():
-                raise _NotYet("its server says that the object does not exist")
+                raise _Retryable("its server answers that the object does not exist")
         except CORBA.SystemException as wrong:
-            raise _NotYet(f"bound at {self.address}, but its server does not answer ({describe(wrong)})") from None
+            raise _Retryable(f"bound at {self.address}, but its server does not answer ({describe(wrong)})") from None
         return reference
 
 
-class KeptNames:
-    """Names of a server that are bound in the background, and bound again when they vanish, until `close`."""
+class BoundNames:
+    """Binds names of a server in the background, and binds lost names again, until `close`."""
 
     def __init__(self, names: NamingService) -> None:
         self._names = names
@@ -188,7 +192,7 @@ class KeptNames:
         self._closing = threading.Event()
 
     def start(self, served: dict[str, Any]) -> None:
-        """Bind names to these objects; returns at once."""
+        """Begin to bind names to these objects; returns immediately."""
         self._served = served
         self._thread = threading.Thread(target=self._keep, name="bindings", daemon=True)
         self._thread.start()
@@ -198,16 +202,16 @@ class KeptNames:
         self._unbind({name: self._served.pop(name)})
 
     def close(self) -> None:
-        """Unbind them all. A server that was stopped leaves no names behind; one that now belongs to another stays."""
+        """Unbind all names, except those that another server has bound since."""
         self._closing.set()
         if self._thread:
             self._thread.join()
             self._unbind(self._served)
 
     def _keep(self) -> None:
-        """Bind at start whatever the names stood for; later only what vanished, so as not to fight another server."""
+        """Rebind all names at start; later bind only lost ones, so that two servers do not overwrite each other."""
         bound: set[str] = set()
-        told, pause = False, FIRST_PAUSE_S
+        is_reported, pause = False, FIRST_PAUSE_S
         while True:
             try:
                 for name, reference in list(self._served.items()):
@@ -215,11 +219,11 @@ class KeptNames:
                         self._names.bind(name, reference)
                         bound.add(name)
                         _log.info("bound %s at %s", self._names.path(name), self._names.address)
-                told, pause = False, BINDING_CHECK_S
+                is_reported, pause = False, BINDING_CHECK_S
             except (CORBA.Exception, CosNaming.NamingContext.NotFound) as wrong:
-                if not told:
-                    _log.warning("can't bind names at %s (%s); trying on", self._names.address, describe(wrong))
-                told, pause = True, min(2 * pause, LONGEST_PAUSE_S)
+                if not is_reported:
+                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(wrong))
+                is_reported, pause = True, min(2 * pause, LONGEST_PAUSE_S)
             if self._closing.wait(pause):
                 return
 
@@ -228,11 +232,11 @@ class KeptNames:
             for name, reference in served.items():
                 self._names.unbind(name, reference)
         except CORBA.Exception as wrong:
-            _log.warning("can't unbind names at %s (%s)", self._names.address, describe(wrong))
+            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(wrong))
 
 
-class _NotYet(Exception):
-    """Why an attempt failed that is worth another one."""
+class _Retryable(Exception):
+    """An attempt failed for a reason that may be temporary."""
 
 
 def _component(part: str, with_kinds: bool) -> Any:
@@ -241,13 +245,13 @@ def _component(part: str, with_kinds: bool) -> Any:
 
 
 def corbaname(naming: Address, name: str = "") -> str:
-    """The URI under which any CORBA client finds `name`, such as RoboCorba/PathPlanner (parts without kinds)."""
+    """The URI by which any CORBA client finds `name`, such as RoboCorba/PathPlanner (parts without kinds)."""
     if not name:
         return f"corbaname::{naming}"
     stringified = name.replace("\\", "\\\\").replace(".", "\\.")
     return f"corbaname::{naming}#{quote(stringified, safe=';/:?@&=+$,-_.!~*()')}"
 
 
-def _share(deadline: float) -> float:
-    """Time for one call: what is left, but at most PROBE_TIMEOUT_S, so that a stalled peer leaves time for a retry."""
+def _call_limit_s(deadline: float) -> float:
+    """Timeout of one call: the time left, at most PROBE_TIMEOUT_S, so that a stalled server leaves time for a retry."""
     return min(PROBE_TIMEOUT_S, max(0.01, deadline - time.monotonic()))

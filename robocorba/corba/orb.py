@@ -1,4 +1,4 @@
-"""A process's ORB: its settings, the names it serves, the names it calls, its end.
+"""The ORB of a process: settings, names it serves, names it calls, shutdown.
 
 A server's composition root reads as a sentence:
 
@@ -11,9 +11,9 @@ and a client's:
     with Orb(naming=settings.naming) as orb:
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
 
-A reference to a served object stays valid when its process is killed and started again on the
-same endpoint: its object key is its name, and nothing else. Names are bound in the
-naming context RoboCorba, and bound again when the naming service comes back without them.
+A reference to a served object stays valid when its process is killed and restarted on the same endpoint, because
+its object key is its name only. Names are bound in the naming context RoboCorba, and bound again when a restarted
+naming service has lost them.
 """
 
 from __future__ import annotations
@@ -34,40 +34,40 @@ import PortableServer
 from omniORB import CORBA, interceptors
 
 from robocorba.corba.calls import describe
-from robocorba.corba.naming import PROBE_TIMEOUT_S, KeptNames, NamingService
+from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.settings import Address
 
 CONTEXT = "RoboCorba"
+#: Timeout of every call, unless `Orb` or `resolve` sets another one [s].
 DEFAULT_CALL_TIMEOUT_S = 10.0
 
-#: Each known to omniORB 4.2 and 4.3. What is not listed stays at omniORB's default;
-#: `Orb(options=...)` changes single ones. clientConnectTimeOutPeriod is left out on purpose:
-#: on a new connection it takes the place of the call's own limit, shorter or longer.
+#: Options of omniORB 4.2 and 4.3 that differ from their defaults; `Orb(options=...)` changes single ones.
+#: clientConnectTimeOutPeriod is omitted on purpose: on a new connection it would replace the timeout of the call.
 OPTIONS: dict[str, str] = {
-    # omniORB's default is 2 MiB; both ends must allow what a large map or a path list needs.
+    # omniORB's default of 2 MiB is too small for a large map or a list of paths; both ends must allow more.
     "giopMaxMsgSize": str(64 * 1024 * 1024),
-    # Names in maps are any text; without this, strings beyond Latin-1 fail with DATA_CONVERSION.
+    # Names in maps may be any text; by default, strings beyond Latin-1 fail with DATA_CONVERSION.
     "nativeCharCodeSet": "UTF-8",
-    # Connections are shared per server address. With the default of 5, five calls that wait
-    # for a slow peer delay the sixth, though it goes to another object.
+    # Connections are shared per server address. With the default of 5, five calls that wait for a slow object delay
+    # a sixth call to another object.
     "maxGIOPConnectionPerServer": "64",
-    # Idle connections are closed by the side that calls, well before the side that serves:
-    # a call never races with a close from the other end.
+    # The client closes idle connections well before the server does, so that a call never races with a close by the
+    # server.
     "outConScanPeriod": "60",
     "inConScanPeriod": "300",
-    # A call that arrives while a process starts waits this long (ms) rather than for good.
+    # Timeout of a call that arrives while a process starts [ms]; by default it waits without limit.
     "poaHoldRequestTimeout": "5000",
 }
 
-#: A process that was told to end and has not done so within this time tells where its threads are, and ends, s.
-END_LIMIT_S = 30.0
+#: A process that has not ended this long after `run` returned prints the stacks of its threads and exits [s].
+SHUTDOWN_LIMIT_S = 30.0
 
 _one_orb = threading.Lock()
 
-#: Open when all servants are there. omniORB takes calls from the moment that its first adapter is made, and
-#: answers OBJECT_NOT_EXIST, which means "gone for good", for what is not yet active. The interceptor runs once
-#: for each thread that begins to serve a connection, and makes it wait; a call costs nothing more.
+#: Set when all servants are active. omniORB accepts calls as soon as its first adapter exists, and answers
+#: OBJECT_NOT_EXIST, which means permanently gone, for objects that are not active yet. The interceptor runs once for
+#: each thread that begins to serve a connection, and makes it wait; calls have no further cost.
 _gate = threading.Event()
 
 
@@ -81,14 +81,14 @@ interceptors.addAssignUpcallThread(_wait_at_gate)
 class Orb:
     """The ORB of this process, alive inside a `with`; at most one at a time.
 
-    naming: where the naming service listens.
-    endpoint: where a server listens, fixed so that references survive restarts. Without one, an ORB that
-        activates objects listens on a free port: on loopback where the naming service does, else on all interfaces.
+    naming: address of the naming service.
+    endpoint: address of a server, fixed so that references survive restarts. Without one, an ORB that activates
+        objects listens on a free port: on loopback if the naming service does, else on all interfaces.
     context: the naming context that names are relative to, parts separated by slashes; empty for the root.
-    with_kinds: names may have kinds, as Mobility.Unit; without, a dot is part of a name, such as a robot's.
-    call_timeout_s: limit of every call made through this ORB, except where `resolve` sets another one.
+    with_kinds: names may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's.
+    call_timeout_s: timeout of every call through this ORB, unless `resolve` sets another one.
 
-    Raises PortInUse for an endpoint that is taken, ServiceError where the process has an ORB already.
+    Raises PortInUse if another process listens on the endpoint, ServiceError if the process already has an ORB.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Orb:
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
         self._names = NamingService(self._connect, naming, context, with_kinds)
-        self._kept = KeptNames(self._names)
+        self._bound_names = BoundNames(self._names)
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
@@ -116,7 +116,7 @@ class Orb:
         }
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
         self._stop: SimpleQueue[None] = SimpleQueue()
-        #: Of signals, as they were before ours.
+        #: The previous handlers of signals, to be restored at the end.
         self._handlers: dict[int, Any] = {}
 
     def __enter__(self) -> Orb:
@@ -129,20 +129,20 @@ class Orb:
         try:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
-                _ = self._named_adapter  # listens from here on, so that a port in use is told now; callers wait
+                _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
         except BaseException:
-            self._end_orb()
+            self._shut_down()
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._give_signals_back()
-        self._kept.close()
-        self._end_orb()
+        self._restore_signal_handlers()
+        self._bound_names.close()
+        self._shut_down()
 
-    def _end_orb(self) -> None:
+    def _shut_down(self) -> None:
         orb = self.__dict__.pop("_orb", None)
         for adapter in ("_root_adapter", "_named_adapter"):
             self.__dict__.pop(adapter, None)
@@ -160,45 +160,45 @@ class Orb:
     def serve(self, servants: Mapping[str, Any]) -> None:
         """Activate servants under their names and keep these bound until the `with` ends.
 
-        Returns at once; binding goes on in the background while the naming service is away.
-        Calls are let in when all servants are there: whoever kept a reference over a restart waits, and is
-        never told OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
-        self._take_signals()
+        Returns immediately; binding continues in the background while the naming service is away. Calls are accepted
+        when all servants are active: clients that kept a reference over a restart wait, and never get
+        OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
+        self._install_signal_handlers()
         served = {name: self.activate(servant, name) for name, servant in servants.items()}
-        self._let_calls_in()
-        self._kept.start(served)
+        self._accept_calls()
+        self._bound_names.start(served)
 
     def activate(self, servant: Any, key: str = "") -> Any:
         """A reference to an object that lives until `deactivate`, at most as long as this process.
 
-        With a `key`, other than any name that is served, it is valid again whenever the process has activated an
-        object under the same key at the same endpoint. What others may have kept has to be activated before `serve`.
-        To activate a servant under its key once more changes nothing."""
+        With a `key`, which must differ from all served names, the reference is valid again whenever a process has
+        activated an object with the same key at the same endpoint. Objects whose references others may have kept must
+        be activated before `serve`. Activating a servant under its key again has no effect."""
         if key:
             with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
                 self._named_adapter.activate_object_with_id(key.encode(), servant)
             return self._named_adapter.id_to_reference(key.encode())
         if self.endpoint is None:
-            self._let_calls_in()
+            self._accept_calls()
         return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
 
     def deactivate(self, servant: Any) -> None:
-        """End what `activate` began; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
+        """Deactivate a servant; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
         self._root_adapter.deactivate_object(self._root_adapter.servant_to_id(servant))
 
     def deactivate_key(self, key: str) -> None:
-        """The same for an object with a key or a name; the name stays bound. Nothing happens where there is none."""
+        """Deactivate the object with a key or a name, if there is one; the name stays bound."""
         with contextlib.suppress(PortableServer.POA.ObjectNotActive):
             self._named_adapter.deactivate_object(key.encode())
 
     def uri(self, reference: Any) -> str:
-        """What `reference` makes the reference of again, in any process."""
+        """The stringified form of a reference, which `reference` converts back in any process."""
         return str(self._orb.object_to_string(reference))
 
     def reference(self, uri: str, interface: Any) -> Any:
-        """The object at an IOR, corbaloc or corbaname, taken for an `interface`; only the last one asks anybody.
+        """The object at an IOR, corbaloc or corbaname, cast to `interface` unchecked. Only a corbaname makes a call.
 
-        Raises NotReachable for what is no such URI."""
+        Raises NotReachable for any other URI."""
         try:
             found = self._orb.string_to_object(uri)
         except CORBA.SystemException as wrong:
@@ -210,56 +210,55 @@ class Orb:
     def withdraw(self, name: str) -> None:
         """Stop serving one name, and unbind it."""
         self.deactivate_key(name)
-        self._kept.withdraw(name)
+        self._bound_names.withdraw(name)
 
     def run(self) -> None:
-        """Serve until SIGTERM, SIGINT or `stop`; the `with` has to end within END_LIMIT_S after that. Only in the main
-        thread."""
-        gc.freeze()  # what a server has loaded by now stays: collecting it again and again would delay calls
-        self._let_calls_in()
-        self._take_signals()
+        """Serve until SIGTERM, SIGINT or `stop`; then the `with` must end within SHUTDOWN_LIMIT_S. Main thread only."""
+        gc.freeze()  # the objects loaded so far stay; traversing them in each collection would delay calls
+        self._accept_calls()
+        self._install_signal_handlers()
         try:
             self._stop.get()
         finally:
-            faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=sys.__stderr__ or 2)
-            self._give_signals_back()
+            faulthandler.dump_traceback_later(SHUTDOWN_LIMIT_S, exit=True, file=sys.__stderr__ or 2)
+            self._restore_signal_handlers()
 
     def stop(self) -> None:
         """Let `run` return; from any thread, servant or signal handler."""
         self._stop.put(None)
 
-    def _take_signals(self) -> None:
-        """What comes between `serve` and `run` ends `run` at once, rather than the process without its end."""
+    def _install_signal_handlers(self) -> None:
+        """A signal between `serve` and `run` makes `run` return immediately, instead of killing the process."""
         if not self._handlers and threading.current_thread() is threading.main_thread():
             for number in (signal.SIGTERM, signal.SIGINT):
                 self._handlers[number] = signal.signal(number, lambda *_: self.stop())
 
-    def _give_signals_back(self) -> None:
+    def _restore_signal_handlers(self) -> None:
         while self._handlers:
             signal.signal(*self._handlers.popitem())
 
-    def _let_calls_in(self) -> None:
+    def _accept_calls(self) -> None:
         for adapter in (self._named_adapter, self._root_adapter):
             adapter._get_the_POAManager().activate()
         _gate.set()
 
     @cached_property
     def _named_adapter(self) -> Any:
-        """For objects with a name: PERSISTENT, USER_ID. The object key is the id alone, so that
+        """For objects with a name: PERSISTENT, USER_ID. The object key is the id only, so that
         corbaloc:iiop:HOST:PORT/NAME works without a naming service."""
-        return self._adapter("omniINSPOA")
+        return self._resolve_adapter("omniINSPOA")
 
     @cached_property
     def _root_adapter(self) -> Any:
         """For objects without a name: TRANSIENT, unique ids."""
-        return self._adapter("RootPOA")
+        return self._resolve_adapter("RootPOA")
 
-    def _adapter(self, which: str) -> Any:
+    def _resolve_adapter(self, which: str) -> Any:
         try:
             return self._orb.resolve_initial_references(which)
         except CORBA.INITIALIZE as wrong:
             if self.endpoint is None:
-                raise ServiceError(f"can't listen: {wrong}") from None
+                raise ServiceError(f"cannot listen: {wrong}") from None
             raise PortInUse(self.endpoint.host, self.endpoint.port, "this server") from None
 
     # ---- names ----
@@ -267,21 +266,21 @@ class Orb:
     def resolve(self, name: str, interface: Any, timeout_s: float = 10.0, call_timeout_s: float | None = None) -> Any:
         """The object bound to `name`, as `interface` (a class of the stubs), once it has answered a call.
 
-        Tries again for `timeout_s`; then raises NotReachable with the reason. The reference's own calls take at most
-        `call_timeout_s` (default: the ORB's), then raise CORBA.TIMEOUT."""
+        Retries for `timeout_s`, then raises NotReachable with the reason. call_timeout_s: timeout of later calls
+        through the reference (default: the ORB's), after which they raise CORBA.TIMEOUT."""
         return self._names.resolve(name, interface, timeout_s, call_timeout_s)
 
     def resolve_elsewhere(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
-        """The object bound to `name`, which may have a kind, in the root of another naming service: asked once.
+        """The object bound to `name`, which may have a kind, in the root of another naming service; without retries.
 
-        No call takes longer than `call_timeout_s`, then and later. Raises NotReachable."""
+        call_timeout_s: timeout of each call, also of later calls through the reference. Raises NotReachable."""
         there = NamingService(self._connect, naming, "", with_kinds=True)
         return there.resolve_once(name, interface, call_timeout_s)
 
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
-        """What is bound in the naming context `path`, sorted; nothing where there is no such context.
+        """The names bound in the naming context `path`, sorted; empty if there is no such context.
 
-        Tries again for `timeout_s` while the naming service does not answer; then raises NotReachable."""
+        Retries for `timeout_s` while the naming service does not answer, then raises NotReachable."""
         return self._names.names(path, timeout_s)
 
     def check_naming(self, timeout_s: float = PROBE_TIMEOUT_S) -> None:

@@ -8,15 +8,15 @@ from robocorba.errors.base import FieldError, RoboCorbaError
 
 
 class EventError(RoboCorbaError):
-    """The event channel refuses something, or could not reach a client of it."""
+    """An event channel refused a call, or could not reach one of its clients."""
 
 
 class InvalidEvent(FieldError, EventError):
-    """`field` of the event's header, or its payload, is out of range."""
+    """`field` of the event's header, or the payload, is invalid."""
 
 
 class InvalidSubscription(EventError):
-    """`where` is a path into the subscription, such as [1].patterns[0].type."""
+    """The subscription is invalid at the path `where`, such as [1].patterns[0].type."""
 
     def __init__(self, where: str, reason: str) -> None:
         self.where, self.reason = where, reason
@@ -24,23 +24,23 @@ class InvalidSubscription(EventError):
 
 
 class InvalidQueue(FieldError, EventError):
-    """`field` of the queue's policy is out of range."""
+    """`field` of the queue policy is out of range."""
 
 
 class TooManyProxies(EventError):
-    """The channel has `limit` proxies already."""
+    """The channel already has `limit` proxies, the maximum."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        super().__init__(f"the channel has {limit} proxies already")
+        super().__init__(f"the channel has {limit} proxies, the maximum; disconnect one first")
 
 
 class AlreadyConnected(EventError):
-    """The proxy is connected already."""
+    """The proxy already has a client."""
 
 
 class Disconnected(EventError):
-    """The proxy is not connected."""
+    """The proxy has no client."""
 
 
 class ProxyGone(EventError):
@@ -56,7 +56,7 @@ class UnknownSubscription(EventError):
 
 
 class UnknownPeer(EventError):
-    """The channel is not linked with `peer`; `known` lists those that it is linked with."""
+    """The channel is not linked with `peer`; `known` lists its peers."""
 
     def __init__(self, peer: str, known: Sequence[str]) -> None:
         self.peer, self.known = peer, tuple(known)
@@ -64,24 +64,24 @@ class UnknownPeer(EventError):
 
 
 class InvalidPeer(FieldError, EventError):
-    """`field` of a peer's address can't be used."""
+    """`field` of a peer's address is invalid."""
 
 
 class SessionOver(EventError):
-    """Another join of the same gateway came later, or the feed was restarted."""
+    """The session was ended by a later join of the same gateway, or by a restart of the feed."""
 
 
 class NotDelivered(EventError):
-    """It is certain that the client did not get the events."""
+    """The client certainly did not receive the events."""
 
 
 class Unconfirmed(EventError):
-    """The events were sent, the answer did not come; the client may have them or not."""
+    """The events were sent, but no answer arrived; the client may have received them or not."""
 
 
 class Refused(EventError):
-    """The client answered with an exception, or the event can't be sent to it: another attempt would end likewise."""
+    """The client answered with an exception, or the event cannot be sent to it: a retry would fail too."""
 
 
 class ClientGone(EventError):
-    """The client says that it is disconnected, or that it does not exist."""
+    """The client answered that it is disconnected or does not exist."""

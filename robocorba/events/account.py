@@ -1,4 +1,4 @@
-"""What became of the events that a proxy or a link had to deliver."""
+"""Counters of the events that a proxy or a link received, delivered and lost."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 
 class Totals(NamedTuple):
-    """An account at one moment: received = delivered + discarded + expired + queued, exactly.
+    """Snapshot of an account: received = delivered + discarded + expired + queued, exactly.
 
-    unconfirmed is a part of delivered: sent, but no answer came. queued: waiting, or on its way."""
+    unconfirmed: the part of delivered without an answer. queued: waiting or in flight."""
 
     received: int = 0
     delivered: int = 0
@@ -21,7 +21,7 @@ class Totals(NamedTuple):
 
 @dataclass(slots=True)
 class Account:
-    """Counters of events, each counted where it happens."""
+    """Counters of events, incremented where each outcome happens."""
 
     received: int = 0
     delivered: int = 0
@@ -30,5 +30,5 @@ class Account:
     expired: int = 0
 
     def totals(self, queued: int) -> Totals:
-        """The account with `queued` events still here."""
+        """Snapshot with `queued` events that wait or are in flight."""
         return Totals(self.received, self.delivered, self.unconfirmed, self.discarded, self.expired, queued)

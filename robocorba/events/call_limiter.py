@@ -1,6 +1,6 @@
-"""How many threads call clients at the same time.
+"""Limits how many threads call clients at the same time.
 
-More than a few only wait for the interpreter's lock, and each call costs twice as much.
+More than a few threads only wait for the interpreter lock, and each call costs twice as much.
 """
 
 from __future__ import annotations
@@ -11,33 +11,32 @@ import time
 from collections.abc import Iterator
 
 
-class Turns:
-    """At most `most` turns at a time; one that takes longer than `limit_s` does not count any more.
+class CallLimiter:
+    """At most `max_calls` slots are taken at a time. A slot that is held longer than `limit_s` no longer counts, so
+    that clients that hang delay others by no more than that."""
 
-    So clients that hang hold up nobody for longer than that."""
-
-    def __init__(self, most: int, limit_s: float) -> None:
-        self._most, self._limit_s = most, limit_s
+    def __init__(self, max_calls: int, limit_s: float) -> None:
+        self._max_calls, self._limit_s = max_calls, limit_s
         self._free = threading.Condition(threading.Lock())
-        #: When the turns began, oldest first.
+        #: When each slot was taken, oldest first [s, time.monotonic].
         self._running: dict[object, float] = {}
 
     @contextlib.contextmanager
-    def one(self) -> Iterator[None]:
-        """Wait for a turn, and have it."""
-        turn = object()
+    def slot(self) -> Iterator[None]:
+        """Wait for a free slot and hold it."""
+        slot = object()
         with self._free:
-            while len(self._running) >= self._most:
+            while len(self._running) >= self._max_calls:
                 oldest, began = next(iter(self._running.items()))
                 left = began + self._limit_s - time.monotonic()
                 if left > 0:
                     self._free.wait(left)
                 else:
                     del self._running[oldest]
-            self._running[turn] = time.monotonic()
+            self._running[slot] = time.monotonic()
         try:
             yield
         finally:
             with self._free:
-                if self._running.pop(turn, None):
+                if self._running.pop(slot, None):
                     self._free.notify()

@@ -1,8 +1,8 @@
-"""The event channel: what comes in goes to every outlet and every peer that wants it.
+"""The event channel: passes each event on to every outlet and every peer that wants it.
 
-One lock guards all state of a channel, its outlets and its feeds. A supplier's thread takes it once for each run of
-events: numbers them, and puts them into queues or claims consumers that it can call itself. Clients
-are called without the lock, so that one that hangs holds up nobody but the thread that calls it.
+One lock guards all state of a channel, its outlets and its feeds. A supplier's thread takes the lock once for each
+run of events, numbers the events, and queues them or claims consumers that it can call itself. It calls clients without
+the lock, so that a client that hangs blocks only the thread that calls it.
 """
 
 from __future__ import annotations
@@ -13,48 +13,49 @@ from typing import NamedTuple, Protocol
 
 from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
-from robocorba.events.event import Header, Run
+from robocorba.events.event import EventHeader, EventRun
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
 from robocorba.events.outlet import Outlet
-from robocorba.events.subscription import Fit, Pattern, fit, patterns_of, union
+from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
 from robocorba.events.watermarks import Watermarks
 
-#: Kinds of events (type, source and origin) whose ways are remembered.
+#: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
 MAX_ROUTES = 4096
 
 
 class Sink(Protocol):
-    """Where events go: an outlet, or the feed of a peer."""
+    """Destination of events: an outlet, or the feed of a peer."""
 
-    def offer(self, run: Run, fit: Fit, now: float) -> bool:
-        """Take in a run; True where the caller has claimed it and must call `deliver` with it, without the lock."""
+    def offer(self, run: EventRun, match: SubscriptionMatch, now: float) -> bool:
+        """Accept a run. True if the caller has claimed it and must call `deliver` or `defer` without the lock."""
 
-    def deliver(self, run: Run) -> bool:
-        """Deliver what was claimed, without the lock. False where that took long."""
+    def deliver(self, run: EventRun) -> bool:
+        """Deliver a claimed run; called without the lock. False if the call was slow or failed."""
 
-    def hand_over(self, run: Run) -> None:
-        """Give back what was claimed, without the lock: it is delivered later, by somebody else."""
+    def defer(self, run: EventRun) -> None:
+        """Return a claimed run to the sink, whose own thread delivers it later; called without the lock."""
 
 
 class _Route(NamedTuple):
-    """Where events with one header go."""
+    """Where the channel sends events with one header."""
 
-    #: Theirs, with their origin.
-    header: Header
-    sinks: list[tuple[Sink, Fit]]
-    #: Peers that don't get them, but could.
-    passed_over: list[Feed]
-    #: Outlets for which suppliers wait, and how many events fit into the smallest queue of those, 0 for none.
+    #: Header of the events, with their origin.
+    header: EventHeader
+    sinks: list[tuple[Sink, SubscriptionMatch]]
+    #: Feeds of peers that do not want the events; they count them as unseen.
+    uninterested: list[Feed]
+    #: Outlets whose policy blocks suppliers while their queue is full.
     blocking: list[Outlet]
+    #: Size of the smallest queue among them [events], 0 if there are none.
     blocking_size: int
 
 
-_AS_IT_IS = Fit(True, ())
+_UNFILTERED = SubscriptionMatch(True, ())
 
 
 class Channel:
-    """Channel `federation.name`. first_number: that of its next event, higher than any of it so far."""
+    """Channel `federation.name`. first_number: number of its next event, higher than all numbers used before."""
 
     def __init__(self, federation: Federation, watermarks: Watermarks, first_number: int) -> None:
         self.lock = threading.Lock()
@@ -64,8 +65,8 @@ class Channel:
         self.is_destroyed = False
         self._watermarks = watermarks
         self._number = first_number - 1
-        #: By header; where it has no origin, this channel is.
-        self._routes: dict[Header, _Route] = {}
+        #: By header. A header without origin belongs to a supplier of this channel.
+        self._routes: dict[EventHeader, _Route] = {}
 
     @property
     def name(self) -> str:
@@ -77,10 +78,10 @@ class Channel:
 
     # ---- events ----
 
-    def publish(self, run: Run, account: Account) -> None:
-        """Take in events of a supplier of this channel, whose account is kept.
+    def publish(self, run: EventRun, account: Account) -> None:
+        """Publish events of a supplier of this channel, and count them in the supplier's account.
 
-        Waits where a consumer's queue is full and its policy is to block suppliers. Raises ProxyGone."""
+        Blocks while the queue of a consumer with policy BLOCK_SUPPLIER is full. Raises ProxyGone."""
         now = time.time()
         if 0.0 in run.times:
             run.times = [moment or now for moment in run.times]
@@ -90,7 +91,7 @@ class Channel:
                 raise ProxyGone(f"channel {self.name} was destroyed")
             account.received += count
             if run.header.expiry:
-                alive = run.fresh(now)
+                alive = run.unexpired(now)
                 account.expired += count - (len(alive) if alive else 0)
                 if alive is None:
                     return
@@ -101,8 +102,8 @@ class Channel:
                 run.header = route.header
                 run.first = self._number + 1
                 self._number += count
-                claims = [sink for sink, fits in route.sinks if sink.offer(run, fits, now)]
-                for feed in route.passed_over:
+                claims = [sink for sink, match in route.sinks if sink.offer(run, match, now)]
+                for feed in route.uninterested:
                     feed.unseen += count
         if route.blocking_size:
             self._publish_blocking(run, route.blocking_size)
@@ -111,25 +112,25 @@ class Channel:
         else:
             _deliver(run, claims)
 
-    def _publish_blocking(self, run: Run, most: int) -> None:
-        """Let the supplier wait for room, where it has to; in pieces that the queues can hold."""
+    def _publish_blocking(self, run: EventRun, max_events: int) -> None:
+        """Publish pieces of at most `max_events`, each when the queues have room or their time limit has passed."""
         header = run.header
-        for start in range(0, len(run), most):
-            piece = run.part(start, start + most)
+        for start in range(0, len(run), max_events):
+            piece = run.part(start, start + max_events)
             with self.lock:
                 for outlet in self._find_route(header).blocking:
                     if outlet.lacks_room(len(piece)):
                         outlet.wait_for_room(len(piece), outlet.policy.block_limit)
-                route = self._find_route(header)  # everything may have changed meanwhile
+                route = self._find_route(header)  # it may have changed during the wait
                 piece.header = route.header
                 piece.first = self._number + 1
                 self._number += len(piece)
                 claims = self._offer(piece, route, time.time())
             _deliver(piece, claims)
 
-    def forward(self, runs: list[Run]) -> tuple[list[tuple[Run, list[Sink]]], int]:
-        """Take in events that came from a peer, in order; what is to be passed to `deliver` afterwards, and how many of
-        the events had been seen already. Never waits for room: that would hold up the link."""
+    def forward(self, runs: list[EventRun]) -> tuple[list[tuple[EventRun, list[Sink]]], int]:
+        """Accept events from a peer, in their order. Returns what the caller must pass to `deliver`, and the number of
+        duplicates. Never waits for room in a queue: that would block the link."""
         result = []
         repeated = 0
         now = time.time()
@@ -144,24 +145,24 @@ class Channel:
                 if seen > 0:
                     repeated += seen
                     run = run.part(seen)
-                alive = run.fresh(now)
+                alive = run.unexpired(now)
                 if alive and not self.is_destroyed:
                     result.append((alive, self._offer(alive, self._find_route(alive.header), now)))
         return result, repeated
 
     @staticmethod
-    def deliver(claimed: list[tuple[Run, list[Sink]]]) -> None:
-        """Make the calls that `forward` has left to its caller, who holds no lock."""
+    def deliver(claimed: list[tuple[EventRun, list[Sink]]]) -> None:
+        """Deliver the runs that `forward` claimed; called without the lock."""
         for run, claims in claimed:
             _deliver(run, claims)
 
     @staticmethod
-    def _offer(run: Run, route: _Route, now: float) -> list[Sink]:
-        for feed in route.passed_over:
+    def _offer(run: EventRun, route: _Route, now: float) -> list[Sink]:
+        for feed in route.uninterested:
             feed.unseen += len(run)
-        return [sink for sink, fits in route.sinks if sink.offer(run, fits, now)]
+        return [sink for sink, match in route.sinks if sink.offer(run, match, now)]
 
-    def _find_route(self, header: Header) -> _Route:
+    def _find_route(self, header: EventHeader) -> _Route:
         route = self._routes.get(header)
         if route is None:
             if len(self._routes) >= MAX_ROUTES:
@@ -169,27 +170,27 @@ class Channel:
             route = self._routes[header] = self._new_route(header._replace(origin=header.origin or self.name))
         return route
 
-    def _new_route(self, header: Header) -> _Route:
+    def _new_route(self, header: EventHeader) -> _Route:
         type, source, origin = header.type, header.source, header.origin
-        feeds, passed_over = [], []
+        feeds, uninterested = [], []
         for peer, feed in self.feeds.items():
             if self.federation.is_wanted(peer, type, source, origin):
                 feeds.append(feed)
             elif peer != origin:
-                passed_over.append(feed)
-        # Peers first: what goes to them waits for no answer, and has the longest way.
-        sinks: list[tuple[Sink, Fit]] = [(feed, _AS_IT_IS) for feed in feeds]
+                uninterested.append(feed)
+        # Peers first: sending to them does not wait for an answer, and takes the longest to arrive.
+        sinks: list[tuple[Sink, SubscriptionMatch]] = [(feed, _UNFILTERED) for feed in feeds]
         for outlet in self.outlets.values():
-            fits = fit(outlet.subscription, type, source) if outlet.is_selecting else None
-            if fits:
-                sinks.append((outlet, fits))
+            match = match_subscription(outlet.subscription, type, source) if outlet.is_selecting else None
+            if match:
+                sinks.append((outlet, match))
         blocking = [outlet for outlet, _ in sinks if isinstance(outlet, Outlet) and outlet.is_blocking]
-        return _Route(header, sinks, passed_over, blocking, min((o.policy.size for o in blocking), default=0))
+        return _Route(header, sinks, uninterested, blocking, min((o.policy.size for o in blocking), default=0))
 
-    # ---- who wants what; called with the lock ----
+    # ---- interest; called with the lock ----
 
     def interest(self) -> tuple[Pattern, ...]:
-        """The union of what its own consumers subscribed to. Gateways never count."""
+        """The union of the subscriptions of this channel's own consumers; peers do not count."""
         return union(
             pattern
             for outlet in self.outlets.values()
@@ -198,18 +199,18 @@ class Channel:
         )
 
     def changed(self) -> bool:
-        """Consumers, subscriptions, peers or notices have changed: look anew where events go.
+        """Drop all cached routes: consumers, subscriptions, peers or advertisements have changed.
 
-        Whether the peers have to be told."""
+        Returns whether this channel's own advertisement changed, so that the peers need it."""
         self._routes.clear()
-        return self.federation.tell(self.feeds, self.interest())
+        return self.federation.advertise(self.feeds, self.interest())
 
 
-def _deliver(run: Run, claims: list[Sink]) -> None:
-    """Call whom this thread has claimed; where one takes long, leave the others to their own threads."""
+def _deliver(run: EventRun, claims: list[Sink]) -> None:
+    """Call the claimed sinks. After a slow call, leave the remaining ones to their own threads."""
     is_quick = True
     for sink in claims:
         if is_quick:
             is_quick = sink.deliver(run)
         else:
-            sink.hand_over(run)
+            sink.defer(run)

@@ -1,49 +1,49 @@
-"""The clients behind proxies, as a translator presents them to the parts of a channel."""
+"""Interfaces of the clients behind proxies; the CORBA layer implements them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Protocol
 
-from robocorba.events.event import Run
-from robocorba.events.queue import Item
+from robocorba.events.event import EventRun
+from robocorba.events.queue import QueueItem
 
 
-class Client(Protocol):
-    """Whoever is connected to a proxy."""
+class ClientPort(Protocol):
+    """The client that is connected to a proxy."""
 
-    #: What finds it again after a restart of the channel.
+    #: Stringified object reference, by which a restarted channel finds the client again.
     reference: str
-    #: Where it listens, for people.
+    #: HOST:PORT of the client, for display.
     address: str
 
     def disconnect(self) -> None:
-        """Tell it that it is disconnected. Raises nothing: it may be dead."""
+        """Notify the client that it is disconnected. Raises nothing: the client may be dead."""
 
 
-class Consumer(Client, Protocol):
-    """A consumer that is called."""
+class ConsumerPort(ClientPort, Protocol):
+    """A consumer that the channel calls."""
 
     takes_batches: bool
 
-    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
-        """Hand over one event; or one conjunction, or any number of runs, where it takes batches.
+    def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
+        """Deliver one event; to a consumer that takes batches also one conjunction, or any number of runs.
 
         Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
 
     def answers(self, limit_s: float) -> bool:
-        """Whether it answers a call that does nothing. Raises ClientGone."""
+        """Whether the consumer answers a call without effect. Raises ClientGone."""
 
 
-class Supplier(Client, Protocol):
-    """A supplier that is asked."""
+class SupplierPort(ClientPort, Protocol):
+    """A supplier that the channel polls."""
 
-    def try_pull(self, limit_s: float) -> Run | None:
-        """Its next event, as a run of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
+    def try_pull(self, limit_s: float) -> EventRun | None:
+        """The supplier's next event, as a run of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
 
 
-class Clients(Protocol):
+class ClientFinder(Protocol):
     """Finds the clients of a restarted channel by their references."""
 
-    def find(self, kind: str, reference: str) -> Client:
-        """The client of a proxy of this kind (a value of proxies.Kind)."""
+    def find(self, kind: str, reference: str) -> ClientPort:
+        """The client of a proxy of this kind (a value of proxies.ProxyKind)."""

@@ -1,39 +1,39 @@
-"""Conjunctions, the paper's correlation: events of several kinds, delivered together."""
+"""Conjunctions, the paper's correlation: events that match several patterns, delivered together."""
 
 from __future__ import annotations
 
 from collections import deque
 from typing import NamedTuple
 
-from robocorba.events.event import Run, Together
+from robocorba.events.event import CorrelatedEvents, EventRun
 from robocorba.events.subscription import Clause
 
 
-class Outcome(NamedTuple):
-    """What an event led to: events that belong together, and how many of those that waited were dropped."""
+class CorrelationResult(NamedTuple):
+    """Result of one event: the correlated events, if complete, and how many waiting events were dropped."""
 
-    together: Together | None
+    together: CorrelatedEvents | None
     expired: int
     discarded: int
 
 
 class Correlator:
-    """Waits for an event of each pattern of clause number `which`; each event is used once, the oldest ones first.
+    """Collects one event for each pattern of a clause of a subscription. Each event is used once, oldest first.
 
-    At most `limit` events wait for each pattern; then the oldest goes. `len` counts the events that wait.
+    At most `limit` events wait for each pattern; beyond that the oldest is discarded. `len` counts the waiting events.
     """
 
-    def __init__(self, which: int, clause: Clause, limit: int) -> None:
-        self.which, self.clause, self.limit = which, clause, limit
+    def __init__(self, clause_number: int, clause: Clause, limit: int) -> None:
+        self.clause_number, self.clause, self.limit = clause_number, clause, limit
         self._window = clause.window
-        self._slots: list[deque[Run]] = [deque() for _ in clause.patterns]
+        self._slots: list[deque[EventRun]] = [deque() for _ in clause.patterns]
 
     def __len__(self) -> int:
         return sum(map(len, self._slots))
 
-    def add(self, fitting: tuple[int, ...], event: Run, now: float) -> Outcome:
-        """Take in a run of one that fits the patterns of these numbers. It waits where nothing waits yet, else at the
-        first of them; times and `now` in s since 1970."""
+    def add(self, fitting: tuple[int, ...], event: EventRun, now: float) -> CorrelationResult:
+        """Add an event (a run of one) that matches the patterns with these indices. It waits in the first empty slot
+        among them, else in the first slot. `now`: s since 1970."""
         place = next((place for place in fitting if not self._slots[place]), fitting[0])
         slot = self._slots[place]
         slot.append(event)
@@ -41,14 +41,14 @@ class Correlator:
         while len(slot) > self.limit:
             slot.popleft()
             discarded += 1
-        together, expired = self._match(now)
-        return Outcome(together, expired, discarded)
+        together, expired = self._correlate(now)
+        return CorrelationResult(together, expired, discarded)
 
-    def _match(self, now: float) -> tuple[Together | None, int]:
+    def _correlate(self, now: float) -> tuple[CorrelatedEvents | None, int]:
         expired = 0
         while True:
             for slot in self._slots:
-                while slot and slot[0].fresh(now) is None:
+                while slot and slot[0].unexpired(now) is None:
                     slot.popleft()
                     expired += 1
             if not all(self._slots):
@@ -58,7 +58,7 @@ class Correlator:
             if not self._window or max(times) - min(times) <= self._window:
                 for slot in self._slots:
                     slot.popleft()
-                return Together(self.which, heads), expired
-            # The oldest can't be paired any more: whatever comes for the other patterns is later still.
+                return CorrelatedEvents(self.clause_number, heads), expired
+            # The oldest event cannot match any more: later events of the other patterns are even farther away in time.
             self._slots[times.index(min(times))].popleft()
             expired += 1

@@ -1,7 +1,7 @@
-"""Events as a channel handles them: a header, and runs of events that share one.
+"""Events as a channel handles them: a header, and runs of consecutive events that share it.
 
-What passes through the parts of a channel is never a single event but a `Run`: whatever came in one
-call, or waits in a row. A run of one costs little; a run of a hundred costs little more.
+All parts of a channel handle an `EventRun`, never a single event: the events of one call, or consecutive events
+of a queue. A run of a hundred events costs little more than a run of one.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from typing import Any, NamedTuple
 
 from robocorba.errors.events import InvalidEvent
 
+#: Maximum length of an event type and of a source [characters].
 MAX_NAME = 200
-#: Larger ones belong into a file or a stream; they would hold up everything behind them on a link.
+#: Maximum size of a payload [bytes]. Larger data belong in a file or a stream: they would delay all events behind them.
 MAX_PAYLOAD_BYTES = 8 * 2**20
-#: A header's expiry in seconds, and a time in seconds since 1970, for which arithmetic stays exact enough.
+#: Maximum of an expiry, and of a time since 1970 [s]. Float arithmetic stays exact enough up to here.
 MAX_SECONDS = 1e11
 
 
 class Encoding(IntEnum):
-    """What a payload is. NATIVE is the `any` of a plain client as it came: a channel passes it on unread."""
+    """Encoding of a payload. NATIVE: the unmodified `any` of a plain client, which the channel does not read."""
 
     MSGPACK = 0
     CDR_ANY = 1
     NATIVE = 2
 
 
-class Header(NamedTuple):
-    """What the events of a run have in common. `origin` is the channel where they came in; expiry in s after each
-    event's time, 0 for never."""
+class EventHeader(NamedTuple):
+    """What the events of a run share. origin: the channel that received them from a supplier. expiry: seconds after
+    each event's time, 0 for never."""
 
     type: str
     source: str
@@ -42,8 +43,8 @@ class Header(NamedTuple):
 
 
 @lru_cache(4096)
-def checked_header(type: str, source: str, priority: int, expiry: float, encoding: Encoding) -> Header:
-    """The header of events that a client made; its origin is not known yet. Raises InvalidEvent."""
+def checked_header(type: str, source: str, priority: int, expiry: float, encoding: Encoding) -> EventHeader:
+    """The header of events from a client, without origin. Raises InvalidEvent."""
     if not type:
         raise InvalidEvent("type", "is empty")
     for field, text in (("type", type), ("source", source)):
@@ -51,27 +52,27 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
             raise InvalidEvent(field, f"has {len(text)} characters; at most {MAX_NAME} are allowed")
     if not 0 <= expiry <= MAX_SECONDS:
         raise InvalidEvent("expiry", f"{expiry} is not between 0 and {MAX_SECONDS:g} seconds")
-    return Header(type, source, "", priority, expiry, encoding)
+    return EventHeader(type, source, "", priority, expiry, encoding)
 
 
-class Run:
-    """Events in a row that share a header. Their numbers count up from `first`; `times` (s since 1970) and `payloads`
-    have an entry for each; `via` is the peer through which they came, empty for this channel's own suppliers."""
+class EventRun:
+    """Consecutive events that share a header, numbered from `first` on. `times` (s since 1970) and `payloads` have one
+    entry for each event. via: the peer that forwarded them, empty for this channel's own suppliers."""
 
     __slots__ = ("cached", "first", "header", "payloads", "times", "via")
 
     def __init__(
-        self, header: Header, times: Sequence[float], payloads: Sequence[Any], first: int = 0, via: str = ""
+        self, header: EventHeader, times: Sequence[float], payloads: Sequence[Any], first: int = 0, via: str = ""
     ) -> None:
         self.header, self.times, self.payloads, self.first, self.via = header, times, payloads, first, via
-        #: What a translator made of it, kept because several consumers get the same.
+        #: The IDL struct of this run, cached because several consumers receive the same one.
         self.cached: Any = None
 
     def __len__(self) -> int:
         return len(self.payloads)
 
     def __repr__(self) -> str:
-        return f"Run({self.header.type!r} from {self.header.origin!r}, {self.first} to {self.last})"
+        return f"EventRun({self.header.type!r} from {self.header.origin!r}, {self.first} to {self.last})"
 
     @property
     def priority(self) -> int:
@@ -79,24 +80,24 @@ class Run:
 
     @property
     def last(self) -> int:
-        """The number of its last event."""
+        """The number of the last event."""
         return self.first + len(self.payloads) - 1
 
     @property
     def size(self) -> int:
-        """Bytes of header and payloads, as far as they are known: a NATIVE payload is not counted."""
+        """Approximate size of header and payloads [bytes]; NATIVE payloads are not counted."""
         header = self.header
         known = sum(map(len, self.payloads)) if header.encoding is not Encoding.NATIVE else 0
         return 64 + len(header.type) + len(header.source) + len(header.origin) + known + 12 * len(self.payloads)
 
-    def part(self, start: int, stop: int | None = None) -> Run:
-        """Its events from index `start` to before `stop`."""
-        return Run(self.header, self.times[start:stop], self.payloads[start:stop], self.first + start, self.via)
+    def part(self, start: int, stop: int | None = None) -> EventRun:
+        """The events with indices from `start` to before `stop`."""
+        return EventRun(self.header, self.times[start:stop], self.payloads[start:stop], self.first + start, self.via)
 
-    def fresh(self, now: float) -> Run | None:
-        """What of it has not expired at `now`, in s since 1970.
+    def unexpired(self, now: float) -> EventRun | None:
+        """The events that have not expired at `now` (s since 1970), None if all have.
 
-        Where it has numbers already these must go on counting up by one, so that what lies between others stays."""
+        The numbers of a run are contiguous: in a numbered run, expired events between unexpired ones stay."""
         expiry = self.header.expiry
         if not expiry or all(time + expiry > now for time in self.times):
             return self
@@ -106,16 +107,16 @@ class Run:
         if self.first:
             return self.part(keep[0], keep[-1] + 1)
         times, payloads = [self.times[index] for index in keep], [self.payloads[index] for index in keep]
-        return Run(self.header, times, payloads, via=self.via)
+        return EventRun(self.header, times, payloads, via=self.via)
 
 
-class Together:
-    """Events that made conjunction number `which` of a subscription true: a run of one for each of its patterns."""
+class CorrelatedEvents:
+    """Events that match the conjunction with index `clause_number` of a subscription: a run of one for each pattern."""
 
-    __slots__ = ("runs", "which")
+    __slots__ = ("clause_number", "runs")
 
-    def __init__(self, which: int, runs: Sequence[Run]) -> None:
-        self.which, self.runs = which, tuple(runs)
+    def __init__(self, clause_number: int, runs: Sequence[EventRun]) -> None:
+        self.clause_number, self.runs = clause_number, tuple(runs)
 
     def __len__(self) -> int:
         return len(self.runs)
@@ -128,13 +129,13 @@ class Together:
     def size(self) -> int:
         return sum(run.size for run in self.runs)
 
-    def fresh(self, now: float) -> Together | None:
-        """Itself, unless one of its events has expired."""
-        return self if all(run.fresh(now) for run in self.runs) else None
+    def unexpired(self, now: float) -> CorrelatedEvents | None:
+        """Itself, or None if one of the events has expired."""
+        return self if all(run.unexpired(now) for run in self.runs) else None
 
 
-def check(run: Run) -> None:
-    """Raise InvalidEvent for times or payloads that are out of range; the header was checked before."""
+def check(run: EventRun) -> None:
+    """Check times and payloads; `checked_header` checks the header. Raises InvalidEvent."""
     if len(run.times) != len(run.payloads):
         raise InvalidEvent("times", f"has {len(run.times)} entries for {len(run.payloads)} payloads")
     for time in run.times:
@@ -146,10 +147,10 @@ def check(run: Run) -> None:
                 raise InvalidEvent("payload", f"has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are allowed")
 
 
-def merged(runs: Iterable[Run]) -> list[Run]:
-    """The same events in the same order, in as few runs as can be."""
-    result: list[Run] = []
-    group: list[Run] = []
+def merged(runs: Iterable[EventRun]) -> list[EventRun]:
+    """The same events in the same order, in as few runs as possible."""
+    result: list[EventRun] = []
+    group: list[EventRun] = []
 
     def close() -> None:
         if len(group) == 1:
@@ -157,7 +158,7 @@ def merged(runs: Iterable[Run]) -> list[Run]:
         elif group:
             times = [time for run in group for time in run.times]
             payloads = [payload for run in group for payload in run.payloads]
-            result.append(Run(group[0].header, times, payloads, group[0].first, group[0].via))
+            result.append(EventRun(group[0].header, times, payloads, group[0].first, group[0].via))
         group.clear()
 
     expected = 0

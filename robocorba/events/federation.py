@@ -1,8 +1,8 @@
-"""The federation as one channel knows it: which channels there are, who is linked with whom, who wants what.
+"""The federation as one channel knows it: its channels, their links and their interest.
 
-Each channel tells a notice of itself, and passes on those of others. From them follows where an event goes:
-to those peers that lie on a shortest way from its origin to a channel that wants it. So a channel that nobody
-needs as a way, and that asked for nothing, gets nothing; and in a ring nothing goes round.
+Each channel advertises its peers and its interest, and passes the advertisements of others on (link-state routing).
+An event goes to those peers that lie on a shortest path from its origin to a channel that wants it. So a channel
+without interest that lies on no such path receives nothing, and events never loop in cyclic topologies.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from typing import NamedTuple
 from robocorba.errors.events import InvalidPeer
 from robocorba.events.subscription import MAX_UNION, Pattern
 
-#: Channels of one federation.
+#: Maximum number of channels in a federation.
 MAX_CHANNELS = 256
+#: Maximum length of a channel's name [characters].
 MAX_NAME = 60
-_FAR = 1 << 30
+_UNREACHABLE = 1 << 30
 
 
-class Notice(NamedTuple):
-    """What channel `name` tells of itself; the higher version is the newer one."""
+class Advertisement(NamedTuple):
+    """What channel `name` advertises: its peers and its interest. The higher version is the newer one."""
 
     name: str
     version: int
@@ -31,7 +32,9 @@ class Notice(NamedTuple):
 
 
 def check_name(name: str, field: str = "name") -> str:
-    """The name of a channel: it stands in object keys, files and the naming service. Raises InvalidPeer."""
+    """The name of a channel, which is part of object keys, file names and names in the naming service.
+
+    Raises InvalidPeer."""
     if not is_name(name):
         raise InvalidPeer(field, f"{name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ - (first: no . or -)")
     return name
@@ -43,107 +46,111 @@ def is_name(text: str) -> bool:
 
 
 class Federation:
-    """Notices by name, and the ways between channels. Guarded by the channel's lock."""
+    """Advertisements by channel name, and the shortest paths between channels. Guarded by the channel's lock."""
 
-    def __init__(self, name: str, known: Iterable[Notice] = ()) -> None:
+    def __init__(self, name: str, known: Iterable[Advertisement] = ()) -> None:
         self.name = name
-        #: Those of channels that no way leads to just now count for nothing, but are kept: nobody tells them again.
-        self._notices = {notice.name: notice for notice in known}
-        own = self._notices.get(name)
-        self._notices[name] = Notice(name, _next_version(own), own.peers if own else (), own.interest if own else ())
-        self._find_ways()
+        #: Includes channels that are unreachable now. They are ignored, but kept: nobody would send them again.
+        self._advertisements = {entry.name: entry for entry in known}
+        own = self._advertisements.get(name)
+        peers, interest = (own.peers, own.interest) if own else ((), ())
+        self._advertisements[name] = Advertisement(name, _next_version(own), peers, interest)
+        self._rebuild_graph()
 
     @property
-    def own(self) -> Notice:
-        return self._notices[self.name]
+    def own(self) -> Advertisement:
+        return self._advertisements[self.name]
 
     @property
-    def notices(self) -> list[Notice]:
-        """Of the channels that can be reached: its own first, then the others by name."""
-        near = (notice for notice in self._notices.values() if notice.name in self._near)
-        return sorted(near, key=lambda notice: (notice.name != self.name, notice.name))
+    def advertisements(self) -> list[Advertisement]:
+        """Of the reachable channels: its own first, then the others by name."""
+        reachable = (entry for entry in self._advertisements.values() if entry.name in self._own_distances)
+        return sorted(reachable, key=lambda entry: (entry.name != self.name, entry.name))
 
     def interest_of(self, channel: str) -> tuple[Pattern, ...]:
-        notice = self._notices.get(channel)
-        return notice.interest if notice else ()
+        """The interest that a channel advertises; empty for an unknown channel."""
+        entry = self._advertisements.get(channel)
+        return entry.interest if entry else ()
 
-    def tell(self, peers: Iterable[str], interest: tuple[Pattern, ...]) -> bool:
-        """Make its own notice say this; whether it said something else before."""
+    def advertise(self, peers: Iterable[str], interest: tuple[Pattern, ...]) -> bool:
+        """Set this channel's own advertisement; whether it changed."""
         own, peers = self.own, tuple(sorted(peers))
         if (own.peers, own.interest) == (peers, interest):
             return False
-        self._notices[self.name] = Notice(self.name, _next_version(own), peers, interest)
+        self._advertisements[self.name] = Advertisement(self.name, _next_version(own), peers, interest)
         if peers != own.peers:
-            self._find_ways()
+            self._rebuild_graph()
         return True
 
-    def learn(self, notices: Iterable[Notice]) -> bool:
-        """Take in what another channel knows; whether any of it was new."""
-        changed = is_moved = False
-        for notice in notices:
-            known = self._notices.get(notice.name)
-            if known and known.version >= notice.version:
+    def learn(self, advertisements: Iterable[Advertisement]) -> bool:
+        """Merge the advertisements that another channel knows; whether any of them was new."""
+        changed = links_changed = False
+        for entry in advertisements:
+            known = self._advertisements.get(entry.name)
+            if known and known.version >= entry.version:
                 continue
-            if notice.name == self.name:
-                if notice.version > _clock():  # of before it was set back: what this channel says now has to count
-                    self._notices[self.name] = self.own._replace(version=notice.version + 1)
+            if entry.name == self.name:
+                if entry.version > _clock():  # made before the clock was set back: the present one must supersede it
+                    self._advertisements[self.name] = self.own._replace(version=entry.version + 1)
                     changed = True
                 continue
             changed = True
-            if known is None and len(self._notices) >= MAX_CHANNELS:
-                self._notices = {near.name: near for near in self.notices}
-                if len(self._notices) >= MAX_CHANNELS:
+            if known is None and len(self._advertisements) >= MAX_CHANNELS:
+                self._advertisements = {reachable.name: reachable for reachable in self.advertisements}
+                if len(self._advertisements) >= MAX_CHANNELS:
                     continue
-            self._notices[notice.name] = notice._replace(interest=notice.interest[:MAX_UNION])
-            is_moved |= known is None or known.peers != notice.peers
-        if is_moved:
-            self._find_ways()
+            self._advertisements[entry.name] = entry._replace(interest=entry.interest[:MAX_UNION])
+            links_changed |= known is None or known.peers != entry.peers
+        if links_changed:
+            self._rebuild_graph()
         return changed
 
     def is_wanted(self, peer: str, type: str, source: str, origin: str) -> bool:
-        """Whether an event that is here has to go to `peer`."""
+        """Whether this channel has to forward an event to `peer`."""
         if origin == peer:
             return False
         return any(
-            self._leads(origin, peer, notice.name) and any(p.matches(type, source) for p in notice.interest)
-            for notice in self._notices.values()
-            if notice.name not in (self.name, origin)
+            self._is_next_hop(origin, peer, entry.name) and any(p.matches(type, source) for p in entry.interest)
+            for entry in self._advertisements.values()
+            if entry.name not in (self.name, origin)
         )
 
-    def _leads(self, origin: str, peer: str, target: str) -> bool:
-        """Whether a shortest way from `origin` to `target` goes from here on to `peer`."""
-        rest = 1 + self._distances(peer).get(target, _FAR)
-        if origin == self.name or origin not in self._near:
-            return rest == self._near.get(target, _FAR)
-        return self._near[origin] + rest == self._distances(origin).get(target, _FAR)
+    def _is_next_hop(self, origin: str, peer: str, target: str) -> bool:
+        """Whether a shortest path from `origin` to `target` leads through this channel and then `peer`."""
+        rest = 1 + self._distances(peer).get(target, _UNREACHABLE)
+        if origin == self.name or origin not in self._own_distances:
+            return rest == self._own_distances.get(target, _UNREACHABLE)
+        return self._own_distances[origin] + rest == self._distances(origin).get(target, _UNREACHABLE)
 
     def _distances(self, channel: str) -> dict[str, int]:
-        """How many links away from one channel the others are."""
-        import networkx as nx  # here: every client of a channel loads this module, and would wait 0.2 s for it
+        """Distances from one channel to the others [links]."""
+        import networkx as nx  # here: it takes 0.2 s to load, and every client of a channel loads this module
 
-        if channel not in self._ways:
+        if channel not in self._cached_distances:
             known = channel in self._graph
-            self._ways[channel] = nx.single_source_shortest_path_length(self._graph, channel) if known else {}
-        return self._ways[channel]
+            self._cached_distances[channel] = (
+                nx.single_source_shortest_path_length(self._graph, channel) if known else {}
+            )
+        return self._cached_distances[channel]
 
-    def _find_ways(self) -> None:
-        """Shortest ways over the links that both ends tell of; an end that tells nothing yet is believed."""
+    def _rebuild_graph(self) -> None:
+        """Use the links that both ends advertise, and links to channels without an advertisement yet."""
         import networkx as nx
 
         graph: nx.Graph[str] = nx.Graph()
         graph.add_node(self.name)
-        for notice in self._notices.values():
-            for peer in notice.peers:
-                other = self._notices.get(peer)
-                if other is None or notice.name in other.peers:
-                    graph.add_edge(notice.name, peer)
+        for entry in self._advertisements.values():
+            for peer in entry.peers:
+                other = self._advertisements.get(peer)
+                if other is None or entry.name in other.peers:
+                    graph.add_edge(entry.name, peer)
         self._graph = graph
-        self._ways: dict[str, dict[str, int]] = {}
-        self._near = self._distances(self.name)
+        self._cached_distances: dict[str, dict[str, int]] = {}
+        self._own_distances = self._distances(self.name)
 
 
-def _next_version(before: Notice | None) -> int:
-    """By the clock, so that a channel that lost its state is believed again."""
+def _next_version(before: Advertisement | None) -> int:
+    """Based on the clock, so that the advertisement of a channel that lost its state supersedes its earlier ones."""
     return max(before.version + 1 if before else 0, _clock())
 
 

@@ -1,8 +1,8 @@
-"""A link with a foreign channel: one that knows CosEventChannelAdmin only, and neither headers nor gateways.
+"""A link with a foreign channel: one that supports CosEventChannelAdmin only, without headers and gateways.
 
-This channel is an ordinary supplier and an ordinary consumer of it. Plain events stay plain in both directions.
-A foreign channel gives back to its consumers whatever its suppliers push, so what this channel pushed is recognised
-when it comes back: events with a header by origin and number, plain ones by their content.
+This channel is an ordinary supplier and an ordinary consumer of the foreign channel. Plain events stay plain in both
+directions. A foreign channel delivers all events to all its consumers, so it returns the events that this channel
+pushed (echoes). They are recognised: events with a header by origin and number, plain events by their content.
 """
 
 from __future__ import annotations
@@ -18,36 +18,40 @@ from typing import Protocol
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
-from robocorba.events.clients import Consumer
-from robocorba.events.event import Run
+from robocorba.events.clients import ConsumerPort
+from robocorba.events.event import EventRun
 from robocorba.events.outlet import Outlet
 from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.subscription import ALL, Fit
+from robocorba.events.subscription import ALL, SubscriptionMatch
 
-#: What was pushed is expected back for so long, and so many of it.
-ECHO_S, MAX_ECHOES = 30.0, 10_000
+#: Maximum time until an echo arrives [s]; a later one is published as a new event.
+ECHO_S = 30.0
+#: Maximum number of pushed events whose echo is expected.
+MAX_ECHOES = 10_000
+#: Maximum number of events that wait for the foreign channel.
 STORE_EVENTS = 100_000
-#: How often the foreign channel is asked whether it is there.
+#: Interval between checks that the foreign channel answers [s].
 CHECK_S = 1.0
+#: Backoff between connection attempts: first, longest [s].
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
 
 _log = logging.getLogger(__name__)
 
 
 class Echoes:
-    """The contents that were pushed and have not come back yet."""
+    """The contents that were pushed and whose echo has not arrived yet."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._count = 0
-        #: In order: when, and the number of the push and its content.
+        #: Time, number and content of each push, oldest first.
         self._pushed: deque[tuple[float, int, Hashable]] = deque()
-        #: Numbers of the pushes of a content that were not recognised yet, the oldest first.
+        #: Numbers of the pushes of each content whose echo has not arrived yet, oldest first.
         self._open: dict[Hashable, deque[int]] = {}
 
     def expect(self, content: Hashable) -> None:
-        """It is about to be pushed."""
+        """Expect the echo of a content that is about to be pushed."""
         now = time.monotonic()
         with self._lock:
             self._count += 1
@@ -59,7 +63,7 @@ class Echoes:
                     self._close(old)
 
     def recognise(self, content: Hashable) -> bool:
-        """Whether what came was pushed from here; each push is recognised once."""
+        """Whether a received content is an echo; each push has at most one echo."""
         with self._lock:
             if content not in self._open:
                 return False
@@ -74,32 +78,32 @@ class Echoes:
 
 
 class ForeignOutlet(PushOutlet):
-    """Toward the foreign channel `name`: all events, except those that came from it."""
+    """Delivers all events to the foreign channel `name`, except those that it pushed."""
 
-    def offer(self, run: Run, fit: Fit, now: float) -> bool:
-        return run.via != self.name and super().offer(run, fit, now)
+    def offer(self, run: EventRun, match: SubscriptionMatch, now: float) -> bool:
+        return run.via != self.name and super().offer(run, match, now)
 
 
 class ForeignPort(Protocol):
-    """Both connections with a foreign channel, as a translator presents them."""
+    """Both connections with a foreign channel; the CORBA layer implements it."""
 
-    #: Its proxy that takes events.
-    consumer: Consumer
+    #: The proxy of the foreign channel to push to.
+    consumer: ConsumerPort
 
     def is_there(self) -> bool:
-        """Whether both connections stand. Raises nothing."""
+        """Whether both connections work. Raises nothing."""
 
     def leave(self) -> None:
-        """End both. Raises nothing."""
+        """End both connections. Raises nothing."""
 
 
-#: Connects with the foreign channel, which calls the function from then on: with a run of one, and the content by
-#: which it is recognised, or None where origin and number tell more. Raises NotReachable.
-Attach = Callable[[Echoes, Callable[[Run, Hashable], None]], ForeignPort]
+#: Connects with the foreign channel, which then calls the function for each event, with a run of one and the content
+#: that identifies an echo (None for an event with an origin). Raises NotReachable.
+Attach = Callable[[Echoes, Callable[[EventRun, Hashable], None]], ForeignPort]
 
 
 class ForeignLink:
-    """Keeps the link of `channel` with the foreign channel `name`."""
+    """Maintains the link of `channel` with the foreign channel `name`."""
 
     def __init__(self, name: str, channel: Channel, attach: Attach) -> None:
         self.name = name
@@ -108,7 +112,7 @@ class ForeignLink:
         self.repeated = 0
         self.lag_s = 0.0
         self.outlet = ForeignOutlet(
-            channel.lock, f"foreign {name}", ALL, QueuePolicy(STORE_EVENTS), self._given_up, name
+            channel.lock, f"foreign {name}", ALL, QueuePolicy(STORE_EVENTS), self._consumer_lost, name
         )
         self._channel, self._attach = channel, attach
         self._echoes = Echoes()
@@ -116,7 +120,7 @@ class ForeignLink:
         self._port: ForeignPort | None = None
         self._ended = threading.Event()
         self._lost = threading.Event()
-        self._thread = threading.Thread(target=self._keep, name=f"foreign {name}", daemon=True)
+        self._thread = threading.Thread(target=self._maintain_link, name=f"foreign {name}", daemon=True)
 
     def start(self) -> None:
         with self._channel.lock:
@@ -125,7 +129,7 @@ class ForeignLink:
         self._thread.start()
 
     def end(self) -> None:
-        """Leave the foreign channel; what is queued for it counts as discarded."""
+        """Disconnect from the foreign channel; queued events count as discarded."""
         self._ended.set()
         self._lost.set()
         with self._channel.lock:
@@ -136,11 +140,11 @@ class ForeignLink:
             self._port.leave()
 
     def totals_in(self) -> Totals:
-        """The account of what came from there."""
+        """The account of the events from the foreign channel."""
         return self._account.totals(0)
 
-    def receive(self, run: Run, content: Hashable) -> None:
-        """An event from the foreign channel."""
+    def receive(self, run: EventRun, content: Hashable) -> None:
+        """Publish an event from the foreign channel, unless it is an echo or a duplicate."""
         run.via = self.name
         if run.header.origin:
             claimed, repeated = self._channel.forward([run])
@@ -156,13 +160,13 @@ class ForeignLink:
             self._channel.publish(run, self._account)
         self.lag_s = max(0.0, time.time() - run.times[-1])
 
-    def _given_up(self, outlet: Outlet, reason: str) -> None:
-        """Its proxy says that it is gone: connect anew."""
+    def _consumer_lost(self, outlet: Outlet, reason: str) -> None:
+        """The foreign proxy is gone: connect again."""
         with self._channel.lock:
             self.outlet.leave()
         self._lost.set()
 
-    def _keep(self) -> None:
+    def _maintain_link(self) -> None:
         pause = FIRST_PAUSE_S
         while not self._ended.is_set():
             try:

@@ -1,7 +1,7 @@
 """The consuming end of a link: a gateway, collocated with the channel that it supplies.
 
-It joins its peer's feed, and keeps the link: tells news, acknowledges what came, and joins again, with
-growing pauses, whenever the peer does not answer.
+It joins the feed of its peer and maintains the link: it sends new advertisements, acknowledges batches, and joins again
+with exponential backoff when the peer does not answer.
 """
 
 from __future__ import annotations
@@ -17,41 +17,42 @@ from robocorba.errors.events import InvalidPeer, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import Run
-from robocorba.events.federation import Notice
+from robocorba.events.event import EventRun
+from robocorba.events.federation import Advertisement
 from robocorba.events.subscription import Pattern
 
-#: How often a gateway tells its peer that it is there.
-RENEW_S = 0.5
-#: Batches that came before an earlier one, which is still on its way.
+#: Interval between renewals of the session [s]; the feed regards the link as down after LEASE_S without one.
+RENEW_INTERVAL_S = 0.5
+#: Maximum number of batches that are kept until an earlier, missing batch arrives.
 MAX_EARLY = 64
-#: Acknowledge after so many batches, or so much time.
+#: A gateway acknowledges after this many batches, or with the first batch after this time [s].
 ACKNOWLEDGE_BATCHES, ACKNOWLEDGE_S = 4, 0.02
+#: Backoff between attempts to join: first, longest [s].
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 0.5
-#: Longest pause where the peer answers, but refuses.
+#: Longest backoff when the peer answers, but refuses [s].
 REFUSED_PAUSE_S = 5.0
 
 _log = logging.getLogger(__name__)
 
 
 class FeedPort(Protocol):
-    """A session with the peer's feed, as a translator presents it."""
+    """A session with the peer's feed; the CORBA layer implements it."""
 
     session: str
     position: int
 
-    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
-        """Raises SessionOver, NotReachable."""
+    def renew(self, position: int, advertisements: list[Advertisement]) -> list[Advertisement]:
+        """Renew the session; the advertisements that are new to this side. Raises SessionOver, NotReachable."""
 
     def acknowledge(self, position: int) -> None:
-        """Without waiting for an answer; raises nothing."""
+        """Acknowledge all batches before `position`, without waiting for an answer. Raises nothing."""
 
     def leave(self) -> None:
-        """Raises nothing: the peer may be dead."""
+        """Notify the peer that the link was removed. Raises nothing: the peer may be dead."""
 
 
 class GatewayState(NamedTuple):
-    """A gateway at one moment; lag_s: of the last event, from when it was made to when it came."""
+    """Snapshot of a gateway. lag_s: latency of the last event, from its creation to its arrival [s]."""
 
     is_up: bool
     problem: str
@@ -64,43 +65,43 @@ class GatewayState(NamedTuple):
 
 
 class Gateway:
-    """Supplies `channel` with what `peer` forwards.
+    """Supplies `channel` with the events that `peer` forwards.
 
-    join: begins a session with the peer's feed; raises NotReachable, InvalidPeer. on_news: is told, without a lock,
-    what the peer knows."""
+    join: begins a session with the peer's feed; raises NotReachable, InvalidPeer.
+    on_advertisements: called, without a lock, with the advertisements that the peer sends."""
 
     def __init__(
         self,
         peer: str,
         channel: Channel,
         join: Callable[[], FeedPort],
-        on_news: Callable[[list[Notice]], None],
+        on_advertisements: Callable[[list[Advertisement]], None],
     ) -> None:
         self.peer = peer
         self._channel = channel
         self._join = join
-        self._on_news = on_news
+        self._on_advertisements = on_advertisements
         self._lock = threading.Lock()
         self._woken = threading.Event()
         self._is_ended = self._leaves = False
         self._port: FeedPort | None = None
         self.session = ""
         self._expected = 1
-        self._early: dict[int, list[Run]] = {}
-        self._told: dict[str, int] = {}
+        self._early: dict[int, list[EventRun]] = {}
+        self._known_versions: dict[str, int] = {}
         self._in_force: tuple[Pattern, ...] = ()
         self._acknowledged, self._acknowledged_at = 1, 0.0
         self._problem = "not joined yet"
         self._account = Account()
         self._joins = self._batches = self._bytes = self._repeated = 0
         self._lag_s = 0.0
-        self._thread = threading.Thread(target=self._keep, name=f"gateway of {peer}", daemon=True)
+        self._thread = threading.Thread(target=self._maintain_link, name=f"gateway of {peer}", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def end(self, leave: bool = False) -> None:
-        """Stop; `leave` tells the peer that it is for good."""
+        """Stop; `leave` notifies the peer that the link was removed."""
         with self._lock:
             self._is_ended, self._leaves = True, leave
             port = self._port
@@ -109,16 +110,16 @@ class Gateway:
             port.leave()
 
     def wake(self) -> None:
-        """There is news to tell, or the peer is known to be back."""
+        """Renew or join immediately: there are new advertisements, or the peer is back."""
         self._woken.set()
 
     @property
     def in_force(self) -> tuple[Pattern, ...]:
-        """The interest of this channel that the peer knows of."""
+        """The interest of this channel that the peer has received; empty while the link is down."""
         return self._in_force if not self._problem else ()
 
-    def forward(self, session: str, position: int, runs: list[Run]) -> None:
-        """A batch from the peer. Those that came too early wait for the ones before them; others are ignored."""
+    def forward(self, session: str, position: int, runs: list[EventRun]) -> None:
+        """Accept a batch from the peer. Early batches wait for the missing ones; duplicates are ignored."""
         with self._lock:
             if session != self.session or self._is_ended:
                 return
@@ -127,9 +128,9 @@ class Gateway:
             while (batch := self._early.pop(self._expected, None)) is not None:
                 self._expected += 1
                 claimed += self._take(batch)
-            for late in [early for early in self._early if early < self._expected]:
-                del self._early[late]
-            while len(self._early) > MAX_EARLY:  # it will be sent again
+            for old in [early for early in self._early if early < self._expected]:
+                del self._early[old]
+            while len(self._early) > MAX_EARLY:  # the peer retransmits it
                 del self._early[max(self._early)]
             position, port = self._expected, self._port
             now = time.monotonic()
@@ -142,7 +143,7 @@ class Gateway:
         if due and port:
             port.acknowledge(position)
 
-    def _take(self, batch: list[Run]) -> list:
+    def _take(self, batch: list[EventRun]) -> list:
         for run in batch:
             run.via = self.peer
         claimed, repeated = self._channel.forward(batch)
@@ -170,9 +171,9 @@ class Gateway:
             self._account.totals(0),
         )
 
-    # ---- keeping the link ----
+    # ---- link maintenance ----
 
-    def _keep(self) -> None:
+    def _maintain_link(self) -> None:
         pause = FIRST_PAUSE_S
         while not self._is_ended:
             longest = LONGEST_PAUSE_S
@@ -181,7 +182,7 @@ class Gateway:
                 pause = FIRST_PAUSE_S
                 while not self._is_ended:
                     self._renew()
-                    self._woken.wait(RENEW_S)
+                    self._woken.wait(RENEW_INTERVAL_S)
                     self._woken.clear()
             except SessionOver as wrong:
                 self._set_problem(str(wrong))
@@ -190,7 +191,7 @@ class Gateway:
             except InvalidPeer as wrong:
                 self._set_problem(f"refused: {wrong}")
                 longest = REFUSED_PAUSE_S
-            except Exception:  # a fault of ours must not end the link for good
+            except Exception:  # a defect must not end the link permanently
                 _log.exception("gateway of %s", self.peer)
                 self._set_problem("internal fault, see the log")
             if self._is_ended:
@@ -204,7 +205,7 @@ class Gateway:
             self._port, self.session = port, port.session
             self._expected = self._acknowledged = port.position
             self._early.clear()
-            self._told.clear()
+            self._known_versions.clear()
             self._joins += 1
             is_too_late = self._leaves
         if is_too_late:
@@ -214,18 +215,21 @@ class Gateway:
         port = self._port
         assert port is not None
         with self._channel.lock:
-            news = [n for n in self._channel.federation.notices if self._told.get(n.name) != n.version]
+            known = self._known_versions
+            changed = [
+                entry for entry in self._channel.federation.advertisements if known.get(entry.name) != entry.version
+            ]
             interest = self._channel.federation.own.interest
         with self._lock:
             position = self._acknowledged = self._expected
-        answer = port.renew(position, news)
-        self._told.update((notice.name, notice.version) for notice in (*news, *answer))
+        answer = port.renew(position, changed)
+        known.update((entry.name, entry.version) for entry in (*changed, *answer))
         self._in_force = interest
         if self._problem:
             _log.info("the link from %s is up", self.peer)
             self._problem = ""
         if answer:
-            self._on_news(answer)
+            self._on_advertisements(answer)
 
     def _set_problem(self, problem: str) -> None:
         if problem != self._problem:

@@ -1,4 +1,4 @@
-"""Where suppliers reach a channel: those that push, and those that are asked."""
+"""Inlets: the side of a proxy that receives events of a supplier, which pushes or is polled."""
 
 from __future__ import annotations
 
@@ -8,27 +8,32 @@ from collections.abc import Callable
 
 from robocorba.errors.events import ClientGone, Disconnected, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events.account import Account, Totals
-from robocorba.events.clients import Client, Supplier
-from robocorba.events.event import Run
-from robocorba.events.outlet import Condition
+from robocorba.events.clients import ClientPort, SupplierPort
+from robocorba.events.event import EventRun
+from robocorba.events.outlet import ProxyCondition
 
-#: A supplier that had nothing is asked again after this, then ever later up to the second.
+#: Polling interval while a supplier has no events: first, longest [s]. It doubles from poll to poll.
 FIRST_POLL_S, LONGEST_POLL_S = 0.001, 0.01
+#: Timeout of a call to a supplier [s].
 CALL_LIMIT_S = 2.0
+#: Backoff after a failed call: first, longest [s].
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
+#: A supplier is disconnected after this many failed calls in a row.
 MAX_FAILURES = 20
 
 
 class Inlet:
-    """For a supplier that pushes. `publish` takes a run and the account to enter it into.
+    """For a supplier that pushes. publish: called with each run and the account that counts it.
 
-    State is guarded by the channel's lock; `push` is called without it."""
+    State is guarded by the channel's lock; `push` is called without the lock."""
 
-    def __init__(self, lock: threading.Lock, id: str, publish: Callable[[Run, Account], None], name: str = "") -> None:
+    def __init__(
+        self, lock: threading.Lock, id: str, publish: Callable[[EventRun, Account], None], name: str = ""
+    ) -> None:
         self.id, self.name = id, name
-        self.condition = Condition.WAITING
+        self.condition = ProxyCondition.WAITING
         self.is_ended = False
-        self.client: Client | None = None
+        self.client: ClientPort | None = None
         self.account = Account()
         self.used_at = time.monotonic()
         self._lock = lock
@@ -38,13 +43,13 @@ class Inlet:
     def failures(self) -> int:
         return 0
 
-    def connect(self, client: Client | None) -> None:
-        """Let events in; a nil client is never called back."""
-        self.client, self.condition = client, Condition.CONNECTED
+    def connect(self, client: ClientPort | None) -> None:
+        """Accept events from now on. A client of None is not notified of its disconnection."""
+        self.client, self.condition = client, ProxyCondition.CONNECTED
 
-    def push(self, run: Run) -> None:
-        """Publish. Raises Disconnected, ProxyGone."""
-        if self.condition is not Condition.CONNECTED or self.is_ended:
+    def push(self, run: EventRun) -> None:
+        """Publish a run. Raises Disconnected, ProxyGone."""
+        if self.condition is not ProxyCondition.CONNECTED or self.is_ended:
             if self.is_ended:
                 raise ProxyGone(f"proxy {self.id} was disconnected")
             raise Disconnected(f"proxy {self.id} is not connected")
@@ -59,19 +64,19 @@ class Inlet:
 
 
 class PolledInlet(Inlet):
-    """For a supplier that is asked for events; also while nobody consumes them.
+    """Polls a supplier for events, also while there are no consumers.
 
-    on_given_up is told, without the lock, that the supplier is gone or has failed too often, and why."""
+    on_client_lost: called, without the lock, with the reason when the supplier is gone or failed MAX_FAILURES times."""
 
     def __init__(
         self,
         lock: threading.Lock,
         id: str,
-        publish: Callable[[Run, Account], None],
-        on_given_up: Callable[[PolledInlet, str], None],
+        publish: Callable[[EventRun, Account], None],
+        on_client_lost: Callable[[PolledInlet, str], None],
     ) -> None:
         super().__init__(lock, id, publish)
-        self._on_given_up = on_given_up
+        self._on_client_lost = on_client_lost
         self._ended = threading.Event()
         self._failed = 0
 
@@ -79,7 +84,7 @@ class PolledInlet(Inlet):
     def failures(self) -> int:
         return self._failed
 
-    def connect(self, client: Client | None) -> None:
+    def connect(self, client: ClientPort | None) -> None:
         super().connect(client)
         threading.Thread(target=self._run, args=(client,), name=f"from {self.id}", daemon=True).start()
 
@@ -87,13 +92,13 @@ class PolledInlet(Inlet):
         super().end()
         self._ended.set()
 
-    def _run(self, client: Supplier) -> None:
+    def _run(self, client: SupplierPort) -> None:
         pause = FIRST_POLL_S
         gone = ""
         while not gone and not self._ended.wait(pause):
             try:
                 run = client.try_pull(CALL_LIMIT_S)
-                self._failed, self.condition = 0, Condition.CONNECTED
+                self._failed, self.condition = 0, ProxyCondition.CONNECTED
                 if run is None:
                     pause = min(2 * pause, LONGEST_POLL_S)
                 else:
@@ -105,9 +110,9 @@ class PolledInlet(Inlet):
                 return
             except (NotDelivered, Unconfirmed, Refused) as error:
                 self._failed += 1
-                self.condition = Condition.STALLED
+                self.condition = ProxyCondition.STALLED
                 pause = min(FIRST_PAUSE_S * 2.0 ** min(self._failed - 1, 10), LONGEST_PAUSE_S)
                 if self._failed >= MAX_FAILURES:
                     gone = f"{self._failed} failures in a row ({error})"
         if gone:
-            self._on_given_up(self, gone)
+            self._on_client_lost(self, gone)

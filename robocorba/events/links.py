@@ -1,7 +1,7 @@
-"""The links of a channel with its peers: for each one a feed that supplies its gateway, and a gateway of its own.
+"""The links of a channel with its peers: for each peer a feed that supplies its gateway, and a gateway of its own.
 
-A link has both directions and is kept for good: whichever end was told to link, both know it from then on,
-and find it again in their stores.
+A link has both directions and is permanent: whichever end adds it, both ends keep it in their stores and restore it
+at start.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from typing import NamedTuple
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import ServiceError
 from robocorba.events.channel import Channel
-from robocorba.events.event import Run
-from robocorba.events.federation import MAX_CHANNELS, Notice, check_name
+from robocorba.events.event import EventRun
+from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name
 from robocorba.events.feed import Feed, FeedState, GatewayPort
 from robocorba.events.foreign import Attach, ForeignLink
 from robocorba.events.gateway import FeedPort, Gateway, GatewayState
 from robocorba.events.outlet import Outlet
-from robocorba.events.store import PeerRecord, Store
+from robocorba.events.store import ChannelStore, PeerRecord
 from robocorba.events.subscription import Pattern, is_covered, patterns_of
 
 _log = logging.getLogger(__name__)
 
-#: Begins a session with the feed of a peer; also tells the reference of its channel, to be tried first from then on.
-#: Raises NotReachable, InvalidPeer.
+#: Begins a session with the feed of a peer. Also returns the stringified reference of the peer's channel, which later
+#: attempts try first. Raises NotReachable, InvalidPeer.
 Join = Callable[[PeerRecord], tuple[FeedPort, str]]
 
 
 class LinkStates(NamedTuple):
-    """Both directions of a link at one moment; wanted: the interest in force of whoever consumes."""
+    """Snapshot of both directions of a link. wanted_there, wanted_here: the interest in force of the consuming end."""
 
     peer: str
     feed: FeedState
@@ -47,22 +47,24 @@ class _Link:
     record: PeerRecord
     feed: Feed
     gateway: Gateway
-    #: Versions of the notices that the peer knows, as far as the feed told or heard them in its present session.
-    told: dict[str, int]
+    #: Versions of the advertisements that the peer has received or sent in the current session of the feed.
+    known_versions: dict[str, int]
 
 
 class Links:
     """All links of `channel`, kept in `store`."""
 
-    def __init__(self, channel: Channel, store: Store, join: Join, attach: Callable[[PeerRecord], Attach]) -> None:
+    def __init__(
+        self, channel: Channel, store: ChannelStore, join: Join, attach: Callable[[PeerRecord], Attach]
+    ) -> None:
         self._channel, self._store, self._join, self._attach = channel, store, join, attach
         self._links: dict[str, _Link] = {}
         self._foreign: dict[str, tuple[PeerRecord, ForeignLink]] = {}
         self._removed: set[str] = set()
-        self._lock = threading.RLock()  # for changes of what there is
+        self._lock = threading.RLock()  # guards the set of links
 
     def restore(self) -> None:
-        """Link again with the peers that the channel had before it was killed."""
+        """Restore the links that the store holds."""
         for record in self._store.peers():
             if record.removed:
                 self._removed.add(record.name)
@@ -81,7 +83,7 @@ class Links:
         return [link for _, link in list(self._foreign.values())]
 
     def add(self, record: PeerRecord) -> None:
-        """Link with a peer, or go on with the one of this name at another address. Raises InvalidPeer."""
+        """Link with a peer, or change the address of a linked one. Raises InvalidPeer."""
         self._check(record.name, "name")
         with self._lock:
             before = self._links.get(record.name)
@@ -92,7 +94,7 @@ class Links:
                 self.interest_changed()
                 return
             if record.name in self._foreign:
-                raise InvalidPeer("name", f"{record.name} is a foreign channel here; remove it first")
+                raise InvalidPeer("name", f"{record.name} is linked as a foreign channel; remove it first")
             self._removed.discard(record.name)
             self._store.save_peer(record)
             if before:
@@ -100,17 +102,17 @@ class Links:
             self._link(record, before.feed if before else None)
         self.interest_changed()
 
-    def remove(self, name: str, is_told: bool = False) -> None:
-        """End a link at both ends; `is_told` where the peer began it. Raises UnknownPeer."""
+    def remove(self, name: str, by_peer: bool = False) -> None:
+        """Remove a link at both ends. by_peer: the peer has removed it already. Raises UnknownPeer."""
         with self._lock:
-            if name in self._foreign and not is_told:
+            if name in self._foreign and not by_peer:
                 self._remove_foreign(name)
                 self.interest_changed()
                 return
             link = self._links.pop(name, None)
             if link is None:
                 raise UnknownPeer(name, sorted(self._links))
-            if is_told:  # whoever has removed this channel may add it again
+            if by_peer:  # the peer may add this channel again
                 self._store.forget_peer(name)
             else:
                 self._store.save_peer(_removed(link.record))
@@ -119,11 +121,11 @@ class Links:
                 self._channel.feeds.pop(name, None)
                 link.feed.end()
                 self._channel.changed()
-        link.gateway.end(leave=not is_told)
+        link.gateway.end(leave=not by_peer)
         self.interest_changed()
 
     def close(self) -> None:
-        """The process ends; peers find out, and wait for the next one."""
+        """End all threads of links; the links stay in the store, and peers wait for the next process."""
         for foreign in self.foreign:
             foreign.end()
         with self._lock:
@@ -133,15 +135,15 @@ class Links:
                     link.feed.end()
 
     def interest_changed(self) -> None:
-        """The peers have to be told something new."""
-        self._keep_notices()
+        """Save the advertisements, and send the new ones to the peers."""
+        self._save_advertisements()
         with self._lock:
             gateways = [link.gateway for link in self._links.values()]
         for gateway in gateways:
             gateway.wake()
 
     def is_in_force(self, outlet: Outlet, peer: str) -> bool:
-        """Whether `peer` knows all that an outlet is subscribed to. Raises UnknownPeer."""
+        """Whether `peer` has received an interest that covers an outlet's subscription. Raises UnknownPeer."""
         in_force = self._get(peer).gateway.in_force
         return all(is_covered(pattern, in_force) for pattern in patterns_of(outlet.subscription))
 
@@ -160,9 +162,9 @@ class Links:
     # ---- what peers call ----
 
     def join(self, consuming: str, reference: str, port: GatewayPort) -> tuple[str, int]:
-        """A session for the gateway of channel `consuming`, which has this reference; and link back.
+        """Begin a session for the gateway of channel `consuming`, which has this reference, and link back to it.
 
-        Raises InvalidPeer."""
+        Returns the session and the position of its first batch. Raises InvalidPeer."""
         self._check(consuming, "consuming")
         with self._lock:
             if consuming in self._removed:
@@ -173,45 +175,45 @@ class Links:
             self._note_reference(link.record, reference)
             with self._channel.lock:
                 terms = link.feed.join(port)
-                link.told = {}
-        link.gateway.wake()  # it is there: no need to wait for the next attempt
+                link.known_versions = {}
+        link.gateway.wake()  # the peer is reachable: join it without waiting for the backoff
         return terms
 
-    def renew(self, session: str, position: int, news: list[Notice]) -> list[Notice]:
-        """Take in what a peer tells; what it does not know yet. Raises SessionOver."""
-        link = self._fed_by(session)
+    def renew(self, session: str, position: int, advertisements: list[Advertisement]) -> list[Advertisement]:
+        """Learn a peer's advertisements; returns those that are new to the peer. Raises SessionOver."""
+        link = self._link_of(session)
         with self._channel.lock:
             link.feed.renew(session, position)
-            told = link.told  # of this session: should another one begin meanwhile, the peer does not get this answer
-        told.update((notice.name, notice.version) for notice in news)
-        if news:
-            self.learn(news)
+            known = link.known_versions  # of this session; a later session starts with an empty dict
+        known.update((entry.name, entry.version) for entry in advertisements)
+        if advertisements:
+            self.learn(advertisements)
         with self._channel.lock:
-            answer = [n for n in self._channel.federation.notices if told.get(n.name, 0) < n.version]
-        told.update((notice.name, notice.version) for notice in answer)
+            answer = [n for n in self._channel.federation.advertisements if known.get(n.name, 0) < n.version]
+        known.update((entry.name, entry.version) for entry in answer)
         return answer
 
     def acknowledge(self, session: str, position: int) -> None:
-        """Raises SessionOver."""
-        link = self._fed_by(session)
+        """A peer has received all batches before `position`. Raises SessionOver."""
+        link = self._link_of(session)
         with self._channel.lock:
             link.feed.acknowledge(session, position)
 
     def leave(self, session: str) -> None:
         """A peer has removed this channel. Raises SessionOver."""
         with contextlib.suppress(UnknownPeer):
-            self.remove(self._fed_by(session).record.name, is_told=True)
+            self.remove(self._link_of(session).record.name, by_peer=True)
 
-    def forward(self, session: str, position: int, runs: list[Run]) -> None:
-        """A batch from the feed of a peer; ignored where the session is over."""
+    def forward(self, session: str, position: int, runs: list[EventRun]) -> None:
+        """Accept a batch from the feed of a peer; a batch of an ended session is ignored."""
         for link in list(self._links.values()):
             if link.gateway.session == session:
                 link.gateway.forward(session, position, runs)
 
-    def learn(self, news: list[Notice]) -> None:
-        """Take in notices, and pass on what was new."""
+    def learn(self, advertisements: list[Advertisement]) -> None:
+        """Merge advertisements, and pass new ones on to the peers."""
         with self._channel.lock:
-            changed = self._channel.federation.learn(news)
+            changed = self._channel.federation.learn(advertisements)
             if changed:
                 self._channel.changed()
         if changed:
@@ -235,13 +237,13 @@ class Links:
         return port
 
     def _note_reference(self, record: PeerRecord, reference: str) -> None:
-        """Where a peer is now: there it is looked for first, also after a restart."""
+        """Save the current reference of a peer, which is tried first, also after a restart."""
         link = self._links.get(record.name)
         if reference != record.reference and link and link.record is record:
             record.reference = reference
             try:
                 self._store.save_peer(record)
-            except ServiceError as wrong:  # after a restart it will be looked for as it was the first time
+            except ServiceError as wrong:  # after a restart the peer is found by its address or name
                 _log.error("%s", wrong)
 
     def _link_foreign(self, record: PeerRecord) -> None:
@@ -251,9 +253,9 @@ class Links:
 
     def _add_foreign(self, record: PeerRecord) -> None:
         if record.name in self._links:
-            raise InvalidPeer("name", f"{record.name} is a peer that is not foreign; remove it first")
+            raise InvalidPeer("name", f"{record.name} is linked as an ordinary peer; remove it first")
         if not record.address:
-            raise InvalidPeer("address", "that of a foreign channel has to be given")
+            raise InvalidPeer("address", "a foreign channel needs an address")
         if record.name in self._foreign:
             if self._foreign[record.name][0].address == record.address:
                 return
@@ -269,9 +271,9 @@ class Links:
     def _check(self, name: str, field: str) -> None:
         check_name(name, field)
         if name == self._channel.name:
-            raise InvalidPeer(field, "a channel can't be a peer of itself")
+            raise InvalidPeer(field, "a channel cannot be a peer of itself")
         if name not in self._links and len(self._links) >= MAX_CHANNELS - 1:
-            raise InvalidPeer(field, f"there are {MAX_CHANNELS - 1} peers already")
+            raise InvalidPeer(field, f"the channel has {MAX_CHANNELS - 1} peers, the maximum")
 
     def _get(self, name: str) -> _Link:
         link = self._links.get(name)
@@ -279,18 +281,18 @@ class Links:
             raise UnknownPeer(name, sorted(self._links))
         return link
 
-    def _fed_by(self, session: str) -> _Link:
+    def _link_of(self, session: str) -> _Link:
         for link in list(self._links.values()):
             if link.feed.session == session:
                 return link
         raise SessionOver("this session has ended")
 
-    def _keep_notices(self) -> None:
+    def _save_advertisements(self) -> None:
         with self._channel.lock:
-            notices = self._channel.federation.notices
+            advertisements = self._channel.federation.advertisements
         try:
-            self._store.save_notices(notices)
-        except ServiceError as wrong:  # what is lost is heard again from the peers
+            self._store.save_advertisements(advertisements)
+        except ServiceError as wrong:  # after a restart the peers send the advertisements again
             _log.error("%s", wrong)
 
 

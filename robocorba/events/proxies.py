@@ -1,4 +1,4 @@
-"""The proxies of a channel: obtained, connected, found again after a restart, disconnected, given up."""
+"""The proxies of a channel: obtained, connected, restored after a restart, disconnected."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from robocorba.errors.events import AlreadyConnected, ProxyGone, TooManyProxies,
 from robocorba.errors.services import ServiceError
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
-from robocorba.events.clients import Client, Clients, Consumer
+from robocorba.events.clients import ClientFinder, ClientPort, ConsumerPort
 from robocorba.events.inlet import Inlet, PolledInlet
-from robocorba.events.outlet import Condition, Outlet, PullOutlet
+from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
 from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.store import ProxyRecord, Store
+from robocorba.events.store import ChannelStore, ProxyRecord
 from robocorba.events.subscription import ALL, Subscription
 
+#: Maximum number of proxies of a channel.
 MAX_PROXIES = 10_000
-#: A proxy without a client that could be asked whether it lives goes after so long without use, where room is needed.
+#: When the channel is full, an inlet without a known client is removed if it was unused for this time [s].
 UNUSED_S = 3600.0
-#: Clients that are told at the same time that the channel was destroyed: those that hang cost a second each.
-CALLED_AT_ONCE = 16
+#: Threads that disconnect clients when the channel is destroyed; a client that hangs takes a second.
+DISCONNECT_THREADS = 16
 
 _log = logging.getLogger(__name__)
 
 
-class Kind(Enum):
-    """As OMG names them: a push supplier proxy serves a push consumer."""
+class ProxyKind(Enum):
+    """Named as by OMG: a push supplier proxy serves a push consumer."""
 
     PUSH_CONSUMER = "push consumer"
     PULL_CONSUMER = "pull consumer"
@@ -43,11 +44,11 @@ class Kind(Enum):
 
 
 class ProxyState(NamedTuple):
-    """A proxy at one moment."""
+    """Snapshot of a proxy."""
 
     id: str
-    kind: Kind
-    condition: Condition
+    kind: ProxyKind
+    condition: ProxyCondition
     name: str
     client: str
     subscription: Subscription
@@ -60,15 +61,15 @@ Proxy = Inlet | Outlet
 
 
 class Proxies:
-    """All proxies of `channel`, kept in `store`; policy: of the queues of those who can't choose.
+    """All proxies of `channel`, kept in `store`. policy: queue policy of proxies that are obtained from an admin.
 
-    on_interest is called where subscriptions have changed; on_removed with the id of a proxy that has ended, before its
-    client is told. Both without the channel's lock."""
+    on_interest: called when this channel's own advertisement has changed. on_removed: called with the id of a proxy
+    that has ended, before its client is notified. Both are called without the channel's lock."""
 
     def __init__(
         self,
         channel: Channel,
-        store: Store,
+        store: ChannelStore,
         policy: QueuePolicy,
         on_interest: Callable[[], None],
         on_removed: Callable[[str], None],
@@ -77,13 +78,13 @@ class Proxies:
         self._channel, self._store, self._policy = channel, store, policy
         self._on_interest, self._on_removed = on_interest, on_removed
         self._all: dict[str, Proxy] = {}
-        self._lock = threading.RLock()  # for changes of what there is; never held while clients are called
+        self._lock = threading.RLock()  # guards the set of proxies; never held while clients are called
         self._is_destroyed = False
 
     # ---- from a client ----
 
-    def obtain(self, kind: Kind) -> Proxy:
-        """A proxy that nobody is connected to. Raises TooManyProxies, ProxyGone."""
+    def obtain(self, kind: ProxyKind) -> Proxy:
+        """Create a proxy without a client. Raises TooManyProxies, ProxyGone."""
         with self._lock:
             proxy = self._make(kind, self._new_id(), ALL, self._policy)
             self._add(proxy)
@@ -91,12 +92,12 @@ class Proxies:
         return proxy
 
     def connect(self, proxy: Proxy, client: Any) -> None:
-        """Connect the client for this kind of proxy; None where it did not want to be known.
+        """Connect a client of the kind that the proxy serves; None for a nil reference.
 
         Raises AlreadyConnected, ProxyGone."""
         with self._lock:
             self._check(proxy)
-            if proxy.condition is not Condition.WAITING:
+            if proxy.condition is not ProxyCondition.WAITING:
                 raise AlreadyConnected(f"proxy {proxy.id} is connected already")
             with self._channel.lock:
                 proxy.connect(client)
@@ -104,12 +105,12 @@ class Proxies:
         self._interest_changed()
 
     def supply(self, name: str) -> Inlet:
-        """A proxy that is connected, to push to; the same one for the same name. Raises TooManyProxies, ProxyGone."""
+        """A connected proxy to push to; the same name returns the same proxy. Raises TooManyProxies, ProxyGone."""
         with self._lock:
             for proxy in self._all.values():
                 if name and isinstance(proxy, Inlet) and proxy.name == name:
                     return proxy
-            inlet = self._make(Kind.PUSH_CONSUMER, self._new_id(), ALL, self._policy, name)
+            inlet = self._make(ProxyKind.PUSH_CONSUMER, self._new_id(), ALL, self._policy, name)
             assert isinstance(inlet, Inlet)
             with self._channel.lock:
                 inlet.connect(None)
@@ -117,16 +118,16 @@ class Proxies:
             self._save(inlet)
         return inlet
 
-    def subscribe(self, name: str, client: Consumer, subscription: Subscription, policy: QueuePolicy) -> PushOutlet:
-        """Connect a consumer; a name makes the subscription durable, or takes over the one that has it.
+    def subscribe(self, name: str, client: ConsumerPort, subscription: Subscription, policy: QueuePolicy) -> PushOutlet:
+        """Connect a consumer. A name makes the subscription durable, or takes over the subscription of that name.
 
         Raises InvalidQueue, TooManyProxies, ProxyGone."""
         policy = policy.checked()
-        before: Client | None = None
+        before: ClientPort | None = None
         with self._lock:
             outlet = self._durable(name) if name else None
             if outlet is None:
-                made = self._make(Kind.PUSH_SUPPLIER, self._new_id(), subscription, policy, name)
+                made = self._make(ProxyKind.PUSH_SUPPLIER, self._new_id(), subscription, policy, name)
                 assert isinstance(made, PushOutlet)
                 outlet = made
                 self._add(outlet)
@@ -151,7 +152,7 @@ class Proxies:
         self._remove(outlet)
 
     def change(self, outlet: Outlet, subscription: Subscription) -> None:
-        """Change what an outlet gets. Raises ProxyGone."""
+        """Change an outlet's subscription. Raises ProxyGone."""
         with self._lock:
             self._check(outlet)
             with self._channel.lock:
@@ -160,7 +161,7 @@ class Proxies:
         self._interest_changed()
 
     def suspend(self, outlet: PushOutlet, suspended: bool) -> None:
-        """Let events wait, or flow again. Raises ProxyGone."""
+        """Suspend or resume delivery; events wait meanwhile. Raises ProxyGone."""
         with self._lock:
             self._check(outlet)
             with self._channel.lock:
@@ -168,45 +169,45 @@ class Proxies:
             self._save(outlet)
 
     def disconnect(self, proxy: Proxy) -> None:
-        """The client leaves; it is told so, once. A durable subscription stays. Raises ProxyGone."""
+        """Disconnect the client and notify it once. A durable subscription stays. Raises ProxyGone."""
         if isinstance(proxy, PushOutlet) and proxy.name:
             with self._lock:
                 self._check(proxy)
                 client = proxy.client
                 if client is None:
-                    raise ProxyGone(f"nobody is connected to {proxy.id}")
+                    raise ProxyGone(f"proxy {proxy.id} has no client")
                 with self._channel.lock:
                     proxy.leave()
                 self._save(proxy)
-                self._on_removed(proxy.id)  # before the next client of this name can take it over
+                self._on_removed(proxy.id)  # before the next client of this name can take over the subscription
             client.disconnect()
         else:
             self._remove(proxy)
 
     def destroy(self) -> None:
-        """Disconnect everybody, for good. Raises ProxyGone the second time."""
+        """Disconnect all clients permanently. Raises ProxyGone if the channel was destroyed before."""
         with self._lock:
             self.check()
             self._is_destroyed = True
             everything = list(self._all.values())
             with self._channel.lock:
                 self._channel.is_destroyed = True
-        with ThreadPoolExecutor(CALLED_AT_ONCE) as callers:
+        with ThreadPoolExecutor(DISCONNECT_THREADS) as callers:
             list(callers.map(self._remove_if_there, everything))
         self._interest_changed()
 
     def check(self) -> None:
-        """Raise ProxyGone once the channel was destroyed: a call may come in while its object is being taken away."""
+        """Raise ProxyGone if the channel was destroyed: a call may arrive while its object is being deactivated."""
         if self._is_destroyed:
             raise ProxyGone(f"channel {self._channel.name} was destroyed")
 
     # ---- from the server ----
 
-    def restore(self, clients: Clients) -> list[Proxy]:
-        """Make the proxies that the channel had before it was killed, connected as they were."""
-        # Suppliers are asked as soon as they are connected: only when everybody is there to get their events.
-        for record in sorted(self._store.proxies(), key=lambda record: record.kind == Kind.PULL_CONSUMER.value):
-            kind = Kind(record.kind)
+    def restore(self, clients: ClientFinder) -> list[Proxy]:
+        """Restore the proxies of the store, connected as before."""
+        # Polled suppliers last: their events arrive as soon as they are connected, and all consumers must be there.
+        for record in sorted(self._store.proxies(), key=lambda record: record.kind == ProxyKind.PULL_CONSUMER.value):
+            kind = ProxyKind(record.kind)
             proxy = self._make(kind, record.id, record.subscription, record.policy or self._policy, record.name)
             self._all[record.id] = proxy
             with self._channel.lock:
@@ -221,14 +222,14 @@ class Proxies:
         return list(self._all.values())
 
     def close(self) -> None:
-        """Send those away who wait for events: this process ends."""
+        """Let all waiting pull calls return, because the process ends."""
         with self._lock, self._channel.lock:
             for proxy in self._all.values():
                 if isinstance(proxy, PullOutlet):
                     proxy.release()
 
     def states(self) -> list[ProxyState]:
-        """All proxies, each at one moment."""
+        """Snapshots of all proxies, taken one after another."""
         with self._lock:
             everything = list(self._all.values())
         return [self.state(proxy) for proxy in everything]
@@ -250,15 +251,15 @@ class Proxies:
 
     # ---- inside ----
 
-    def _make(self, kind: Kind, id: str, subscription: Subscription, policy: QueuePolicy, name: str = "") -> Proxy:
+    def _make(self, kind: ProxyKind, id: str, subscription: Subscription, policy: QueuePolicy, name: str = "") -> Proxy:
         lock, publish = self._channel.lock, self._channel.publish
-        if kind is Kind.PUSH_CONSUMER:
+        if kind is ProxyKind.PUSH_CONSUMER:
             return Inlet(lock, id, publish, name)
-        if kind is Kind.PULL_CONSUMER:
-            return PolledInlet(lock, id, publish, self._give_up)
-        if kind is Kind.PULL_SUPPLIER:
+        if kind is ProxyKind.PULL_CONSUMER:
+            return PolledInlet(lock, id, publish, self._client_lost)
+        if kind is ProxyKind.PULL_SUPPLIER:
             return PullOutlet(lock, id, subscription, policy)
-        return PushOutlet(lock, id, subscription, policy, self._give_up, name)
+        return PushOutlet(lock, id, subscription, policy, self._client_lost, name)
 
     def _add(self, proxy: Proxy) -> None:
         self._all[proxy.id] = proxy
@@ -288,7 +289,7 @@ class Proxies:
             raise ProxyGone(f"proxy {proxy.id} was disconnected")
 
     def _remove(self, proxy: Proxy) -> None:
-        """End a proxy; its object goes before its client is called, so that a mutual disconnect ends here."""
+        """End a proxy. Its object is deactivated before the client is called, so that a mutual disconnect ends here."""
         with self._lock:
             self._check(proxy)
             with self._channel.lock:
@@ -297,21 +298,21 @@ class Proxies:
             self._all.pop(proxy.id, None)
             try:
                 self._store.forget_proxy(proxy.id)
-            except ServiceError as wrong:  # it ends all the same; after a restart it will be found dead
+            except ServiceError as wrong:  # it ends all the same; after a restart its client is found dead
                 _log.error("%s", wrong)
         self._on_removed(proxy.id)
-        if not self._is_destroyed:  # else it changes once, when all are gone
+        if not self._is_destroyed:  # else `destroy` updates the interest once at its end
             self._interest_changed()
         if proxy.client:
             proxy.client.disconnect()
 
     def _remove_if_there(self, proxy: Proxy) -> None:
-        with contextlib.suppress(ProxyGone):  # it went by itself meanwhile
+        with contextlib.suppress(ProxyGone):  # it was removed meanwhile
             self._remove(proxy)
 
-    def _give_up(self, proxy: Proxy, reason: str) -> None:
-        """A client is gone. A durable subscription waits for its next one; everything else ends."""
-        _log.warning("gave up %s %s (%s)", _kind(proxy).value, proxy.id, reason)
+    def _client_lost(self, proxy: Proxy, reason: str) -> None:
+        """A client is gone. A durable subscription waits for its next consumer; any other proxy ends."""
+        _log.warning("disconnected the client of %s %s: %s", _kind(proxy).value, proxy.id, reason)
         try:
             if isinstance(proxy, PushOutlet) and proxy.name:
                 with self._lock:
@@ -332,8 +333,8 @@ class Proxies:
             proxy.id,
             _kind(proxy).value,
             proxy.name,
-            proxy.condition is not Condition.WAITING,
-            proxy.condition is Condition.SUSPENDED,
+            proxy.condition is not ProxyCondition.WAITING,
+            proxy.condition is ProxyCondition.SUSPENDED,
             proxy.client.reference if proxy.client else "",
         )
         if isinstance(proxy, Outlet):
@@ -347,9 +348,9 @@ class Proxies:
             self._on_interest()
 
 
-def _kind(proxy: Proxy) -> Kind:
+def _kind(proxy: Proxy) -> ProxyKind:
     if isinstance(proxy, PolledInlet):
-        return Kind.PULL_CONSUMER
+        return ProxyKind.PULL_CONSUMER
     if isinstance(proxy, Inlet):
-        return Kind.PUSH_CONSUMER
-    return Kind.PULL_SUPPLIER if isinstance(proxy, PullOutlet) else Kind.PUSH_SUPPLIER
+        return ProxyKind.PUSH_CONSUMER
+    return ProxyKind.PULL_SUPPLIER if isinstance(proxy, PullOutlet) else ProxyKind.PUSH_SUPPLIER

@@ -1,4 +1,4 @@
-"""The queue in front of a consumer or a peer: bounded, first in first out, with a rule for when it is full."""
+"""The bounded queue of a consumer or a peer: first in, first out, with an overflow rule."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from enum import Enum
 from typing import NamedTuple, TypeAlias
 
 from robocorba.errors.events import InvalidQueue
-from robocorba.events.event import Run, Together
+from robocorba.events.event import CorrelatedEvents, EventRun
 
-Item: TypeAlias = Run | Together
+QueueItem: TypeAlias = EventRun | CorrelatedEvents
 
+#: Maximum size of a queue [events].
 MAX_SIZE = 1_000_000
+#: Maximum time that a queue may block a supplier [s].
 MAX_BLOCK_S = 10.0
 
 
 class OverflowRule(Enum):
-    """What happens to events that find the queue full. Those of the lowest priority in it go first, whichever rule."""
+    """What is discarded when the queue is full. Under every rule, events of the lowest priority are discarded first."""
 
     DISCARD_OLDEST = 0
     DISCARD_NEWEST = 1
@@ -25,14 +27,14 @@ class OverflowRule(Enum):
 
 
 class QueuePolicy(NamedTuple):
-    """size: events that may wait; block_limit: longest time in s that a supplier waits for room."""
+    """size: maximum number of waiting events. block_limit: longest time that a supplier waits for room [s]."""
 
     size: int = 10_000
     when_full: OverflowRule = OverflowRule.DISCARD_OLDEST
     block_limit: float = 0.0
 
     def checked(self) -> QueuePolicy:
-        """Itself. Raises InvalidQueue."""
+        """Itself, if its values are in range. Raises InvalidQueue."""
         if not 1 <= self.size <= MAX_SIZE:
             raise InvalidQueue("size", f"{self.size} is not between 1 and {MAX_SIZE}")
         if not (math.isfinite(self.block_limit) and 0 <= self.block_limit <= MAX_BLOCK_S):
@@ -41,60 +43,60 @@ class QueuePolicy(NamedTuple):
 
 
 class EventQueue:
-    """Runs and conjunctions that wait. Not locked: its owner does that.
+    """Waiting runs and conjunctions. Not thread-safe: the owner locks.
 
-    `len`, or `length`, counts events. Items of each priority wait in a lane of their own, and each carries its turn:
-    taking follows the turns, discarding starts with the lane of the lowest priority.
+    `len`, or `length`, counts events. Each priority has a lane. Every item has a sequence number: `take` follows the
+    sequence numbers, discarding starts with the lane of the lowest priority.
     """
 
     def __init__(self, policy: QueuePolicy) -> None:
         self.policy = policy
-        self._lanes: dict[int, deque[tuple[int, Item]]] = {}
+        self._lanes: dict[int, deque[tuple[int, QueueItem]]] = {}
         self.length = 0
-        self._next_turn = self._first_turn = 0
+        self._next_sequence = self._first_sequence = 0
 
     def __len__(self) -> int:
         return self.length
 
     @property
     def room(self) -> int:
-        """Events that it takes without discarding any."""
+        """Number of events that fit without discarding any."""
         return self.policy.size - self.length
 
-    def put(self, item: Item) -> int:
-        """Append; how many events were discarded for it, perhaps of its own."""
-        self._lane(item.priority).append((self._next_turn, item))
-        self._next_turn += 1
+    def put(self, item: QueueItem) -> int:
+        """Append an item; returns how many events were discarded, possibly of the item itself."""
+        self._lane(item.priority).append((self._next_sequence, item))
+        self._next_sequence += 1
         self.length += len(item)
         return self._trim(self.policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
 
-    def put_back(self, items: list[Item]) -> int:
-        """Put what was taken last before everything else again; how many events were discarded for it."""
+    def put_back(self, items: list[QueueItem]) -> int:
+        """Put items back at the head of the queue; returns how many events were discarded."""
         for item in reversed(items):
-            self._first_turn -= 1
-            self._lane(item.priority).appendleft((self._first_turn, item))
+            self._first_sequence -= 1
+            self._lane(item.priority).appendleft((self._first_sequence, item))
             self.length += len(item)
         return self._trim(self.policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
 
-    def take(self, most: int, now: float, most_bytes: int = 2**62) -> tuple[list[Item], int]:
-        """The next events, at least one item where there is one, at most `most` events and about `most_bytes`;
-        and how many were dropped on the way because they had expired at `now`.
+    def take(self, max_events: int, now: float, max_bytes: int = 2**62) -> tuple[list[QueueItem], int]:
+        """Remove and return the next items: at most `max_events` events and about `max_bytes`, but at least one item if
+        any is left. Also returns how many events were dropped because they had expired at `now`.
 
-        A conjunction comes alone."""
-        taken: list[Item] = []
+        A conjunction is returned alone."""
+        taken: list[QueueItem] = []
         events = size = expired = 0
-        while self.length and events < most and size < most_bytes:
+        while self.length and events < max_events and size < max_bytes:
             lane = self._first_lane()
-            turn, item = lane[0]
-            if isinstance(item, Together) and taken:
+            sequence, item = lane[0]
+            if isinstance(item, CorrelatedEvents) and taken:
                 break
-            alive = item.fresh(now)
+            alive = item.unexpired(now)
             if alive is not item:
                 expired += len(item) - (len(alive) if alive else 0)
-            if isinstance(alive, Run) and len(alive) > most - events:
-                rest = alive.part(most - events)
-                lane[0] = (turn, rest)
-                alive = alive.part(0, most - events)
+            if isinstance(alive, EventRun) and len(alive) > max_events - events:
+                rest = alive.part(max_events - events)
+                lane[0] = (sequence, rest)
+                alive = alive.part(0, max_events - events)
                 self.length -= len(item) - len(rest)
             else:
                 lane.popleft()
@@ -102,36 +104,36 @@ class EventQueue:
             if alive:
                 taken.append(alive)
                 events += len(alive)
-                size += alive.size if most_bytes < 2**62 else 0
-                if isinstance(alive, Together):
+                size += alive.size if max_bytes < 2**62 else 0
+                if isinstance(alive, CorrelatedEvents):
                     break
         return taken, expired
 
     def oldest_time(self) -> float | None:
-        """The time of the event that is next, None where none waits."""
+        """Time of the next event (s since 1970), None if the queue is empty."""
         if not self.length:
             return None
         item = self._first_lane()[0][1]
-        return item.times[0] if isinstance(item, Run) else item.runs[0].times[0]
+        return item.times[0] if isinstance(item, EventRun) else item.runs[0].times[0]
 
     def resize(self, policy: QueuePolicy) -> int:
-        """Follow another policy from now on; how many events were discarded."""
+        """Change the policy; returns how many events were discarded."""
         self.policy = policy
         return self._trim(policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
 
     def clear(self) -> int:
-        """Drop all; how many events there were."""
+        """Discard all events; returns their number."""
         dropped, self.length = self.length, 0
         self._lanes.clear()
         return dropped
 
-    def _lane(self, priority: int) -> deque[tuple[int, Item]]:
+    def _lane(self, priority: int) -> deque[tuple[int, QueueItem]]:
         lane = self._lanes.get(priority)
         if lane is None:
             lane = self._lanes[priority] = deque()
         return lane
 
-    def _first_lane(self) -> deque[tuple[int, Item]]:
+    def _first_lane(self) -> deque[tuple[int, QueueItem]]:
         if len(self._lanes) == 1:
             (lane,) = self._lanes.values()
             if lane:
@@ -148,10 +150,10 @@ class EventQueue:
         while (excess := -self.room) > 0:
             self._drop_empty_lanes()
             lane = self._lanes[min(self._lanes)]
-            turn, item = lane[0] if oldest else lane[-1]
-            if isinstance(item, Run) and len(item) > excess:
+            sequence, item = lane[0] if oldest else lane[-1]
+            if isinstance(item, EventRun) and len(item) > excess:
                 kept = item.part(excess) if oldest else item.part(0, len(item) - excess)
-                lane[0 if oldest else -1] = (turn, kept)
+                lane[0 if oldest else -1] = (sequence, kept)
                 self.length -= excess
             else:
                 lane.popleft() if oldest else lane.pop()

@@ -1,6 +1,6 @@
-"""What a channel must know again after it was killed: its proxies, its peers, the notices of the federation.
+"""The persistent state of a channel: its proxies, its peers and the advertisements of the federation.
 
-One SQLite file for each channel. Events are not in it: what waited in queues ends with the process.
+One SQLite file for each channel. Events are not stored: queued events end with the process.
 """
 
 from __future__ import annotations
@@ -11,25 +11,26 @@ from pathlib import Path
 
 import msgspec
 
-from robocorba.events.federation import Notice
+from robocorba.events.federation import Advertisement
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription
 from robocorba.record_file import RecordFile
 
-#: "RoCe": tells our files from those of others.
+#: "RoCe", the application id in the header of the SQLite file.
 APPLICATION_ID = 0x526F4365
 SCHEMA_VERSION = 1
-#: Numbers of events begin with the second of the start, counted from 2020 on, in their upper 32 bits.
+#: 2020-01-01 [s since 1970]. The upper bits of an event number are the start time of the process since then [s].
 FIRST_SECOND = 1_577_836_800
+#: The lower bits of an event number, which count the events of a process.
 COUNT_BITS = 32
-#: Those of proxies with the second in which the file was made, above so many bits.
+#: Proxy ids begin with the creation time of the file [s], shifted left by this many bits.
 ID_BITS = 10
 
 _TABLES = ("CREATE TABLE starts (second INTEGER NOT NULL)", "CREATE TABLE ids (next INTEGER NOT NULL)")
 
 
 class ProxyRecord(msgspec.Struct):
-    """A proxy; `client` is the stringified reference of who is connected, empty for nil. policy: of outlets only."""
+    """A proxy. client: stringified reference of the connected client, empty for nil. policy: of outlets only."""
 
     id: str
     kind: str
@@ -42,8 +43,8 @@ class ProxyRecord(msgspec.Struct):
 
 
 class PeerRecord(msgspec.Struct):
-    """A peer. address: empty for the naming service, else HOST:PORT or a URI. reference: where it was found last.
-    removed: it was a peer, and must not link itself again."""
+    """A peer. address: HOST:PORT or a URI, empty to use the naming service. reference: stringified reference that was
+    valid last. removed: a former peer, whose attempts to link again are refused."""
 
     name: str
     address: str = ""
@@ -52,16 +53,16 @@ class PeerRecord(msgspec.Struct):
     removed: bool = False
 
 
-class Store(RecordFile):
-    """Opened by one process at a time. Raises AlreadyRunning, or ServiceError for whatever is wrong with the file."""
+class ChannelStore(RecordFile):
+    """Opened by one process at a time. Raises AlreadyRunning, or ServiceError if the file cannot be used."""
 
     def __init__(self, file: Path) -> None:
-        # Where an older file was lost, its numbers must not come again: clients still hold them.
+        # If an older file was lost, its ids must not be reused: clients still hold them.
         first_id = (int(time.time()) - FIRST_SECOND) << ID_BITS
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
 
     def first_number(self) -> int:
-        """The number of the first event after this start: higher than any before, also where this file was lost."""
+        """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""
         with self._guarded():
             last = self._db.execute("SELECT max(second) FROM starts").fetchone()[0]
             second = max(int(time.time()) - FIRST_SECOND, (last or 0) + 1)
@@ -70,7 +71,7 @@ class Store(RecordFile):
         return (second << COUNT_BITS) + 1
 
     def next_id(self) -> int:
-        """A number that no proxy of this channel had."""
+        """An id that no proxy of this channel had before."""
         with self._guarded():
             ((id,),) = self._db.execute("UPDATE ids SET next = next + 1 RETURNING next - 1").fetchall()
             return int(id)
@@ -93,9 +94,9 @@ class Store(RecordFile):
     def forget_peer(self, name: str) -> None:
         self.forget("peer", name)
 
-    def notices(self) -> list[Notice]:
-        return self.all("notice", Notice)
+    def advertisements(self) -> list[Advertisement]:
+        return self.all("notice", Advertisement)
 
-    def save_notices(self, notices: Iterable[Notice]) -> None:
-        """Keep these, and no others."""
-        self.replace("notice", ((notice.name, notice) for notice in notices))
+    def save_advertisements(self, advertisements: Iterable[Advertisement]) -> None:
+        """Replace all stored advertisements."""
+        self.replace("notice", ((entry.name, entry) for entry in advertisements))

@@ -1,4 +1,4 @@
-"""Subscriptions: which events a consumer wants, by type and source, one by one or several together."""
+"""Subscriptions: which events a consumer wants, by type and source, singly or as conjunctions."""
 
 from __future__ import annotations
 
@@ -11,34 +11,36 @@ from typing import NamedTuple
 from robocorba.errors.events import InvalidSubscription
 from robocorba.events.event import MAX_NAME
 
+#: Maximum number of clauses of a subscription.
 MAX_CLAUSES = 200
+#: Maximum number of patterns of a clause.
 MAX_PATTERNS = 16
-#: A union of more patterns than this becomes "everything".
+#: A union of more patterns than this is replaced by the pattern that matches everything.
 MAX_UNION = 2000
-#: With how many others each pattern of a union is compared.
-MAX_GENERAL = 16
+#: Each pattern of a union is compared with this many general patterns of its type, and as many of any type.
+MAX_COMPARED = 16
 
 
 class Pattern(NamedTuple):
-    """Type and source with wildcards: * for any text, also none; ? for one character."""
+    """Type and source with wildcards: * matches any text, also empty text; ? matches one character."""
 
     type: str = "*"
     source: str = "*"
 
     def matches(self, type: str, source: str) -> bool:
-        """Whether an event of this type and source fits."""
-        return _fits(self.type, type) and _fits(self.source, source)
+        """Whether an event of this type and source matches."""
+        return _matches(self.type, type) and _matches(self.source, source)
 
     def covers(self, other: Pattern) -> bool:
-        """Whether every event that fits `other` fits this one. Never wrongly true; false in odd cases only."""
-        return _fits(self.type, other.type, True) and _fits(self.source, other.source, True)
+        """Whether every event that matches `other` matches this. Never wrongly true; wrongly false in rare cases."""
+        return _matches(self.type, other.type, True) and _matches(self.source, other.source, True)
 
 
 EVERYTHING = Pattern()
 
 
 class Clause(NamedTuple):
-    """One pattern: each event that fits. Several: a conjunction, whose events are at most `window` s apart (0: any)."""
+    """One pattern: each matching event. Several: a conjunction of events at most `window` s apart (0: no limit)."""
 
     patterns: tuple[Pattern, ...]
     window: float = 0.0
@@ -48,22 +50,22 @@ class Clause(NamedTuple):
         return len(self.patterns) > 1
 
 
-#: A disjunction of its clauses.
+#: The disjunction of its clauses.
 Subscription = tuple[Clause, ...]
 
-#: What a plain consumer gets.
+#: The subscription of a plain consumer.
 ALL: Subscription = (Clause((EVERYTHING,)),)
 
 
-class Fit(NamedTuple):
-    """How events of a type and source fit a subscription: whether as such, and where in its conjunctions."""
+class SubscriptionMatch(NamedTuple):
+    """How events of a type and source match a subscription: singly, and in which slots of its conjunctions."""
 
     single: bool
-    slots: tuple[tuple[int, tuple[int, ...]], ...]  # number of the clause, numbers of its patterns
+    slots: tuple[tuple[int, tuple[int, ...]], ...]  # index of the clause, indices of its patterns
 
 
 def checked(clauses: Iterable[tuple[Sequence[tuple[str, str]], float]]) -> Subscription:
-    """The subscription of ((type, source), ...), window pairs. Raises InvalidSubscription."""
+    """The subscription with these clauses: pairs of ((type, source), ...) and window. Raises InvalidSubscription."""
     result: list[Clause] = []
     for number, (patterns, window) in enumerate(clauses):
         where = f"[{number}]"
@@ -83,8 +85,8 @@ def checked(clauses: Iterable[tuple[Sequence[tuple[str, str]], float]]) -> Subsc
     return tuple(result)
 
 
-def fit(subscription: Subscription, type: str, source: str) -> Fit | None:
-    """How events of this type and source fit; None where they don't."""
+def match_subscription(subscription: Subscription, type: str, source: str) -> SubscriptionMatch | None:
+    """How events of this type and source match; None if they do not."""
     single = False
     slots: list[tuple[int, tuple[int, ...]]] = []
     for number, clause in enumerate(subscription):
@@ -93,37 +95,37 @@ def fit(subscription: Subscription, type: str, source: str) -> Fit | None:
             slots.append((number, fitting))
         elif fitting:
             single = True
-    return Fit(single, tuple(slots)) if single or slots else None
+    return SubscriptionMatch(single, tuple(slots)) if single or slots else None
 
 
 def union(patterns: Iterable[Pattern]) -> tuple[Pattern, ...]:
-    """A few of the patterns that cover all of them, sorted. More than MAX_UNION become one that covers all."""
+    """A sorted subset of the patterns that covers all of them. More than MAX_UNION patterns become EVERYTHING."""
     unique = sorted(set(patterns))
     if EVERYTHING in unique or len(unique) > MAX_UNION:
         return (EVERYTHING,)
-    # By type, or by "" where that has wildcards, those that may cover others. The shortest ones cover the most.
+    # Patterns that may cover others, by type, or by "" if the type has wildcards. Short patterns cover the most.
     general: dict[str, list[Pattern]] = {}
     for pattern in sorted(unique, key=lambda pattern: len(pattern.type) + len(pattern.source)):
         if _has_wildcards(pattern.type) or _has_wildcards(pattern.source):
             group = general.setdefault("" if _has_wildcards(pattern.type) else pattern.type, [])
-            if len(group) < MAX_GENERAL:
+            if len(group) < MAX_COMPARED:
                 group.append(pattern)
     left = dict.fromkeys(unique)
     for pattern in unique:
         wider = chain(general.get("", ()), general.get(pattern.type, ()))
-        # Of two that cover each other, such as a* and a**, one must stay: what goes no longer covers anything.
+        # Of two patterns that cover each other, such as a* and a**, one must stay: a removed pattern covers nothing.
         if any(other is not pattern and other in left and other.covers(pattern) for other in wider):
             del left[pattern]
     return tuple(left)
 
 
 def patterns_of(subscription: Subscription) -> Iterable[Pattern]:
-    """Every pattern that it has anywhere: a conjunction needs all of its events, wherever they come from."""
+    """All patterns of all clauses: a conjunction needs all of its events."""
     return (pattern for clause in subscription for pattern in clause.patterns)
 
 
 def is_covered(pattern: Pattern, interest: Iterable[Pattern]) -> bool:
-    """Whether one of `interest` lets everything through that `pattern` does."""
+    """Whether one pattern of `interest` covers `pattern`."""
     return any(wider.covers(pattern) for wider in interest)
 
 
@@ -132,10 +134,10 @@ def _has_wildcards(text: str) -> bool:
 
 
 @lru_cache(8192)
-def _fits(pattern: str, text: str, text_is_pattern: bool = False) -> bool:
-    """Match in time proportional to both lengths; a regular expression would need exponential time for some.
+def _matches(pattern: str, text: str, text_is_pattern: bool = False) -> bool:
+    """Match in time proportional to both lengths; a regular expression would need exponential time for some patterns.
 
-    Where `text` is itself a pattern, its * is matched by * alone."""
+    text_is_pattern: only * matches a * in `text`."""
     if pattern == "*":
         return True
     at = place = 0

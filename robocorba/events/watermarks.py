@@ -1,8 +1,8 @@
-"""The number of the last event seen of each channel: what keeps an event from being taken in twice.
+"""The number of the last event seen from each channel, by which a channel recognises duplicates.
 
-Numbers of an origin only rise, and every way through the federation keeps their order. So an event is
-new exactly if its number is higher than the last one seen of its origin. They are kept in a file that is
-mapped into memory: whatever this process knew when it was killed, its successor knows.
+Event numbers of an origin only rise, and every path through the federation keeps their order. So an event is new
+exactly if its number is higher than the last one seen from its origin. The numbers are in a memory-mapped file, so
+that they survive a kill of the process.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from types import TracebackType
 
 from robocorba.errors.services import ServiceError
 
-#: Origins that are remembered; one more, and the one that was silent for the longest is forgotten.
+#: Maximum number of origins; beyond that the least recently used one is dropped.
 MAX_ORIGINS = 256
 _NAME = 200
 _ENTRY = struct.Struct(f"<QQ{_NAME}s")
@@ -23,7 +23,7 @@ _NUMBER = struct.Struct("<QQ")
 
 
 class Watermarks:
-    """Guarded by the channel's lock. Raises ServiceError where the file can't be used."""
+    """Guarded by the channel's lock. Raises ServiceError if the file cannot be used."""
 
     def __init__(self, file: Path) -> None:
         size = MAX_ORIGINS * _ENTRY.size
@@ -35,7 +35,7 @@ class Watermarks:
             finally:
                 os.close(descriptor)
         except (OSError, ValueError) as wrong:
-            raise ServiceError(f"can't use {file}: {wrong}") from None
+            raise ServiceError(f"cannot use {file}: {wrong}") from None
         self._last: dict[str, int] = {}
         self._slots: dict[str, int] = {}
         self._used: dict[str, int] = {}
@@ -56,11 +56,11 @@ class Watermarks:
         self._map.close()
 
     def last(self, origin: str) -> int:
-        """The highest number seen of a channel, 0 for none."""
+        """The highest number seen from a channel, 0 for none."""
         return self._last.get(origin, 0)
 
     def raise_to(self, origin: str, number: int) -> None:
-        """Note that the events of a channel up to `number` were seen."""
+        """Record that the events of a channel up to `number` were seen."""
         slot = self._slots.get(origin)
         if slot is None:
             slot = self._new_slot(origin)
@@ -72,9 +72,9 @@ class Watermarks:
         if len(self._slots) < MAX_ORIGINS:
             slot = min(set(range(MAX_ORIGINS)) - set(self._slots.values()))
         else:
-            silent = min(self._used, key=self._used.__getitem__)
-            slot = self._slots.pop(silent)
-            del self._last[silent], self._used[silent]
+            oldest = min(self._used, key=self._used.__getitem__)
+            slot = self._slots.pop(oldest)
+            del self._last[oldest], self._used[oldest]
         _ENTRY.pack_into(self._map, slot * _ENTRY.size, 0, 0, origin.encode()[:_NAME])
         self._slots[origin] = slot
         return slot

@@ -103,7 +103,7 @@ def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address) -> 
 def test_a_process_that_does_not_come_to_its_end_tells_where_it_hangs_and_ends(nowhere: Address) -> None:
     hangs = (
         "import threading; from robocorba.corba import orb as o; from robocorba.settings import Address;"
-        "Orb, o.END_LIMIT_S = o.Orb, 0.5\n"
+        "Orb, o.SHUTDOWN_LIMIT_S = o.Orb, 0.5\n"
         f"with Orb(Address.parse('{nowhere}')) as orb:\n    orb.stop()\n    orb.run()\n    threading.Event().wait()"
     )
     ended = subprocess.run((sys.executable, "-c", hangs), capture_output=True, text=True, timeout=60.0)

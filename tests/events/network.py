@@ -13,8 +13,8 @@ from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
-from robocorba.events.event import Header, Run
-from robocorba.events.federation import Federation, Notice
+from robocorba.events.event import EventHeader, EventRun
+from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.foreign import Attach
 from robocorba.events.links import Links
 from robocorba.events.outlet import PullOutlet
@@ -24,9 +24,11 @@ from robocorba.events.subscription import checked
 from robocorba.events.watermarks import Watermarks
 
 
-def run_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> Run:
+def run_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> EventRun:
     """Events of one supplier; the channel sets their time."""
-    return Run(Header(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads])
+    return EventRun(
+        EventHeader(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads]
+    )
 
 
 class MemoryStore:
@@ -34,7 +36,7 @@ class MemoryStore:
 
     def __init__(self) -> None:
         self.records: dict[str, PeerRecord] = {}
-        self.kept: list[Notice] = []
+        self.kept: list[Advertisement] = []
 
     def peers(self) -> list[PeerRecord]:
         return list(self.records.values())
@@ -45,8 +47,8 @@ class MemoryStore:
     def forget_peer(self, name: str) -> None:
         self.records.pop(name, None)
 
-    def save_notices(self, notices: Iterable[Notice]) -> None:
-        self.kept = list(notices)
+    def save_advertisements(self, advertisements: Iterable[Advertisement]) -> None:
+        self.kept = list(advertisements)
 
 
 class Weather:
@@ -78,7 +80,7 @@ class Node:
         self.account = Account()
         self.consumers: list[Consumer] = []
 
-    def say(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
+    def publish(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
         self.channel.publish(run_of(*payloads, type=type, source=source, expiry=expiry), self.account)
 
     def consume(self, *types: str, size: int = 1_000_000) -> Consumer:
@@ -89,7 +91,7 @@ class Node:
             self.channel.outlets[outlet.id] = outlet
             outlet.connect(None)
         self.consumers.append(Consumer(self, outlet))
-        self.consumers[-1].tell()
+        self.consumers[-1].update_interest()
         return self.consumers[-1]
 
     def knows(self, name: str) -> tuple[str, ...]:
@@ -127,15 +129,15 @@ class Consumer:
     def change(self, *types: str) -> None:
         with self.node.channel.lock:
             self.outlet.select(checked([([(type, "*")], 0.0) for type in types]))
-        self.tell()
+        self.update_interest()
 
     def leave(self) -> None:
         with self.node.channel.lock:
             del self.node.channel.outlets[self.outlet.id]
             self.outlet.end()
-        self.tell()
+        self.update_interest()
 
-    def tell(self) -> None:
+    def update_interest(self) -> None:
         with self.node.channel.lock:
             changed = self.node.channel.changed()
         if changed:
@@ -143,19 +145,19 @@ class Consumer:
 
 
 class GatewayWire:
-    """A feed's way to the gateway of `there`."""
+    """A feed's connection to the gateway of `there`."""
 
     def __init__(self, network: Network, here: str, there: str) -> None:
         self._network, self._here, self._there = network, here, there
-        self._held: tuple[str, int, list[Run]] | None = None
+        self._held: tuple[str, int, list[EventRun]] | None = None
 
-    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
         weather = self._network.weather
         try:
             there = self._network.reach(self._here, self._there)
         except NotReachable as wrong:
             raise NotDelivered(str(wrong)) from None
-        copies = [Run(run.header, run.times, run.payloads, run.first) for run in runs]
+        copies = [EventRun(run.header, run.times, run.payloads, run.first) for run in runs]
         if weather.strikes(weather.lost):
             return []
         if self._held is None and weather.strikes(weather.late):
@@ -171,13 +173,13 @@ class GatewayWire:
 
 
 class FeedWire:
-    """A gateway's way to the feed of `there`, in one session."""
+    """A gateway's connection to the feed of `there`, in one session."""
 
     def __init__(self, network: Network, here: str, there: str, session: str, position: int) -> None:
         self.session, self.position = session, position
         self._network, self._here, self._there = network, here, there
 
-    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
+    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         answer = self._network.reach(self._here, self._there).links.renew(self.session, position, news)
         if self._network.weather.strikes(self._network.weather.fails):
             raise NotReachable("the answer was lost")

@@ -11,10 +11,10 @@ from pathlib import Path
 from robocorba.errors.events import EventError
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import Header, Run, Together
+from robocorba.events.event import CorrelatedEvents, EventHeader, EventRun
 from robocorba.events.federation import Federation
 from robocorba.events.outlet import Outlet
-from robocorba.events.queue import Item
+from robocorba.events.queue import QueueItem
 from robocorba.events.subscription import Clause, Pattern, Subscription
 from robocorba.events.watermarks import Watermarks
 
@@ -22,19 +22,21 @@ NOW = 1_000_000.0
 _references = itertools.count()
 
 
-def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, expiry: float = 0.0) -> Run:
+def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, expiry: float = 0.0) -> EventRun:
     """Events made at NOW, each with its number as payload."""
-    return Run(Header(type, "A", "lab", priority, expiry), [NOW] * count, list(range(first, first + count)), first)
+    return EventRun(
+        EventHeader(type, "A", "lab", priority, expiry), [NOW] * count, list(range(first, first + count)), first
+    )
 
 
-def said(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> Run:
-    """Events as a supplier gives them: without origin, numbers and times."""
-    return Run(Header(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
+def supplied(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> EventRun:
+    """Events of a supplier: without origin, numbers and times."""
+    return EventRun(EventHeader(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
 
 
-def numbers(items: Sequence[Item]) -> list[int]:
+def numbers(items: Sequence[QueueItem]) -> list[int]:
     """The numbers of all events, in order."""
-    runs = [run for item in items for run in (item.runs if isinstance(item, Together) else (item,))]
+    runs = [run for item in items for run in (item.runs if isinstance(item, CorrelatedEvents) else (item,))]
     return [run.first + place for run in runs for place in range(len(run))]
 
 
@@ -51,17 +53,17 @@ def is_balanced(totals: Totals) -> bool:
 class Consumer:
     """A consumer; `answer` may raise instead of taking what it is given, and `is_there` may raise or be False."""
 
-    def __init__(self, takes_batches: bool = True, answer: Callable[[Sequence[Item]], None] | None = None) -> None:
+    def __init__(self, takes_batches: bool = True, answer: Callable[[Sequence[QueueItem]], None] | None = None) -> None:
         self.takes_batches = takes_batches
         self.reference = self.address = f"consumer {next(_references)}"
         self.answer = answer or (lambda items: None)
         self.is_there: Callable[[], bool] = lambda: True
-        self.items: list[Item] = []
+        self.items: list[QueueItem] = []
         self.disconnections = 0
         self.overlaps = 0
         self._busy = threading.Lock()
 
-    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+    def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         if not self._busy.acquire(blocking=False):
             self.overlaps += 1
             raise AssertionError("called by two threads at once")
@@ -80,19 +82,19 @@ class Consumer:
     @property
     def payloads(self) -> list[object]:
         """Of all single events that it has got."""
-        return [payload for item in self.items if isinstance(item, Run) for payload in item.payloads]
+        return [payload for item in self.items if isinstance(item, EventRun) for payload in item.payloads]
 
 
 class Supplier:
-    """A supplier that is asked: gives `runs` in turn, then nothing; an error among them is raised."""
+    """A polled supplier: gives `runs` in turn, then nothing; an error among them is raised."""
 
-    def __init__(self, *runs: Run | EventError) -> None:
+    def __init__(self, *runs: EventRun | EventError) -> None:
         self.reference = self.address = f"supplier {next(_references)}"
         self.runs = list(runs)
         self.asked = 0
         self.disconnections = 0
 
-    def try_pull(self, limit_s: float) -> Run | None:
+    def try_pull(self, limit_s: float) -> EventRun | None:
         self.asked += 1
         run = self.runs.pop(0) if self.runs else None
         if isinstance(run, EventError):
@@ -103,11 +105,11 @@ class Supplier:
         self.disconnections += 1
 
 
-def failing(*errors: EventError) -> Callable[[Sequence[Item]], None]:
+def failing(*errors: EventError) -> Callable[[Sequence[QueueItem]], None]:
     """Raises one error a call, then takes everything."""
     left = list(errors)
 
-    def answer(items: Sequence[Item]) -> None:
+    def answer(items: Sequence[QueueItem]) -> None:
         if left:
             raise left.pop(0)
 

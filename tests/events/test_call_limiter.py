@@ -1,21 +1,21 @@
-"""Turns: never more at once than allowed, and those that hang don't count for long."""
+"""CallLimiter: never more at once than allowed, and those that hang don't count for long."""
 
 from __future__ import annotations
 
 import threading
 import time
 
-from robocorba.events.call_limiter import Turns
+from robocorba.events.call_limiter import CallLimiter
 
 
 def test_no_more_turns_at_a_time_than_allowed() -> None:
-    turns, running, most = Turns(3, 5.0), 0, 0
+    limiter, running, most = CallLimiter(3, 5.0), 0, 0
     counting = threading.Lock()
 
     def work() -> None:
         nonlocal running, most
         for _ in range(20):
-            with turns.one():
+            with limiter.slot():
                 with counting:
                     running += 1
                     most = max(most, running)
@@ -33,35 +33,35 @@ def test_no_more_turns_at_a_time_than_allowed() -> None:
 
 
 def test_turns_that_hang_hold_up_nobody_for_longer_than_the_limit() -> None:
-    turns, released = Turns(2, 0.05), threading.Event()
+    limiter, released = CallLimiter(2, 0.05), threading.Event()
 
     def hang() -> None:
-        with turns.one():
+        with limiter.slot():
             released.wait(20)
 
     hanging = [threading.Thread(target=hang) for _ in range(2)]
     for thread in hanging:
         thread.start()
-    while len(turns._running) < 2:
+    while len(limiter._running) < 2:
         time.sleep(0.001)
     for _ in range(100):  # 5 s, if each of them waited
-        with turns.one():
+        with limiter.slot():
             pass
     assert all(thread.is_alive() for thread in hanging)
-    assert len(turns._running) < 2
+    assert len(limiter._running) < 2
     released.set()
     for thread in hanging:
         thread.join(20)
-    with turns.one(), turns.one():  # those that came back late took nobody's place
-        assert len(turns._running) == 2
+    with limiter.slot(), limiter.slot():  # late ones have not taken a slot
+        assert len(limiter._running) == 2
 
 
 def test_a_turn_ends_with_an_error_too() -> None:
-    turns = Turns(1, 60.0)
+    limiter = CallLimiter(1, 60.0)
     for _ in range(3):
         try:
-            with turns.one():
+            with limiter.slot():
                 raise ValueError
         except ValueError:
             pass
-    assert not turns._running
+    assert not limiter._running

@@ -14,7 +14,7 @@ from robocorba.events.channel import Channel
 from robocorba.events.outlet import PullOutlet
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, Pattern, Subscription
-from tests.events.samples import NOW, add, events, open_channel, said, wanting
+from tests.events.samples import NOW, add, events, open_channel, supplied, wanting
 
 
 @pytest.fixture
@@ -39,8 +39,8 @@ def pulled(outlet: PullOutlet) -> list[tuple[int, object]]:
 def test_events_get_numbers_origin_and_time(channel: Channel) -> None:
     outlet, account = consumer(channel, "1"), Account()
     before = time.time()
-    channel.publish(said("a", b"x", b"y"), account)
-    channel.publish(said("b", b"z"), account)
+    channel.publish(supplied("a", b"x", b"y"), account)
+    channel.publish(supplied("b", b"z"), account)
     assert channel.last_number == 102
     run = outlet.pull(0.0)
     assert run is not None and run.header.origin == "lab"
@@ -52,14 +52,14 @@ def test_events_get_numbers_origin_and_time(channel: Channel) -> None:
 def test_each_consumer_gets_what_it_wants_as_soon_as_it_wants_it(channel: Channel) -> None:
     first, second = consumer(channel, "1", wanting("a*")), consumer(channel, "2", wanting("b", "a1"))
     for type in ("a1", "a2", "b", "c"):
-        channel.publish(said(type, type.encode()), Account())
+        channel.publish(supplied(type, type.encode()), Account())
     assert [payload for _, payload in pulled(first)] == [b"a1", b"a2"]
     assert [payload for _, payload in pulled(second)] == [b"a1", b"b"]
     with channel.lock:
         first.select(wanting("c"))
         channel.changed()
     for type in ("a1", "c"):
-        channel.publish(said(type, type.encode()), Account())
+        channel.publish(supplied(type, type.encode()), Account())
     assert [payload for _, payload in pulled(first)] == [b"c"]
 
 
@@ -75,13 +75,13 @@ def test_the_interest_is_the_union_of_all_subscriptions(channel: Channel) -> Non
 
 def test_what_had_expired_when_it_came_gets_no_number(channel: Channel) -> None:
     outlet, account = consumer(channel, "1"), Account()
-    run = said("t", b"a", b"b", b"c", b"d", expiry=5.0)
+    run = supplied("t", b"a", b"b", b"c", b"d", expiry=5.0)
     now = time.time()
     run.times = [now, now - 9.0, now, now - 9.0]
     channel.publish(run, account)
     assert pulled(outlet) == [(100, b"a"), (101, b"c")]
     assert account.totals(0) == (4, 2, 0, 0, 2, 0)
-    run = said("t", b"a", expiry=5.0)
+    run = supplied("t", b"a", expiry=5.0)
     run.times = [now - 9.0]
     channel.publish(run, account)
     assert (channel.last_number, account.expired) == (101, 3)
@@ -106,12 +106,12 @@ def test_a_destroyed_channel_takes_nothing(channel: Channel) -> None:
     with channel.lock:
         channel.is_destroyed = True
     with pytest.raises(ProxyGone):
-        channel.publish(said("t", b"a"), Account())
+        channel.publish(supplied("t", b"a"), Account())
 
 
 def test_times_that_suppliers_gave_are_kept(channel: Channel) -> None:
     outlet = consumer(channel, "1")
-    run = said("t", b"a")
+    run = supplied("t", b"a")
     run.times = [NOW]
     channel.publish(run, Account())
     found = outlet.pull(0.0)

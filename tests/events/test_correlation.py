@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocorba.events.correlation import Correlator
-from robocorba.events.event import Run
+from robocorba.events.event import EventRun
 from robocorba.events.subscription import Clause, Pattern
 from tests.events.samples import NOW, events, numbers
 
@@ -15,7 +15,7 @@ def pair(window: float = 0.0, limit: int = 10) -> Correlator:
     return Correlator(0, Clause((Pattern("a"), Pattern("b")), window), limit)
 
 
-def made(number: int, at: float, expiry: float = 0.0) -> Run:
+def made(number: int, at: float, expiry: float = 0.0) -> EventRun:
     run = events(number, expiry=expiry)
     run.times = [NOW + at]
     return run

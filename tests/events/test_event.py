@@ -10,15 +10,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocorba.errors.events import InvalidEvent
-from robocorba.events.event import MAX_PAYLOAD_BYTES, Encoding, Header, Run, Together, check, checked_header, merged
+from robocorba.events.event import (
+    MAX_PAYLOAD_BYTES,
+    CorrelatedEvents,
+    Encoding,
+    EventHeader,
+    EventRun,
+    check,
+    checked_header,
+    merged,
+)
 from tests.events.samples import NOW, events, numbers
 
 AGES = st.lists(st.integers(-5, 5), min_size=1, max_size=12)
 
 
-def aged(ages: list[int], first: int) -> Run:
+def aged(ages: list[int], first: int) -> EventRun:
     """Events that were made `ages` seconds ago and last for 0.5 s."""
-    return Run(Header("t", "A", expiry=0.5), [NOW - age for age in ages], list(range(len(ages))), first)
+    return EventRun(EventHeader("t", "A", expiry=0.5), [NOW - age for age in ages], list(range(len(ages))), first)
 
 
 @given(st.integers(1, 20), st.integers(0, 20), st.integers(0, 20))
@@ -33,7 +42,7 @@ def test_a_part_has_the_events_and_numbers_of_its_place(count: int, start: int, 
 
 @given(st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.sampled_from("ab")), max_size=15))
 def test_merged_runs_are_the_same_events_in_as_few_runs_as_can_be(pieces: list[tuple[int, bool, str]]) -> None:
-    runs: list[Run] = []
+    runs: list[EventRun] = []
     number = 1
     for count, has_gap, type in pieces:
         number += has_gap
@@ -41,10 +50,10 @@ def test_merged_runs_are_the_same_events_in_as_few_runs_as_can_be(pieces: list[t
         number += count
     result = merged(runs)
 
-    def told(several: list[Run]) -> list[tuple[int, str, object]]:
+    def content(several: list[EventRun]) -> list[tuple[int, str, object]]:
         return [(r.first + i, r.header.type, payload) for r in several for i, payload in enumerate(r.payloads)]
 
-    assert told(result) == told(runs)
+    assert content(result) == content(runs)
     assert all(
         second.first != first.last + 1 or second.header != first.header for first, second in itertools.pairwise(result)
     )
@@ -58,13 +67,13 @@ def test_runs_that_came_by_different_ways_stay_apart() -> None:
 
 @given(AGES)
 def test_events_without_numbers_expire_one_by_one(ages: list[int]) -> None:
-    fresh = aged(ages, 0).fresh(NOW)
+    fresh = aged(ages, 0).unexpired(NOW)
     assert (fresh.payloads if fresh else []) == [place for place, age in enumerate(ages) if age < 0.5]
 
 
 @given(AGES, st.integers(1, 100))
 def test_events_with_numbers_keep_them_and_no_live_one_is_lost(ages: list[int], first: int) -> None:
-    fresh = aged(ages, first).fresh(NOW)
+    fresh = aged(ages, first).unexpired(NOW)
     alive = [place for place, age in enumerate(ages) if age < 0.5]
     if not alive:
         assert fresh is None
@@ -76,13 +85,13 @@ def test_events_with_numbers_keep_them_and_no_live_one_is_lost(ages: list[int], 
 
 def test_what_never_expires_is_passed_on_as_it_is() -> None:
     run = events(1, 3)
-    assert run.fresh(math.inf) is run
+    assert run.unexpired(math.inf) is run
 
 
 def test_a_conjunction_expires_with_any_of_its_events() -> None:
-    together = Together(0, [events(1), events(2, expiry=1.0)])
-    assert together.fresh(NOW + 0.5) is together
-    assert together.fresh(NOW + 1.5) is None
+    together = CorrelatedEvents(0, [events(1), events(2, expiry=1.0)])
+    assert together.unexpired(NOW + 0.5) is together
+    assert together.unexpired(NOW + 1.5) is None
 
 
 @pytest.mark.parametrize(
@@ -115,5 +124,5 @@ def test_times_and_payloads_that_are_out_of_range_name_their_field(
     field: str, times: list[float], payloads: list[bytes]
 ) -> None:
     with pytest.raises(InvalidEvent) as refused:
-        check(Run(Header("t", "A"), times, payloads))
+        check(EventRun(EventHeader("t", "A"), times, payloads))
     assert refused.value.field == field

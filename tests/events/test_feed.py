@@ -10,25 +10,25 @@ import pytest
 
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events import feed as feed_module
-from robocorba.events.event import Encoding, Header, Run
+from robocorba.events.event import Encoding, EventHeader, EventRun
 from robocorba.events.feed import Feed
-from robocorba.events.subscription import Fit
+from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
 
-FIT = Fit(True, ())
+FIT = SubscriptionMatch(True, ())
 
 
 class Gateway:
     """Keeps what was forwarded to it."""
 
     def __init__(self) -> None:
-        self.got: list[tuple[str, int, list[Run]]] = []
+        self.got: list[tuple[str, int, list[EventRun]]] = []
         self.is_dead = False
         self.refused: set[bytes] = set()
         self.may_take = threading.Event()
         self.may_take.set()
 
-    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
         assert self.may_take.wait(10)
         if self.is_dead:
             raise NotDelivered("it is dead")
@@ -50,16 +50,16 @@ class Setting:
         self.session = ""
         self._next = 1
 
-    def run(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> Run:
+    def run(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> EventRun:
         first, self._next = self._next, self._next + count
         payloads = [b"%0*d" % (bytes, number) for number in range(first, first + count)]
-        return Run(Header(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
+        return EventRun(EventHeader(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
 
-    def offer(self, run: Run) -> bool:
+    def offer(self, run: EventRun) -> bool:
         with self.lock:
             return self.feed.offer(run, FIT, time.time())
 
-    def say(self, count: int = 1, **how: object) -> None:
+    def publish(self, count: int = 1, **how: object) -> None:
         run = self.run(count, **how)  # type: ignore[arg-type]
         if self.offer(run):
             self.feed.deliver(run)
@@ -95,9 +95,9 @@ def at() -> Iterator[Setting]:
 
 
 def test_events_wait_until_the_gateway_has_joined_and_said_so(at: Setting) -> None:
-    at.say(3)
+    at.publish(3)
     at.join()
-    at.say()
+    at.publish()
     assert at.gateway.got == []
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1, 2, 3, 4], what="what waited")
@@ -120,11 +120,11 @@ def test_batches_grow_under_load(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.gateway.may_take.clear()
-    sender = threading.Thread(target=at.say)
+    sender = threading.Thread(target=at.publish)
     sender.start()
     eventually(lambda: at.feed._busy, what="a send that takes long")
     for _ in range(500):
-        at.say()
+        at.publish()
     at.gateway.may_take.set()
     sender.join(10)
     eventually(lambda: len(at.gateway.payloads()) == 501, what="all events")
@@ -137,7 +137,7 @@ def test_at_most_a_window_of_batches_is_on_its_way(at: Setting) -> None:
     at.join()
     at.renew(1)
     for number in range(3 * feed_module.WINDOW):
-        at.say(1, type=f"t{number % 2}")
+        at.publish(1, type=f"t{number % 2}")
     eventually(lambda: len(at.gateway.got) >= feed_module.INLINE_WINDOW + 1, what="a full window")
     time.sleep(0.1)
     assert max(position for _, position, _ in at.gateway.got) <= feed_module.WINDOW
@@ -150,10 +150,10 @@ def test_what_was_not_acknowledged_goes_first_in_the_next_session(at: Setting) -
     at.join()
     at.renew(1)
     for _ in range(3):
-        at.say()
+        at.publish()
     at.acknowledge(2)
     session = at.join()
-    at.say()
+    at.publish()
     at.renew(1)
     eventually(lambda: at.gateway.payloads(session) == [2, 3, 4], what="what was on its way, then the new one")
     with pytest.raises(SessionOver), at.lock:
@@ -165,10 +165,10 @@ def test_a_join_while_an_event_is_claimed_keeps_the_order(at: Setting) -> None:
     """The supplier's thread was about to send 2 in the old session, 1 was on its way, 3 waits."""
     at.join()
     at.renew(1)
-    at.say()
+    at.publish()
     claimed = at.run()
     assert at.offer(claimed)
-    at.say()
+    at.publish()
     session = at.join()
     assert not at.gateway.payloads(session)
     at.feed.deliver(claimed)
@@ -182,10 +182,10 @@ def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
     at.renew(1)
     claimed = at.run()
     assert at.offer(claimed)
-    at.say()
-    at.feed.hand_over(claimed)
+    at.publish()
+    at.feed.defer(claimed)
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both")
-    at.feed.hand_over(claimed)  # no effect any more
+    at.feed.defer(claimed)  # no effect any more
     assert at.check_account().received == 2
 
 
@@ -193,20 +193,20 @@ def test_a_batch_that_did_not_get_out_goes_again_once_the_gateway_is_heard(at: S
     at.join()
     at.renew(1)
     at.gateway.is_dead = True
-    at.say()
+    at.publish()
     assert at.feed.state().problem == "it is dead"
-    at.say()
+    at.publish()
     at.gateway.is_dead = False
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both, in order")
 
 
 def test_a_batch_that_got_lost_goes_again(at: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feed_module, "LOST_S", 0.0)
+    monkeypatch.setattr(feed_module, "RETRANSMIT_S", 0.0)
     at.join()
     at.renew(1)
-    at.say()
-    at.say()
+    at.publish()
+    at.publish()
     assert at.gateway.payloads() == [1, 2]
     at.gateway.got.clear()  # nothing arrived
     at.renew(1)
@@ -216,9 +216,9 @@ def test_a_batch_that_got_lost_goes_again(at: Setting, monkeypatch: pytest.Monke
 def test_a_gateway_that_is_behind_is_not_sent_everything_again(at: Setting) -> None:
     at.join()
     at.renew(1)
-    at.say()
-    at.say()
-    time.sleep(feed_module.LOST_S + 0.05)
+    at.publish()
+    at.publish()
+    time.sleep(feed_module.RETRANSMIT_S + 0.05)
     at.acknowledge(2)
     at.renew(2)  # the second is on its way for long, but there was progress
     time.sleep(0.1)
@@ -231,15 +231,15 @@ def test_a_session_without_a_sign_is_down(at: Setting, monkeypatch: pytest.Monke
     at.renew(1)
     assert at.feed.state().is_up
     eventually(lambda: not at.feed.state().is_up, what="the end of the lease")
-    assert "nothing heard" in at.feed.state().problem
-    at.say()
+    assert "has not called" in at.feed.state().problem
+    at.publish()
     assert at.gateway.got == []
 
 
 def test_a_full_store_discards_the_oldest_and_counts_them() -> None:
     at = Setting(size=10)
     for _ in range(25):
-        at.say()
+        at.publish()
     at.join()
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == list(range(16, 26)), what="the newest")
@@ -249,8 +249,8 @@ def test_a_full_store_discards_the_oldest_and_counts_them() -> None:
 
 
 def test_expired_events_do_not_go_out(at: Setting) -> None:
-    at.say(2, expiry=0.05)
-    at.say()
+    at.publish(2, expiry=0.05)
+    at.publish()
     time.sleep(0.1)
     at.join()
     at.renew(1)
@@ -268,11 +268,11 @@ def test_events_that_came_from_the_peer_do_not_go_back(at: Setting) -> None:
 def test_a_large_run_goes_in_batches_that_a_message_can_hold(at: Setting) -> None:
     at.join()
     at.renew(1)
-    at.say(20, bytes=300_000)
+    at.publish(20, bytes=300_000)
     eventually(lambda: len(at.gateway.payloads()) == 20, what="all of it")
     assert at.gateway.payloads() == list(range(1, 21))
     assert max(sum(run.size for run in runs) for _, _, runs in at.gateway.got) < 2 * feed_module.BATCH_BYTES
-    at.say(2 * feed_module.BATCH_EVENTS + 1)
+    at.publish(2 * feed_module.BATCH_EVENTS + 1)
     eventually(lambda: len(at.gateway.payloads()) == 21 + 2 * feed_module.BATCH_EVENTS, what="a long run")
     assert max(len(run) for _, _, runs in at.gateway.got for run in runs) <= feed_module.BATCH_EVENTS
 
@@ -280,7 +280,7 @@ def test_a_large_run_goes_in_batches_that_a_message_can_hold(at: Setting) -> Non
 def test_what_can_not_be_sent_is_discarded_and_holds_up_nothing(at: Setting) -> None:
     at.gateway.refused = {b"2"}
     for number in range(3):
-        at.say(1, type=f"t{number}")
+        at.publish(1, type=f"t{number}")
     at.join()
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1, 3], what="the others")
@@ -293,7 +293,7 @@ def test_a_batch_of_nothing_but_what_can_not_be_sent_is_acknowledged_too(at: Set
     at.gateway.refused = {b"1"}
     at.join()
     at.renew(1)
-    at.say()
+    at.publish()
     assert at.feed.state().oldest_s == 0.0
     at.acknowledge(2)
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
@@ -301,7 +301,7 @@ def test_a_batch_of_nothing_but_what_can_not_be_sent_is_acknowledged_too(at: Set
 
 def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(at: Setting) -> None:
     class Quick(Gateway):
-        def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+        def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
             unsendable = super().forward(session, position, runs, limit_s)
             at.acknowledge(position + 1)
             return unsendable
@@ -310,12 +310,12 @@ def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(
     at.gateway.refused = {b"1"}
     at.join()
     at.renew(1)
-    at.say()
+    at.publish()
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
 
 
 def test_plain_values_count_as_events_in_a_large_run(at: Setting) -> None:
-    run = Run(Header("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
+    run = EventRun(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
     assert not at.offer(run)
     at.join()
     at.renew(1)
@@ -325,10 +325,10 @@ def test_plain_values_count_as_events_in_a_large_run(at: Setting) -> None:
 def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> None:
     at.join()
     at.renew(1)
-    at.say()
+    at.publish()
     claimed = at.run()
     assert at.offer(claimed)
-    at.say()
+    at.publish()
     thread = at.feed._thread
     with at.lock:
         at.feed.end()
@@ -341,14 +341,14 @@ def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> Non
 
 def test_a_fault_of_a_translator_does_not_end_the_feed(at: Setting) -> None:
     class Broken(Gateway):
-        def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+        def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
             raise ValueError("a fault")
 
     sound, at.gateway = at.gateway, Broken()
-    at.say()
+    at.publish()
     at.join()
     at.renew(1)
-    eventually(lambda: "internal fault" in at.feed.state().problem, what="a problem that is told")
+    eventually(lambda: "internal fault" in at.feed.state().problem, what="a reported problem")
     at.gateway = sound
     at.join()
     at.renew(1)

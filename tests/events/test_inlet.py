@@ -9,29 +9,29 @@ import pytest
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events import inlet
 from robocorba.events.account import Account
-from robocorba.events.event import Run
+from robocorba.events.event import EventRun
 from robocorba.events.inlet import Inlet, PolledInlet
-from robocorba.events.outlet import Condition
+from robocorba.events.outlet import ProxyCondition
 from robocorba.testing.processes import eventually
-from tests.events.samples import Supplier, said
+from tests.events.samples import Supplier, supplied
 
 
 class Published:
-    """What came out of an inlet, and who was given up."""
+    """What an inlet published, and the reasons why clients were lost."""
 
     def __init__(self) -> None:
         self.payloads: list[object] = []
         self.reasons: list[str] = []
         self.lock = threading.Lock()
 
-    def publish(self, run: Run, account: Account) -> None:
+    def publish(self, run: EventRun, account: Account) -> None:
         self.payloads += run.payloads
 
-    def given_up(self, proxy: PolledInlet, reason: str) -> None:
+    def lost(self, proxy: PolledInlet, reason: str) -> None:
         self.reasons.append(reason)
 
     def polled(self, supplier: Supplier) -> PolledInlet:
-        one = PolledInlet(self.lock, "1", self.publish, self.given_up)
+        one = PolledInlet(self.lock, "1", self.publish, self.lost)
         one.connect(supplier)
         return one
 
@@ -46,20 +46,20 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Published:
 def test_a_push_is_published_between_connect_and_end(published: Published) -> None:
     one = Inlet(published.lock, "1", published.publish)
     with pytest.raises(Disconnected):
-        one.push(said("t", b"early"))
+        one.push(supplied("t", b"early"))
     one.connect(None)
-    one.push(said("t", b"a"))
+    one.push(supplied("t", b"a"))
     one.end()
     with pytest.raises(ProxyGone):
-        one.push(said("t", b"late"))
+        one.push(supplied("t", b"late"))
     assert published.payloads == [b"a"]
 
 
 def test_a_supplier_is_asked_again_and_again(published: Published) -> None:
-    supplier = Supplier(said("t", b"a"), said("t", b"b"))
+    supplier = Supplier(supplied("t", b"a"), supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: supplier.asked > 5)
-    supplier.runs.append(said("t", b"c"))
+    supplier.runs.append(supplied("t", b"c"))
     eventually(lambda: published.payloads == [b"a", b"b", b"c"])
     one.end()
     eventually(lambda: not any(thread.name == "from 1" for thread in threading.enumerate()))
@@ -67,10 +67,10 @@ def test_a_supplier_is_asked_again_and_again(published: Published) -> None:
 
 @pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
 def test_a_supplier_that_fails_now_and_then_is_asked_on(published: Published, error: EventError) -> None:
-    supplier = Supplier(error, error, error, said("t", b"a"), error, error, error, said("t", b"b"))
+    supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
-    eventually(lambda: one.condition is Condition.CONNECTED and one.failures == 0)
+    eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
     one.end()
     assert published.reasons == []
 
@@ -83,7 +83,7 @@ def test_a_supplier_that_fails_too_often_is_given_up(published: Published, error
 
 
 def test_a_supplier_that_is_gone_is_given_up_at_once(published: Published) -> None:
-    supplier = Supplier(ClientGone("gone"), said("t", b"a"))
+    supplier = Supplier(ClientGone("gone"), supplied("t", b"a"))
     published.polled(supplier)
     eventually(lambda: published.reasons == ["gone"])
     assert (supplier.asked, published.payloads) == (1, [])

@@ -12,8 +12,8 @@ from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import NotReachable
 from robocorba.events import gateway as gateway_module
 from robocorba.events.channel import Channel
-from robocorba.events.event import Header, Run
-from robocorba.events.federation import Federation, Notice
+from robocorba.events.event import EventHeader, EventRun
+from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.links import LinkStates
 from robocorba.events.store import PeerRecord
@@ -49,7 +49,7 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
         eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link")
         a.links.remove("B")
         assert a.links.states() == b.links.states() == []
-        a.say("nobody")
+        a.publish("nobody")
         with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
             a.links.join("B", "B", GatewayWire(network, "A", "B"))
 
@@ -60,7 +60,7 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
 
         network.link("AB")
         eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link again")
-        a.say("again")
+        a.publish("again")
         eventually(lambda: consumer.read() == ["again"], what="the event")
 
 
@@ -85,7 +85,7 @@ def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
         network["B"].consume("t")
         eventually(lambda: a.knows("B") == ("t",), what="the interest")
         network.cut.add(frozenset("AB"))
-        a.say("1", "2", "3")
+        a.publish("1", "2", "3")
         feed = a.channel.feeds["B"]
         a.links.remove("B")
         assert feed.account.discarded == 3
@@ -111,7 +111,7 @@ def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
 
 
 def test_a_renewal_that_was_overtaken_by_a_join_does_not_count_as_heard() -> None:
-    """Its answer never came: in the next session everything is told again."""
+    """Its answer never came: in the next session all advertisements are sent again."""
     with Network("A") as network:
         links = network["A"].links
         wire = GatewayWire(network, "A", "B")
@@ -119,16 +119,16 @@ def test_a_renewal_that_was_overtaken_by_a_join_does_not_count_as_heard() -> Non
         sessions = []
         learn = links.learn
 
-        def overtaken(news: list[Notice]) -> None:
+        def overtaken(news: list[Advertisement]) -> None:
             sessions.append(links.join("B", "B", wire)[0])
             learn(news)
 
         links.learn = overtaken  # type: ignore[method-assign]
-        links.renew(first, 1, [Notice("B", 1, ("A", "C"), ())])
+        links.renew(first, 1, [Advertisement("B", 1, ("A", "C"), ())])
         links.learn = learn  # type: ignore[method-assign]
         with pytest.raises(SessionOver):
             links.renew(first, 1, [])
-        assert [notice.name for notice in links.renew(sessions[0], 1, [])] == ["A", "B"]
+        assert [advertisement.name for advertisement in links.renew(sessions[0], 1, [])] == ["A", "B"]
         assert links.renew(sessions[0], 1, []) == []
 
 
@@ -173,7 +173,7 @@ class Feed:
             raise self.problem
         return self
 
-    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
+    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         if self.problem:
             raise self.problem
         return []
@@ -203,7 +203,7 @@ class Alone:
         assert not self.gateway._thread.is_alive()
 
     def forward(self, position: int, *numbers: int, session: str = "s1") -> None:
-        runs = [Run(Header("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
+        runs = [EventRun(EventHeader("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
         self.gateway.forward(session, position, runs)
 
     def received(self) -> tuple[int, int]:
@@ -266,7 +266,7 @@ def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
     alone = Alone(tmp_path)
     alone.feed.problem = ValueError("a fault")
     with alone:
-        eventually(lambda: "internal fault" in alone.gateway.state().problem, what="a problem that is told")
+        eventually(lambda: "internal fault" in alone.gateway.state().problem, what="a reported problem")
         alone.feed.problem = None
         eventually(lambda: alone.gateway.state().is_up, what="the session")
 
@@ -274,13 +274,13 @@ def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
 def test_its_own_events_are_not_taken_in_again(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.state().is_up, what="the session")
-        alone.gateway.forward("s1", 1, [Run(Header("t", "s", "lab"), [1.0], [b"x"], 2**40)])
+        alone.gateway.forward("s1", 1, [EventRun(EventHeader("t", "s", "lab"), [1.0], [b"x"], 2**40)])
         assert alone.received() == (0, 1)
 
 
 def test_expired_events_are_counted_and_go_nowhere(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.state().is_up, what="the session")
-        header = Header("t", "s", "hall", expiry=1.0)
-        alone.gateway.forward("s1", 1, [Run(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
+        header = EventHeader("t", "s", "hall", expiry=1.0)
+        alone.gateway.forward("s1", 1, [EventRun(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
         assert alone.gateway.state().totals == (2, 1, 0, 0, 1, 0)

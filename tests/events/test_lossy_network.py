@@ -17,10 +17,10 @@ from tests.events.network import Consumer, Network, Weather
 @pytest.fixture(autouse=True)
 def _hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """What a link waits for, all the same but shorter."""
-    monkeypatch.setattr(gateway, "RENEW_S", 0.02)
+    monkeypatch.setattr(gateway, "RENEW_INTERVAL_S", 0.02)
     monkeypatch.setattr(gateway, "LONGEST_PAUSE_S", 0.05)
-    monkeypatch.setattr(feed, "LOST_S", 0.02)
-    monkeypatch.setattr(feed, "LOOK_S", 0.05)
+    monkeypatch.setattr(feed, "RETRANSMIT_S", 0.02)
+    monkeypatch.setattr(feed, "RECHECK_S", 0.05)
     yield
 
 
@@ -49,7 +49,7 @@ def test_each_event_comes_once_and_in_order(seed: int) -> None:
         eventually(lambda: all_know(network, "C", "t") and all_know(network, "B", "t"), what="the interest everywhere")
         chance = random.Random(seed)
         for number in range(300):
-            network["A"].say(f"{number}")
+            network["A"].publish(f"{number}")
             if number % 10 == 0:
                 time.sleep(chance.uniform(0, 0.02))
         weather.clear_up()
@@ -76,7 +76,7 @@ def test_where_several_ways_lead_there_each_event_comes_once(shape: tuple[str, .
 
         def talk(name: str) -> None:
             for number in range(100):
-                network[name].say(f"{name}{number}", source=name)
+                network[name].publish(f"{name}{number}", source=name)
                 time.sleep(0.001)
 
         speakers = [threading.Thread(target=talk, args=(name,)) for name in names]
@@ -98,11 +98,11 @@ def test_a_restart_at_any_moment_repeats_nothing_and_the_rest_arrives() -> None:
         got: list[str] = []
         for round_ in range(5):
             for number in range(40):
-                network["A"].say(f"{round_}.{number}")
+                network["A"].publish(f"{round_}.{number}")
             got += consumer.read()
             consumer = network.restart("B", "t").consumers[0]
         weather.clear_up()
-        network["A"].say("last")
+        network["A"].publish("last")
         eventually(lambda: consumer.read()[-1:] == ["last"], what="the last event")
         got += consumer.read()
         assert len(got) == len(set(got))
@@ -114,9 +114,9 @@ def test_the_supplying_end_restarts_and_its_events_are_new() -> None:
         network.link("AB")
         consumer = network["B"].consume("t")
         eventually(lambda: all_know(network, "B", "t"), what="the interest at A")
-        network["A"].say("before")
+        network["A"].publish("before")
         eventually(lambda: consumer.read() == ["before"], what="the first event")
-        network.restart("A").say("after")  # nobody told it yet what B wants: it remembers
+        network.restart("A").publish("after")  # no peer has sent the interest of B yet: it is in the store
         eventually(lambda: consumer.read() == ["before", "after"], what="the second event")
 
 
@@ -127,8 +127,8 @@ def test_a_cut_link_keeps_what_waits_and_comes_back() -> None:
         eventually(lambda: all_know(network, "B", "t"), what="the interest at A")
         network.cut.add(frozenset("AB"))
         for number in range(50):
-            network["A"].say(str(number))
-        eventually(lambda: network["A"].links.states()[0].gateway.problem == "B is away", what="a problem that is told")
+            network["A"].publish(str(number))
+        eventually(lambda: network["A"].links.states()[0].gateway.problem == "B is away", what="a reported problem")
         assert consumer.read() == []
         network.cut.clear()
         eventually(lambda: len(consumer.read()) >= 50, what="what waited")
@@ -149,7 +149,7 @@ def test_interest_follows_consumers() -> None:
         assert network["A"].knows("B") == ()  # a gateway never counts
         second.leave()
         eventually(lambda: network["A"].knows("C") == (), what="nothing")
-        network["A"].say("x", type="b")
+        network["A"].publish("x", type="b")
         time.sleep(0.1)
         assert [state.feed.totals.received for state in network["A"].links.states()] == [0]
         assert [state.gateway.batches for state in network["B"].links.states()] == [0, 0]
@@ -161,12 +161,12 @@ def test_a_change_loses_nothing_of_what_did_not_change() -> None:
         consumer = network["B"].consume("kept", "x0")
         eventually(lambda: network["A"].knows("B") == ("kept", "x0"), what="the interest at A")
         stop = threading.Event()
-        said: list[str] = []
+        supplied: list[str] = []
 
         def talk() -> None:
             while not stop.is_set():
-                said.append(str(len(said)))
-                network["A"].say(said[-1], type="kept")
+                supplied.append(str(len(supplied)))
+                network["A"].publish(supplied[-1], type="kept")
                 time.sleep(0.0005)
 
         speaker = threading.Thread(target=talk)
@@ -175,8 +175,8 @@ def test_a_change_loses_nothing_of_what_did_not_change() -> None:
             consumer.change("kept", f"x{number}")
         stop.set()
         speaker.join(10)
-        eventually(lambda: len(consumer.read()) >= len(said), what="all events")
-        assert consumer.read() == said
+        eventually(lambda: len(consumer.read()) >= len(supplied), what="all events")
+        assert consumer.read() == supplied
 
 
 def _wait_links_known(network: Network, shape: tuple[str, ...]) -> None:
@@ -184,8 +184,10 @@ def _wait_links_known(network: Network, shape: tuple[str, ...]) -> None:
         wanted = sorted("".join(sorted(pair)) for pair in shape)
         for node in network.nodes.values():
             with node.channel.lock:
-                told = {n.name: n.peers for n in node.channel.federation.notices}
-            links = sorted(a + b for a, peers in told.items() for b in peers if a < b and a in told.get(b, ()))
+                advertised = {n.name: n.peers for n in node.channel.federation.advertisements}
+            links = sorted(
+                a + b for a, peers in advertised.items() for b in peers if a < b and a in advertised.get(b, ())
+            )
             if links != wanted:
                 return False
         return True
@@ -193,12 +195,12 @@ def _wait_links_known(network: Network, shape: tuple[str, ...]) -> None:
     eventually(known, what="all links known everywhere")
 
 
-def _check_all(consumers: dict[str, Consumer], said: dict[str, list[str]]) -> None:
-    total = sum(map(len, said.values()))
+def _check_all(consumers: dict[str, Consumer], supplied: dict[str, list[str]]) -> None:
+    total = sum(map(len, supplied.values()))
     for consumer in consumers.values():
         eventually(lambda consumer=consumer: len(consumer.read()) >= total, what="all events")
     time.sleep(0.1)  # copies would come now
     for consumer in consumers.values():
-        for origin, payloads in said.items():
+        for origin, payloads in supplied.items():
             assert [text for text in consumer.read() if text.startswith(origin)] == payloads
         assert len(consumer.got) == total

@@ -1,4 +1,4 @@
-"""What channels tell of themselves, and what of it is believed."""
+"""The advertisements of channels: versions, links and bounds."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import pytest
 
 from robocorba.errors.events import InvalidPeer
 from robocorba.events import federation
-from robocorba.events.federation import Federation, Notice, check_name
+from robocorba.events.federation import Advertisement, Federation, check_name
 from robocorba.events.subscription import Pattern
 
 WANTS_T = (Pattern("t"),)
 
 
-def notice(name: str, version: int, *peers: str, interest: tuple[Pattern, ...] = WANTS_T) -> Notice:
-    return Notice(name, version, peers, interest)
+def notice(name: str, version: int, *peers: str, interest: tuple[Pattern, ...] = WANTS_T) -> Advertisement:
+    return Advertisement(name, version, peers, interest)
 
 
 def test_only_a_higher_version_is_news() -> None:
     lab = Federation("lab")
-    lab.tell(["hall"], ())
+    lab.advertise(["hall"], ())
     assert lab.learn([notice("hall", 5, "lab")])
     assert not lab.learn([notice("hall", 5, "lab")])
     assert not lab.learn([notice("hall", 4)])
@@ -29,17 +29,17 @@ def test_only_a_higher_version_is_news() -> None:
 
 def test_to_tell_the_same_again_is_no_news() -> None:
     lab = Federation("lab")
-    assert lab.tell(["hall"], WANTS_T)
+    assert lab.advertise(["hall"], WANTS_T)
     before = lab.own
-    assert not lab.tell(["hall"], WANTS_T)
+    assert not lab.advertise(["hall"], WANTS_T)
     assert lab.own == before
-    assert lab.tell(["hall"], ())
+    assert lab.advertise(["hall"], ())
     assert lab.own.version > before.version
 
 
 def test_a_link_counts_when_both_ends_tell_of_it_or_one_is_not_heard_yet() -> None:
     lab = Federation("lab")
-    lab.tell(["hall"], ())
+    lab.advertise(["hall"], ())
     lab.learn([notice("hall", 1, "lab", "yard", interest=()), notice("yard", 1)])
     assert not lab.is_wanted("hall", "t", "s", "lab")  # the yard knows of no link
     lab.learn([notice("yard", 2, "hall")])
@@ -48,33 +48,33 @@ def test_a_link_counts_when_both_ends_tell_of_it_or_one_is_not_heard_yet() -> No
 
 def test_a_channel_that_no_way_leads_to_counts_for_nothing_until_there_is_one_again() -> None:
     lab = Federation("lab")
-    lab.tell(["hall"], ())
+    lab.advertise(["hall"], ())
     lab.learn([notice("hall", 1, "lab", "yard", interest=()), notice("yard", 1, "hall")])
     lab.learn([notice("hall", 2, "lab", interest=())])
-    assert [n.name for n in lab.notices] == ["lab", "hall"]
+    assert [n.name for n in lab.advertisements] == ["lab", "hall"]
     assert not lab.is_wanted("hall", "t", "s", "lab")
-    # The hall tells its own news only: of the yard there are none.
+    # Only the hall has sent an advertisement, the yard has not.
     lab.learn([notice("hall", 3, "lab", "yard", interest=())])
-    assert [n.name for n in lab.notices] == ["lab", "hall", "yard"]
+    assert [n.name for n in lab.advertisements] == ["lab", "hall", "yard"]
     assert lab.is_wanted("hall", "t", "s", "lab")
 
 
 def test_a_channel_that_forgot_itself_is_believed_again() -> None:
-    """Its clock was set back as well: what the others remember has a higher version than what it says now."""
+    """Its clock was set back as well: what the others remember has a higher version than its new advertisement."""
     before = 2**62
     lab, hall = Federation("lab"), Federation("hall")
-    lab.tell(["hall"], WANTS_T)
+    lab.advertise(["hall"], WANTS_T)
     hall.learn([notice("lab", before, "hall", interest=())])
-    hall.tell(["lab"], ())
+    hall.advertise(["lab"], ())
     assert not hall.learn([lab.own])
-    assert lab.learn(hall.notices)
+    assert lab.learn(hall.advertisements)
     assert hall.learn([lab.own])
     assert hall.is_wanted("lab", "t", "s", "hall")
 
 
 def test_its_own_notice_that_comes_back_changes_nothing() -> None:
     lab = Federation("lab")
-    lab.tell(["hall"], WANTS_T)
+    lab.advertise(["hall"], WANTS_T)
     before = lab.own
     assert not lab.learn([before])
     assert lab.own is before
@@ -82,8 +82,8 @@ def test_its_own_notice_that_comes_back_changes_nothing() -> None:
 
 def test_a_restarted_channel_tells_a_newer_notice_with_the_same_content() -> None:
     before = Federation("lab")
-    before.tell(["hall"], WANTS_T)
-    after = Federation("lab", before.notices)
+    before.advertise(["hall"], WANTS_T)
+    after = Federation("lab", before.advertisements)
     assert after.own.version > before.own.version
     assert (after.own.peers, after.own.interest) == (("hall",), WANTS_T)
 
@@ -91,13 +91,13 @@ def test_a_restarted_channel_tells_a_newer_notice_with_the_same_content() -> Non
 def test_notices_are_bounded_and_unreachable_ones_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(federation, "MAX_CHANNELS", 4)
     lab = Federation("lab")
-    lab.tell(["a"], ())
+    lab.advertise(["a"], ())
     lab.learn([notice("a", 1, "lab", "b"), notice("far1", 1), notice("far2", 1)])
     lab.learn([notice("b", 1, "a", "c")])
     lab.learn([notice("c", 1, "b")])
-    assert [n.name for n in lab.notices] == ["lab", "a", "b", "c"]
+    assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
     lab.learn([notice("d", 1, "c"), notice("c", 2, "b", "d")])
-    assert [n.name for n in lab.notices] == ["lab", "a", "b", "c"]
+    assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
 
 
 @pytest.mark.parametrize("name", ["", "-a", ".a", "a/b", "a b", "ä", "a" * 61, "a\n"])

@@ -1,4 +1,4 @@
-"""Outlets: what a consumer gets, when, and what its account says, with real threads and consumers that fail."""
+"""Outlets: what a consumer gets, when, and its account, with real threads and consumers that fail."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDel
 from robocorba.events import push_outlet
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import Together
-from robocorba.events.outlet import Condition, Outlet, PullOutlet
+from robocorba.events.event import CorrelatedEvents
+from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
 from robocorba.events.push_outlet import PushOutlet
-from robocorba.events.queue import Item, OverflowRule, QueuePolicy
+from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
 from robocorba.testing.processes import eventually
-from tests.events.samples import Consumer, add, failing, is_balanced, open_channel, said, wanting
+from tests.events.samples import Consumer, add, failing, is_balanced, open_channel, supplied, wanting
 
 BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
 
@@ -37,13 +37,13 @@ def channel(tmp_path: Path) -> Iterator[Channel]:
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A consumer that does not answer is asked sooner, and given up after fewer questions."""
+    """A consumer that does not answer is probed sooner, and disconnected after fewer failures."""
     for name, value in (("FIRST_PAUSE_S", 0.001), ("LONGEST_PAUSE_S", 0.002), ("SETTLE_S", 0.0), ("MAX_FAILURES", 4)):
         monkeypatch.setattr(push_outlet, name, value)
 
 
-class GivenUp:
-    """Who was given up, and why."""
+class LostClients:
+    """The reasons why clients were lost."""
 
     def __init__(self) -> None:
         self.reasons: list[str] = []
@@ -60,19 +60,19 @@ def push_outlet_of(
     policy: QueuePolicy | None = None,
     wanted: Subscription = ALL,
     name: str = "",
-    on_given_up: Callable[[PushOutlet, str], None] | None = None,
+    on_client_lost: Callable[[PushOutlet, str], None] | None = None,
 ) -> PushOutlet:
     id = f"{len(channel.outlets) + 1}"
-    outlet = PushOutlet(channel.lock, id, wanted, policy or QueuePolicy(), on_given_up or GivenUp(), name)
+    outlet = PushOutlet(channel.lock, id, wanted, policy or QueuePolicy(), on_client_lost or LostClients(), name)
     add(channel, outlet, consumer)
     return outlet
 
 
-def say(channel: Channel, *payloads: int, type: str = "t", priority: int = 0, expiry: float = 0.0) -> None:
-    channel.publish(said(type, *(str(n).encode() for n in payloads), priority=priority, expiry=expiry), Account())
+def publish(channel: Channel, *payloads: int, type: str = "t", priority: int = 0, expiry: float = 0.0) -> None:
+    channel.publish(supplied(type, *(str(n).encode() for n in payloads), priority=priority, expiry=expiry), Account())
 
 
-def told(consumer: Consumer) -> list[int]:
+def received(consumer: Consumer) -> list[int]:
     return [int(str(payload, "ascii")) for payload in consumer.payloads if isinstance(payload, bytes)]
 
 
@@ -93,11 +93,11 @@ def test_events_come_in_order_by_the_thread_or_in_line(channel: Channel, takes_b
     consumer = Consumer(takes_batches)
     outlet = push_outlet_of(channel, consumer)
     for number in range(50):
-        say(channel, 2 * number, 2 * number + 1)
+        publish(channel, 2 * number, 2 * number + 1)
         if number % 7 == 0:
             eventually(lambda: is_settled(outlet))  # what comes next is called in line
     eventually(lambda: is_settled(outlet))
-    assert told(consumer) == list(range(100))
+    assert received(consumer) == list(range(100))
     assert totals(outlet) == Totals(received=100, delivered=100)
 
 
@@ -108,35 +108,35 @@ def test_in_line_a_supplier_has_delivered_when_it_returns(
     monkeypatch.setattr(push_outlet, "LONGEST_GAP_S", 0.0 if takes_batches else 60.0)  # plain ones are called anyway
     consumer = Consumer(takes_batches)
     outlet = push_outlet_of(channel, consumer)
-    say(channel, 0)
+    publish(channel, 0)
     eventually(lambda: is_settled(outlet))
     for number in range(1, 20):
-        say(channel, number)
-        assert told(consumer)[-1] == number
+        publish(channel, number)
+        assert received(consumer)[-1] == number
 
 
 def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(push_outlet, "REST_S", 0.3)
+    monkeypatch.setattr(push_outlet, "COALESCE_S", 0.3)
     calls: list[int] = []
     is_called, may_end = threading.Event(), threading.Event()
 
-    def take(items: Sequence[Item]) -> None:
+    def take(items: Sequence[QueueItem]) -> None:
         calls.append(sum(map(len, items)))
         is_called.set()
         assert may_end.wait(20)
 
     consumer = Consumer(answer=take)
     outlet = push_outlet_of(channel, consumer)
-    say(channel, 0)
+    publish(channel, 0)
     assert is_called.wait(20)
     for number in range(1, 4):
-        say(channel, number)  # while the first one is still being delivered
+        publish(channel, number)  # while the first one is still being delivered
     may_end.set()
     for number in range(4, 9):
-        say(channel, number)  # while the thread rests
+        publish(channel, number)  # while the thread rests
     eventually(lambda: is_settled(outlet))
     assert calls == [1, 8]
-    assert told(consumer) == list(range(9))
+    assert received(consumer) == list(range(9))
 
 
 def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,7 +145,7 @@ def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel, mo
     callers: list[str] = []
     outlet = push_outlet_of(channel, Consumer(answer=lambda items: callers.append(threading.current_thread().name)))
     for number in range(5):
-        say(channel, number)
+        publish(channel, number)
         eventually(lambda: is_settled(outlet))
     assert callers == ["to 1"] * 5
 
@@ -156,7 +156,7 @@ def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Ch
 
     def supply(base: int) -> None:
         for number in range(200):
-            say(channel, base + number)
+            publish(channel, base + number)
 
     threads = [threading.Thread(target=supply, args=(1000 * k,)) for k in range(4)]
     for thread in threads:
@@ -164,7 +164,7 @@ def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Ch
     for thread in threads:
         thread.join(20)
     eventually(lambda: is_settled(outlet))
-    got = told(consumer)
+    got = received(consumer)
     assert consumer.overlaps == 0
     for k in range(4):
         assert [number for number in got if number // 1000 == k] == list(range(1000 * k, 1000 * k + 200))
@@ -185,65 +185,65 @@ def test_each_failure_costs_what_it_must(
     consumer = Consumer()
     outlet = push_outlet_of(channel, consumer)
     if in_line:
-        say(channel, 0)
+        publish(channel, 0)
         eventually(lambda: is_settled(outlet))
         account = account._replace(received=4, delivered=account.delivered + 1)
     consumer.answer = failing(error)
     for number in (1, 2, 3):
-        say(channel, number)
+        publish(channel, number)
         eventually(lambda: is_settled(outlet))
-    assert told(consumer)[-3:] == ([1, 2, 3] if is_delivered else [*([0] if in_line else []), 2, 3])
+    assert received(consumer)[-3:] == ([1, 2, 3] if is_delivered else [*([0] if in_line else []), 2, 3])
     assert totals(outlet) == account
-    assert outlet.condition is Condition.CONNECTED
+    assert outlet.condition is ProxyCondition.CONNECTED
 
 
 @pytest.mark.parametrize("name", ["", "durable"])
 def test_of_a_client_that_is_gone_no_event_is_called_delivered(channel: Channel, name: str) -> None:
-    given_up = GivenUp()
+    lost = LostClients()
     consumer = Consumer(answer=failing(ClientGone("gone")))
     left: list[Totals] = []
 
-    def on_given_up(outlet: PushOutlet, reason: str) -> None:
-        given_up.reasons.append(reason)
+    def on_client_lost(outlet: PushOutlet, reason: str) -> None:
+        lost.reasons.append(reason)
         with channel.lock:
             outlet.leave()
         left.append(totals(outlet))
 
-    outlet = push_outlet_of(channel, consumer, name=name, on_given_up=on_given_up)
-    say(channel, 1, 2)
+    outlet = push_outlet_of(channel, consumer, name=name, on_client_lost=on_client_lost)
+    publish(channel, 1, 2)
     eventually(lambda: left)
-    assert given_up.reasons == ["gone"]
+    assert lost.reasons == ["gone"]
     assert left == [Totals(received=2, queued=2)]
     # Its successor gets what it did not.
     second = Consumer()
     with channel.lock:
         outlet.connect(second)
     eventually(lambda: is_settled(outlet))
-    assert told(second) == [1, 2]
+    assert received(second) == [1, 2]
 
 
 def test_a_consumer_that_never_answers_is_given_up_after_bounded_failures(channel: Channel) -> None:
-    given_up = GivenUp()
+    lost = LostClients()
     consumer = Consumer(answer=failing(*[Unconfirmed("no answer")] * 99))
     consumer.is_there = lambda: False
-    outlet = push_outlet_of(channel, consumer, on_given_up=given_up)
-    say(channel, 1)
-    eventually(lambda: given_up.reasons)
-    assert given_up.reasons == ["4 failures in a row"]
+    outlet = push_outlet_of(channel, consumer, on_client_lost=lost)
+    publish(channel, 1)
+    eventually(lambda: lost.reasons)
+    assert lost.reasons == ["4 failures in a row"]
     assert is_balanced(totals(outlet))
 
 
 def test_a_consumer_that_answers_but_never_takes_events_is_given_up_as_well(channel: Channel) -> None:
-    given_up = GivenUp()
+    lost = LostClients()
     consumer = Consumer(answer=failing(*[NotDelivered("stuck")] * 99))
-    push_outlet_of(channel, consumer, on_given_up=given_up)
-    say(channel, 1)
-    eventually(lambda: given_up.reasons)
-    assert given_up.reasons == ["stuck"]
+    push_outlet_of(channel, consumer, on_client_lost=lost)
+    publish(channel, 1)
+    eventually(lambda: lost.reasons)
+    assert lost.reasons == ["stuck"]
 
 
 def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel) -> None:
-    given_up = GivenUp()
+    lost = LostClients()
     consumer = Consumer()
     asked = []
 
@@ -252,11 +252,11 @@ def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel)
         return len(asked) > 10
 
     consumer.answer, consumer.is_there = failing(NotDelivered("no way")), is_there
-    outlet = push_outlet_of(channel, consumer, name="durable", on_given_up=given_up)
-    say(channel, 1)
-    eventually(lambda: told(consumer) == [1])
+    outlet = push_outlet_of(channel, consumer, name="durable", on_client_lost=lost)
+    publish(channel, 1)
+    eventually(lambda: received(consumer) == [1])
     eventually(lambda: is_settled(outlet))
-    assert given_up.reasons == []
+    assert lost.reasons == []
     assert outlet.failures == 0
 
 
@@ -264,7 +264,7 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
     is_stalled = threading.Event()
     is_stalled.set()
 
-    def answer(items: Sequence[Item]) -> None:
+    def answer(items: Sequence[QueueItem]) -> None:
         if is_stalled.is_set():
             raise NotDelivered("asleep")
 
@@ -274,29 +274,29 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
     first = push_outlet_of(channel, asleep, QueuePolicy(10))
     second = push_outlet_of(channel, awake)
     for number in range(25):
-        say(channel, number)
+        publish(channel, number)
     eventually(lambda: is_settled(second))
-    assert told(awake) == list(range(25))
-    eventually(lambda: first.condition is Condition.STALLED)
+    assert received(awake) == list(range(25))
+    eventually(lambda: first.condition is ProxyCondition.STALLED)
     is_stalled.clear()
     eventually(lambda: is_settled(first))
-    assert told(asleep) == list(range(15, 25))
+    assert received(asleep) == list(range(15, 25))
     assert totals(first) == Totals(received=25, delivered=10, discarded=15)
 
 
 def test_suspended_events_wait_and_come_in_order(channel: Channel) -> None:
     consumer = Consumer()
     outlet = push_outlet_of(channel, consumer)
-    say(channel, 0)
+    publish(channel, 0)
     eventually(lambda: is_settled(outlet))
     with channel.lock:
         outlet.suspend()
-    say(channel, 1, 2)
+    publish(channel, 1, 2)
     assert totals(outlet).queued == 2
     with channel.lock:
         outlet.resume()
     eventually(lambda: is_settled(outlet))
-    assert told(consumer) == [0, 1, 2]
+    assert received(consumer) == [0, 1, 2]
 
 
 def test_where_a_queue_is_full_the_lowest_priority_goes_first(channel: Channel) -> None:
@@ -305,11 +305,11 @@ def test_where_a_queue_is_full_the_lowest_priority_goes_first(channel: Channel) 
     with channel.lock:
         outlet.suspend()
     for number, priority in enumerate([0, 5, 0, 5, 0, 5]):
-        say(channel, number, priority=priority)
+        publish(channel, number, priority=priority)
     with channel.lock:
         outlet.resume()
     eventually(lambda: is_settled(outlet))
-    assert told(consumer) == [1, 3, 5]
+    assert received(consumer) == [1, 3, 5]
 
 
 def test_what_expires_while_it_waits_is_not_delivered(channel: Channel) -> None:
@@ -317,13 +317,13 @@ def test_what_expires_while_it_waits_is_not_delivered(channel: Channel) -> None:
     outlet = push_outlet_of(channel, consumer)
     with channel.lock:
         outlet.suspend()
-    say(channel, 1, expiry=0.01)
-    say(channel, 2)
+    publish(channel, 1, expiry=0.01)
+    publish(channel, 2)
     time.sleep(0.02)
     with channel.lock:
         outlet.resume()
     eventually(lambda: is_settled(outlet))
-    assert told(consumer) == [2]
+    assert received(consumer) == [2]
     assert totals(outlet) == Totals(received=2, delivered=1, expired=1)
 
 
@@ -332,7 +332,7 @@ def test_a_supplier_waits_for_room_and_loses_nothing(channel: Channel) -> None:
     outlet = push_outlet_of(channel, consumer, QueuePolicy(5, OverflowRule.BLOCK_SUPPLIER, 10.0))
     with channel.lock:
         outlet.suspend()
-    supplier = threading.Thread(target=say, args=(channel, *range(12)))
+    supplier = threading.Thread(target=publish, args=(channel, *range(12)))
     supplier.start()
     eventually(lambda: totals(outlet).queued == 5)
     assert supplier.is_alive()
@@ -341,7 +341,7 @@ def test_a_supplier_waits_for_room_and_loses_nothing(channel: Channel) -> None:
     supplier.join(10)
     assert not supplier.is_alive()
     eventually(lambda: is_settled(outlet))
-    assert told(consumer) == list(range(12))
+    assert received(consumer) == list(range(12))
 
 
 def test_a_supplier_waits_no_longer_than_the_limit_then_the_newest_go(channel: Channel) -> None:
@@ -349,44 +349,44 @@ def test_a_supplier_waits_no_longer_than_the_limit_then_the_newest_go(channel: C
     outlet = push_outlet_of(channel, consumer, QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.01))
     with channel.lock:
         outlet.suspend()
-    say(channel, *range(6))
+    publish(channel, *range(6))
     assert totals(outlet) == Totals(received=6, discarded=4, queued=2)
     with channel.lock:
         outlet.resume()
     eventually(lambda: is_settled(outlet))
-    assert told(consumer) == [0, 1]
+    assert received(consumer) == [0, 1]
 
 
 def test_a_conjunction_reaches_who_takes_batches_at_once_and_others_one_by_one(channel: Channel) -> None:
     batches, plain = Consumer(), Consumer(takes_batches=False)
     outlets = [push_outlet_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
-    say(channel, 1, type="a")
-    say(channel, 2, type="c")
+    publish(channel, 1, type="a")
+    publish(channel, 2, type="c")
     assert [totals(outlet) for outlet in outlets] == [Totals(received=1, queued=1)] * 2
-    say(channel, 3, type="b")
+    publish(channel, 3, type="b")
     for outlet in outlets:
         eventually(lambda outlet=outlet: is_settled(outlet))
         assert totals(outlet) == Totals(received=2, delivered=2)
     (item,) = batches.items
-    assert isinstance(item, Together) and item.which == 0
-    assert told(plain) == [1, 3]
+    assert isinstance(item, CorrelatedEvents) and item.clause_number == 0
+    assert received(plain) == [1, 3]
 
 
 def test_a_conjunction_that_stays_keeps_what_waits_in_it(channel: Channel) -> None:
     consumer = Consumer()
     outlet = push_outlet_of(channel, consumer, wanted=(*BOTH, *wanting("x")))
-    say(channel, 1, type="a")
+    publish(channel, 1, type="a")
     with channel.lock:
         outlet.select((*wanting("y"), *BOTH))
         channel.changed()
-    say(channel, 2, type="b")
+    publish(channel, 2, type="b")
     eventually(lambda: consumer.items)
     (item,) = consumer.items
-    assert isinstance(item, Together) and item.which == 1
+    assert isinstance(item, CorrelatedEvents) and item.clause_number == 1
     with channel.lock:
         outlet.select(BOTH)
         channel.changed()
-    say(channel, 3, type="a")
+    publish(channel, 3, type="a")
     with channel.lock:
         outlet.select(())
     assert totals(outlet) == Totals(received=3, delivered=2, discarded=1)
@@ -395,16 +395,16 @@ def test_a_conjunction_that_stays_keeps_what_waits_in_it(channel: Channel) -> No
 def test_an_end_discards_what_waits_and_calls_nobody_any_more(channel: Channel) -> None:
     consumer = Consumer()
     outlet = push_outlet_of(channel, consumer)
-    say(channel, 0)
+    publish(channel, 0)
     eventually(lambda: is_settled(outlet))
     with channel.lock:
         outlet.suspend()
-    say(channel, 1, 2)
+    publish(channel, 1, 2)
     with channel.lock:
         outlet.end()
     assert totals(outlet) == Totals(received=3, delivered=1, discarded=2)
-    say(channel, 3)  # by a route that still leads here
-    assert told(consumer) == [0]
+    publish(channel, 3)  # by a route that still leads here
+    assert received(consumer) == [0]
 
 
 FAILURES = st.sampled_from([NotDelivered("no way"), Unconfirmed("no answer"), Refused("no"), None, None])
@@ -430,7 +430,7 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
 ) -> None:
     pending = list(failures)
 
-    def answer(items: Sequence[Item]) -> None:
+    def answer(items: Sequence[QueueItem]) -> None:
         if pending and (failure := pending.pop(0)):
             raise failure
 
@@ -438,12 +438,12 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
     outlet = push_outlet_of(channel, consumer, QueuePolicy(size, rule), (*ALL, *BOTH), name="never given up")
     number = 0
     for count, priority, pauses in said_:
-        say(channel, *range(number, number + count), type="ab"[number % 2], priority=priority)
+        publish(channel, *range(number, number + count), type="ab"[number % 2], priority=priority)
         number += count
         assert is_balanced(totals(outlet))
         if pauses:
             time.sleep(0.001)
-    eventually(lambda: outlet.condition is Condition.CONNECTED and not outlet._queue)
+    eventually(lambda: outlet.condition is ProxyCondition.CONNECTED and not outlet._queue)
     eventually(lambda: outlet._in_flight == 0)
     with channel.lock:
         outlet.end()
@@ -467,8 +467,8 @@ def pull_outlet_of(channel: Channel, policy: QueuePolicy | None = None, wanted: 
 
 def test_pulled_events_come_one_by_one_and_then_none(channel: Channel) -> None:
     outlet = pull_outlet_of(channel, wanted=(*ALL, *BOTH))
-    say(channel, 1, 2, type="a")
-    say(channel, 3, type="b")
+    publish(channel, 1, 2, type="a")
+    publish(channel, 3, type="b")
     pulled = []
     while run := outlet.pull(0.0):
         assert len(run) == 1
@@ -491,7 +491,7 @@ def test_all_who_wait_for_events_get_one_each_of_a_run(channel: Channel) -> None
     for thread in threads:
         thread.start()
     time.sleep(0.05)
-    say(channel, 1, 2, 3, 4)
+    publish(channel, 1, 2, 3, 4)
     for thread in threads:
         thread.join(5)
     assert sorted(pulled) == [1, 2, 3, 4]
@@ -535,7 +535,7 @@ def test_before_a_client_is_connected_there_is_nothing_to_pull(channel: Channel)
 
 def test_a_pull_does_not_return_with_what_has_expired(channel: Channel) -> None:
     outlet = pull_outlet_of(channel)
-    say(channel, 1, expiry=0.01)
+    publish(channel, 1, expiry=0.01)
     time.sleep(0.02)
     assert outlet.pull(0.0) is None
     assert totals(outlet) == Totals(received=1, expired=1)

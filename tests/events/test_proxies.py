@@ -24,16 +24,16 @@ from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events import inlet as inlets
 from robocorba.events import proxies as module
 from robocorba.events.channel import Channel
-from robocorba.events.federation import Notice
+from robocorba.events.federation import Advertisement
 from robocorba.events.inlet import Inlet
-from robocorba.events.outlet import Condition, Outlet, PullOutlet
-from robocorba.events.proxies import Kind, Proxies, Proxy
+from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
+from robocorba.events.proxies import Proxies, Proxy, ProxyKind
 from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import OverflowRule, QueuePolicy
-from robocorba.events.store import PeerRecord, Store
+from robocorba.events.store import ChannelStore, PeerRecord
 from robocorba.events.subscription import ALL
 from robocorba.testing.processes import eventually
-from tests.events.samples import Consumer, Supplier, failing, open_channel, said, wanting
+from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
 
 POLICY = QueuePolicy(100)
 
@@ -41,7 +41,7 @@ POLICY = QueuePolicy(100)
 class Lab:
     """A channel's proxies, their clients by reference, and what was removed."""
 
-    def __init__(self, channel: Channel, store: Store, clients: dict[str, Any]) -> None:
+    def __init__(self, channel: Channel, store: ChannelStore, clients: dict[str, Any]) -> None:
         self.channel, self.clients = channel, clients
         self.removed: list[str] = []
         self.proxies = Proxies(channel, store, POLICY, lambda: None, self.removed.append)
@@ -53,15 +53,15 @@ class Lab:
         self.clients[client.reference] = client
         return client
 
-    def say(self, *payloads: bytes) -> None:
+    def publish(self, *payloads: bytes) -> None:
         inlet = self.proxies.supply("A")
         for payload in payloads:
-            inlet.push(said("t", payload))
+            inlet.push(supplied("t", payload))
 
 
 @contextmanager
 def lab_in(folder: Path, clients: dict[str, Any] | None = None) -> Iterator[Lab]:
-    with Store(folder / "lab.sqlite") as store, open_channel(folder, store.first_number()) as channel:
+    with ChannelStore(folder / "lab.sqlite") as store, open_channel(folder, store.first_number()) as channel:
         lab = Lab(channel, store, clients if clients is not None else {})
         lab.proxies.restore(lab)
         yield lab
@@ -77,23 +77,23 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 
 
 CLIENTS = {
-    Kind.PUSH_CONSUMER: Supplier,
-    Kind.PULL_CONSUMER: Supplier,
-    Kind.PUSH_SUPPLIER: Consumer,
-    Kind.PULL_SUPPLIER: Consumer,
+    ProxyKind.PUSH_CONSUMER: Supplier,
+    ProxyKind.PULL_CONSUMER: Supplier,
+    ProxyKind.PUSH_SUPPLIER: Consumer,
+    ProxyKind.PULL_SUPPLIER: Consumer,
 }
 
 
-@pytest.mark.parametrize("kind", Kind)
-def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Kind) -> None:
+@pytest.mark.parametrize("kind", ProxyKind)
+def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind) -> None:
     client = CLIENTS[kind]()
     proxy = lab.proxies.obtain(kind)
-    assert lab.proxies.state(proxy).condition is Condition.WAITING
+    assert lab.proxies.state(proxy).condition is ProxyCondition.WAITING
     lab.proxies.connect(proxy, client)
     with pytest.raises(AlreadyConnected):
         lab.proxies.connect(proxy, CLIENTS[kind]())
     state = lab.proxies.state(proxy)
-    assert (state.kind, state.condition, state.client) == (kind, Condition.CONNECTED, client.address)
+    assert (state.kind, state.condition, state.client) == (kind, ProxyCondition.CONNECTED, client.address)
     lab.proxies.disconnect(proxy)
     for act in (lambda: lab.proxies.disconnect(proxy), lambda: lab.proxies.connect(proxy, client)):
         with pytest.raises(ProxyGone):
@@ -101,8 +101,8 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Kind)
     assert (client.disconnections, lab.removed, lab.proxies.states()) == (1, [proxy.id], [])
 
 
-@pytest.mark.parametrize("kind", [Kind.PUSH_CONSUMER, Kind.PULL_SUPPLIER])
-def test_a_nil_client_is_connected_as_well(lab: Lab, kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [ProxyKind.PUSH_CONSUMER, ProxyKind.PULL_SUPPLIER])
+def test_a_nil_client_is_connected_as_well(lab: Lab, kind: ProxyKind) -> None:
     proxy = lab.proxies.obtain(kind)
     lab.proxies.connect(proxy, None)
     with pytest.raises(AlreadyConnected):
@@ -114,7 +114,7 @@ def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
     seen: list[list[str]] = []
 
     class Mutual(Consumer):
-        """Disconnects its proxy while it is told of its disconnection."""
+        """Disconnects its proxy while it is notified of its disconnection."""
 
         def disconnect(self) -> None:
             super().disconnect()
@@ -123,22 +123,22 @@ def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
                 lab.proxies.disconnect(proxy)
 
     consumer = Mutual()
-    proxy = lab.proxies.obtain(Kind.PUSH_SUPPLIER)
+    proxy = lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
     lab.proxies.connect(proxy, consumer)
     lab.proxies.disconnect(proxy)
     assert (seen, consumer.disconnections) == ([[proxy.id]], 1)
 
 
 def test_the_end_of_the_channel_tells_everybody_and_nothing_comes_after(lab: Lab) -> None:
-    clients = {kind: CLIENTS[kind]() for kind in Kind}
+    clients = {kind: CLIENTS[kind]() for kind in ProxyKind}
     for kind, client in clients.items():
         lab.proxies.connect(lab.proxies.obtain(kind), client)
-    waiting = lab.proxies.obtain(Kind.PUSH_SUPPLIER)
+    waiting = lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
     lab.proxies.destroy()
-    assert {kind: client.disconnections for kind, client in clients.items()} == dict.fromkeys(Kind, 1)
+    assert {kind: client.disconnections for kind, client in clients.items()} == dict.fromkeys(ProxyKind, 1)
     for act in (
         lab.proxies.destroy,
-        lambda: lab.proxies.obtain(Kind.PUSH_SUPPLIER),
+        lambda: lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER),
         lambda: lab.proxies.connect(waiting, Consumer()),
         lambda: lab.proxies.supply("A"),
         lambda: lab.proxies.subscribe("", Consumer(), ALL, POLICY),
@@ -156,13 +156,13 @@ def test_a_supplier_of_a_name_gets_its_proxy_again(lab: Lab) -> None:
 def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) -> None:
     first, second = Consumer(), Consumer()
     proxy = lab.proxies.subscribe("log", first, ALL, POLICY)
-    lab.say(b"1")
+    lab.publish(b"1")
     eventually(lambda: first.payloads == [b"1"])
     lab.proxies.disconnect(proxy)
     with pytest.raises(ProxyGone):
         lab.proxies.disconnect(proxy)
-    assert (first.disconnections, proxy.condition) == (1, Condition.WAITING)
-    lab.say(b"2", b"3")
+    assert (first.disconnections, proxy.condition) == (1, ProxyCondition.WAITING)
+    lab.publish(b"2", b"3")
     assert lab.proxies.subscribe("log", second, ALL, POLICY) is proxy
     eventually(lambda: second.payloads == [b"2", b"3"])
     lab.proxies.unsubscribe("log")
@@ -175,7 +175,7 @@ def test_who_takes_a_durable_subscription_over_replaces_the_one_before(lab: Lab)
     first, second = Consumer(), Consumer()
     lab.proxies.subscribe("log", first, ALL, POLICY)
     lab.proxies.subscribe("log", second, wanting("t"), QueuePolicy(7))
-    lab.say(b"1")
+    lab.publish(b"1")
     eventually(lambda: second.payloads == [b"1"])
     assert (first.payloads, first.disconnections, second.disconnections) == ([], 1, 0)
     (state,) = [state for state in lab.proxies.states() if state.name == "log"]
@@ -186,10 +186,10 @@ def test_a_consumer_that_is_gone_is_evicted_and_its_durable_subscription_stays(l
     gone = [Consumer(answer=failing(ClientGone("gone"))) for _ in range(2)]
     lab.proxies.subscribe("", gone[0], ALL, POLICY)
     durable = lab.proxies.subscribe("log", gone[1], ALL, POLICY)
-    lab.say(b"1")
+    lab.publish(b"1")
     eventually(lambda: lab.proxies.evicted == 2)
-    assert [state.name for state in lab.proxies.states() if state.kind is Kind.PUSH_SUPPLIER] == ["log"]
-    assert durable.condition is Condition.WAITING
+    assert [state.name for state in lab.proxies.states() if state.kind is ProxyKind.PUSH_SUPPLIER] == ["log"]
+    assert durable.condition is ProxyCondition.WAITING
     successor = Consumer()
     lab.proxies.subscribe("log", successor, ALL, POLICY)
     eventually(lambda: successor.payloads == [b"1"])
@@ -201,12 +201,12 @@ def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(
     monkeypatch.setattr(module, "MAX_PROXIES", 3)
     oldest = lab.proxies.supply("A")
     lab.proxies.supply("B")
-    lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     with pytest.raises(TooManyProxies) as refused:
-        lab.proxies.obtain(Kind.PULL_SUPPLIER)
+        lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert refused.value.limit == 3
     monkeypatch.setattr(module, "UNUSED_S", -1.0)
-    lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert oldest.is_ended
 
 
@@ -217,7 +217,7 @@ def test_a_queue_that_can_not_be_made_is_refused_and_nothing_is_left(lab: Lab) -
 
 
 def test_the_end_of_the_process_sends_those_away_who_wait(lab: Lab) -> None:
-    proxy = lab.proxies.obtain(Kind.PULL_SUPPLIER)
+    proxy = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert isinstance(proxy, PullOutlet)
     lab.proxies.connect(proxy, None)
     answers: list[object] = []
@@ -241,17 +241,17 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
     policy = QueuePolicy(7, OverflowRule.BLOCK_SUPPLIER, 0.5)
     with lab_in(tmp_path, clients) as lab:
         consumer, supplier = lab.known(Consumer()), lab.known(Supplier())
-        waiting = lab.proxies.obtain(Kind.PUSH_SUPPLIER)
-        pulled = lab.proxies.obtain(Kind.PULL_SUPPLIER)
+        waiting = lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
+        pulled = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
         lab.proxies.connect(pulled, None)
-        polled = lab.proxies.obtain(Kind.PULL_CONSUMER)
+        polled = lab.proxies.obtain(ProxyKind.PULL_CONSUMER)
         lab.proxies.connect(polled, supplier)
         inlet = lab.proxies.supply("A")
         durable = lab.proxies.subscribe("log", consumer, wanting("t", "u"), policy)
         lab.proxies.suspend(durable, True)
         away = lab.proxies.subscribe("away", lab.known(Consumer()), ALL, policy)
         lab.proxies.disconnect(away)
-        ended = lab.proxies.obtain(Kind.PUSH_CONSUMER)
+        ended = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
         lab.proxies.disconnect(ended)
         before = {state.id: state._replace(totals=None) for state in lab.proxies.states()}  # type: ignore[arg-type]
         last = lab.channel.last_number
@@ -259,17 +259,17 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         after = {state.id: state._replace(totals=None) for state in lab.proxies.states()}  # type: ignore[arg-type]
         assert after == before
         assert set(after) == {proxy.id for proxy in (waiting, pulled, polled, inlet, durable, away)}
-        assert after[durable.id].condition is Condition.SUSPENDED
+        assert after[durable.id].condition is ProxyCondition.SUSPENDED
         assert lab.channel.last_number > last
-        lab.say(b"1")
+        lab.publish(b"1")
         again = by_id(lab)[durable.id]
         assert isinstance(again, PushOutlet) and again.totals().queued == 1
         lab.proxies.suspend(again, False)
         eventually(lambda: consumer.payloads == [b"1"])
         with pytest.raises(Disconnected):
-            fresh = lab.proxies.obtain(Kind.PUSH_CONSUMER)
+            fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
             assert isinstance(fresh, Inlet) and fresh.id not in {*before, ended.id}
-            fresh.push(said("t", b"x"))
+            fresh.push(supplied("t", b"x"))
 
 
 def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
@@ -279,37 +279,37 @@ def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
     clients: dict[str, Any] = {}
     with lab_in(tmp_path, clients) as lab:
         supplier = lab.known(Supplier())
-        lab.proxies.connect(lab.proxies.obtain(Kind.PULL_CONSUMER), supplier)
+        lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_CONSUMER), supplier)
         for _ in range(60):
-            lab.proxies.connect(lab.proxies.obtain(Kind.PULL_SUPPLIER), None)
+            lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), None)
     # Another object with the same reference: a thread of the channel before may just be asking the old one.
-    clients[supplier.reference] = Supplier(said("t", b"1"))
+    clients[supplier.reference] = Supplier(supplied("t", b"1"))
     with lab_in(tmp_path, clients) as lab:
         outlets = [proxy for proxy in by_id(lab).values() if isinstance(proxy, Outlet)]
         eventually(lambda: [outlet.account.received for outlet in outlets] == [1] * 60)
 
 
 def test_a_destroyed_channel_forgets_all_but_its_numbers(tmp_path: Path) -> None:
-    with Store(tmp_path / "s") as store:
+    with ChannelStore(tmp_path / "s") as store:
         first, id = store.first_number(), store.next_id()
         store.save_peer(PeerRecord("hall", "127.0.0.1:1"))
         store.clear()
         assert (store.proxies(), store.peers()) == ([], [])
-    with Store(tmp_path / "s") as store:
+    with ChannelStore(tmp_path / "s") as store:
         assert store.first_number() > first
         assert store.next_id() > id
 
 
 def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
     ids: list[int] = []
-    with Store(tmp_path / "s") as store:
+    with ChannelStore(tmp_path / "s") as store:
 
         def number() -> None:
             ids.extend(store.next_id() for _ in range(300))
 
         def note(name: str) -> None:
             for version in range(100):
-                store.save_notices([Notice(name, version, (), ())])
+                store.save_advertisements([Advertisement(name, version, (), ())])
                 store.save_peer(PeerRecord(name, str(version)))
 
         threads = [threading.Thread(target=number) for _ in range(3)]
@@ -326,22 +326,22 @@ def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
 
 
 def test_peers_are_kept_in_order_and_changed_in_place(tmp_path: Path) -> None:
-    with Store(tmp_path / "s") as store:
+    with ChannelStore(tmp_path / "s") as store:
         for name in ("hall", "yard"):
             store.save_peer(PeerRecord(name))
         store.save_peer(PeerRecord("hall", "127.0.0.1:1", removed=True))
-    with Store(tmp_path / "s") as store:
+    with ChannelStore(tmp_path / "s") as store:
         assert store.peers() == [PeerRecord("hall", "127.0.0.1:1", removed=True), PeerRecord("yard")]
         store.forget_peer("hall")
         assert store.peers() == [PeerRecord("yard")]
 
 
 def test_one_process_at_a_time_uses_a_store(tmp_path: Path) -> None:
-    with Store(tmp_path / "s"), pytest.raises(AlreadyRunning):
-        Store(tmp_path / "s")
+    with ChannelStore(tmp_path / "s"), pytest.raises(AlreadyRunning):
+        ChannelStore(tmp_path / "s")
 
 
 def test_another_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "s").write_bytes(b"not a database, but long enough to be looked at" * 100)
     with pytest.raises(ServiceError):
-        Store(tmp_path / "s")
+        ChannelStore(tmp_path / "s")

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from robocorba.errors.events import InvalidQueue
-from robocorba.events.event import Together
-from robocorba.events.queue import EventQueue, Item, OverflowRule, QueuePolicy
+from robocorba.events.event import CorrelatedEvents
+from robocorba.events.queue import EventQueue, OverflowRule, QueueItem, QueuePolicy
 from tests.events.samples import NOW, events, numbers
 
 
@@ -42,7 +42,7 @@ class QueueBesideModel(RuleBasedStateMachine):
         self.queue, self.model = EventQueue(QueuePolicy(size, when_full)), Model(size, when_full)
         self.number = 1
         self.now = NOW
-        self.taken: list[Item] = []
+        self.taken: list[QueueItem] = []
 
     @rule(count=st.integers(1, 8), priority=st.integers(-1, 1), expiry=st.sampled_from([0.0, 0.0, 2.0]))
     def put(self, count: int, priority: int, expiry: float) -> None:
@@ -71,7 +71,7 @@ class QueueBesideModel(RuleBasedStateMachine):
     @rule()
     def put_back(self) -> None:
         for item in reversed(self.taken):
-            last = item.runs[0] if isinstance(item, Together) else item
+            last = item.runs[0] if isinstance(item, CorrelatedEvents) else item
             until = last.times[0] + last.header.expiry if last.header.expiry else math.inf
             self.model.waiting[:0] = [(number, item.priority, until) for number in numbers([item])]
         assert self.queue.put_back(self.taken) == self.model.trim()
@@ -120,11 +120,11 @@ def test_what_is_put_back_into_a_full_queue_is_the_oldest() -> None:
 def test_a_conjunction_comes_alone_and_goes_as_a_whole() -> None:
     queue = EventQueue(QueuePolicy(5))
     queue.put(events(1))
-    queue.put(Together(0, [events(2), events(3)]))
+    queue.put(CorrelatedEvents(0, [events(2), events(3)]))
     queue.put(events(4))
     assert [numbers(queue.take(9, NOW)[0]) for _ in range(3)] == [[1], [2, 3], [4]]
     for _ in range(3):
-        queue.put(Together(0, [events(2), events(3)]))
+        queue.put(CorrelatedEvents(0, [events(2), events(3)]))
     assert len(queue) == 4  # the first one went, with both of its events
 
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
-from robocorba.events.event import Run
+from robocorba.events.event import EventRun
 from robocorba.events.federation import Federation
 from robocorba.events.outlet import PullOutlet
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.subscription import Fit, checked
+from robocorba.events.subscription import SubscriptionMatch, checked
 from robocorba.events.watermarks import Watermarks
 from tests.events.network import run_of
 
@@ -28,12 +28,12 @@ class Way:
 
     def __init__(self, peer: str) -> None:
         self.peer, self.unseen = peer, 0
-        self.runs: deque[Run] = deque()
+        self.runs: deque[EventRun] = deque()
         self.carried: list[bytes] = []
 
-    def offer(self, run: Run, fit: Fit, now: float) -> bool:
+    def offer(self, run: EventRun, fit: SubscriptionMatch, now: float) -> bool:
         if run.via != self.peer:
-            self.runs.append(Run(run.header, run.times, run.payloads, run.first))
+            self.runs.append(EventRun(run.header, run.times, run.payloads, run.first))
             self.carried += run.payloads
         return False
 
@@ -79,15 +79,15 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
     names = sorted(graph)
     with tempfile.TemporaryDirectory() as folder:
         places = {name: Place(name, sorted(graph[name]), wants[name], Path(folder)) for name in names}
-        notices = [place.channel.federation.own for place in places.values()]
+        advertisements = [place.channel.federation.own for place in places.values()]
         for place in places.values():
-            place.channel.federation.learn(notices)
+            place.channel.federation.learn(advertisements)
             place.channel.changed()
 
-        said: dict[tuple[str, str], list[bytes]] = {}
+        supplied: dict[tuple[str, str], list[bytes]] = {}
         events = st.lists(st.tuples(st.sampled_from(names), st.sampled_from(TYPES)), max_size=12)
         for count, (origin, type) in enumerate(data.draw(events)):
-            said.setdefault((origin, type), []).append(b"%d" % count)
+            supplied.setdefault((origin, type), []).append(b"%d" % count)
             places[origin].channel.publish(run_of(str(count), type=type, source=origin), Account())
             _carry(places, data, at_most=2)
         _carry(places, data)
@@ -95,11 +95,11 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
         for name, place in places.items():
             got = place.got()
             assert len(got) == len(set(got))
-            for (_, type), payloads in said.items():
+            for (_, type), payloads in supplied.items():
                 expected = payloads if type in wants[name] else []
                 assert [payload for payload in got if payload in payloads] == expected
         distances = dict(nx.all_pairs_shortest_path_length(graph))
-        for (origin, type), payloads in said.items():
+        for (origin, type), payloads in supplied.items():
             wanting = [name for name in names if type in wants[name] and name != origin]
             for here in names:
                 for way in places[here].ways.values():

@@ -10,7 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocorba.errors.events import InvalidSubscription
-from robocorba.events.subscription import EVERYTHING, MAX_UNION, Clause, Fit, Pattern, checked, fit, is_covered, union
+from robocorba.events.subscription import (
+    EVERYTHING,
+    MAX_UNION,
+    Clause,
+    Pattern,
+    SubscriptionMatch,
+    checked,
+    is_covered,
+    match_subscription,
+    union,
+)
 
 #: Without brackets, which only fnmatch knows.
 GLOBS = st.text("ab.*?", max_size=8)
@@ -67,11 +77,11 @@ def test_an_unkind_pattern_is_answered_at_once() -> None:
 def test_disjunctions_and_conjunctions_fit_each_in_their_way() -> None:
     both = Clause((Pattern("a"), Pattern("?")), 2.0)
     subscription = (Clause((Pattern("x*"),)), both)
-    assert fit(subscription, "x1", "A") == Fit(True, ())
-    assert fit(subscription, "a", "A") == Fit(False, ((1, (0, 1)),))
-    assert fit(subscription, "x", "A") == Fit(True, ((1, (1,)),))
-    assert fit(subscription, "yy", "A") is None
-    assert fit((), "x", "A") is None
+    assert match_subscription(subscription, "x1", "A") == SubscriptionMatch(True, ())
+    assert match_subscription(subscription, "a", "A") == SubscriptionMatch(False, ((1, (0, 1)),))
+    assert match_subscription(subscription, "x", "A") == SubscriptionMatch(True, ((1, (1,)),))
+    assert match_subscription(subscription, "yy", "A") is None
+    assert match_subscription((), "x", "A") is None
 
 
 def test_an_empty_text_is_a_star() -> None:

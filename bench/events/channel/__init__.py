@@ -1,1 +1,1 @@
-"""One event channel beside other brokers: latency, throughput, a stalled consumer, many consumers, memory."""
+"""One event channel compared with other brokers: latency, throughput, a stalled consumer, many consumers, memory."""

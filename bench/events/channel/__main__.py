@@ -13,8 +13,8 @@ def main() -> int:
     """Exit code: 0 if every mark was reached, 1 if one was missed."""
     parser = argparse.ArgumentParser(prog="python -m bench.events.channel", description=__doc__)
     parser.add_argument("bench", nargs="?", choices=(*BENCHES, "memory", "all"), default="all")
-    parser.add_argument("--quick", action="store_true", help="fewer rounds; the figures say less")
-    parser.add_argument("--minutes", type=float, default=60.0, help="of the bench `memory`")
+    parser.add_argument("--quick", action="store_true", help="fewer rounds, less accurate figures")
+    parser.add_argument("--minutes", type=float, default=60.0, help="duration of the bench `memory`")
     options = parser.parse_args()
     missed = []
     for name in BENCHES if options.bench == "all" else (options.bench,):

@@ -1,4 +1,4 @@
-"""One to two hundred consumers of one channel: what each delivery costs."""
+"""The cost of a delivery with 1 to 200 consumers of one channel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robocorba.testing.report import PROGRESS, at_most, tell
 CONSUMERS = (1, 10, 50, 100, 200)
 PROCESSES = 4
 WAYS = (PLAIN.name, HEADER.name)
-#: How much more a delivery may cost with any number of consumers than with one.
+#: Maximum ratio of the cost of a delivery with many consumers to that with one.
 MOST_GROWTH = 1.5
 MOST_EVENTS = 5000
 _LIMIT_S = 120.0
@@ -48,7 +48,7 @@ def run(quick: bool) -> bool:
 
 
 def _measure(peer: str, count: int, deliveries: int) -> dict[str, float]:
-    """us of CPU and of wall time for each delivery to `count` consumers."""
+    """CPU and wall time of a delivery to `count` consumers [us]."""
     with Stage() as stage:
         broker = stage.broker(peer)
         shares = [count // PROCESSES + (place < count % PROCESSES) for place in range(min(PROCESSES, count))]

@@ -1,6 +1,6 @@
 """Latency at a steady rate: supplier, broker and consumer, a process each, on an otherwise idle machine.
 
-All peers take short turns, so that a busy moment of the machine hits each of them; figures are medians of rounds.
+The peers take short turns, so that other load of the machine affects all of them. Figures are medians of rounds.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from bench.events.channel.stage import Stage, collect, trio
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell
 
 PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
+#: Events a second.
 RATE = 1000.0
-#: Peers take turns after so many events. A turn begins with some that don't count: its processes have slept.
+#: Events of a turn, and events before it that do not count, because the processes have slept.
 TURN, WARM_UP = 200, 50
-#: Of ours, plain: its median to that of the same run.
+#: Maximum ratio of the median of ours, plain, to the median of a peer.
 MOST_OF = {OMNIEVENTS.name: 0.6, REDIS.name: 0.7}
 
-#: By peer, of each round or turn.
+#: By peer: the results of each round or turn.
 Found = dict[str, list[dict[str, Any]]]
 
 
@@ -65,7 +66,7 @@ def _turn(supplier: Process, consumer: Process, first: int) -> dict[str, Any]:
 
 
 def _together(turns: list[dict[str, Any]]) -> dict[str, Any]:
-    """The turns of a round as one."""
+    """The results of the turns of a round, merged."""
     latencies = [value for turn in turns for value in turn["latencies"]]
     counts = {column: sum(turn[column] for turn in turns) for column in ("lost", "repeated", "misordered")}
     return {"latencies": latencies, **counts}
@@ -85,7 +86,7 @@ def _row(name: str, found: list[dict[str, Any]], ratio: float) -> dict[str, Any]
 
 
 def _ratio(results: Found, peer: str, share: float) -> float:
-    """Of ours, plain, to that peer: the median over the rounds, each of which is a comparison of its own."""
+    """Ratio of ours, plain, to a peer: the median of the ratios of the rounds."""
     pairs = zip(results[PLAIN.name], results[peer], strict=True)
     return statistics.median(quantile(o["latencies"], share) / quantile(p["latencies"], share) for o, p in pairs)
 

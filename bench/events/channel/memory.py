@@ -1,4 +1,4 @@
-"""Resident memory of a channel under steady mixed traffic: whether it grows."""
+"""Growth of the resident memory of a channel under steady mixed traffic."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN
 from bench.events.channel.stage import Stage, collect, ready
 from robocorba.testing.report import PROGRESS, at_most, tell
 
-#: Who sends how many events a second, and who receives, how many in its process. Everybody gets everything.
+#: Events a second by supplier, and number of consumers by their process. Every consumer gets every event.
 SUPPLIERS = {PLAIN.name: 50.0, HEADER.name: 100.0, CLIENT.name: 50.0}
 CONSUMERS = {BOUNDED.name: 5}
 LAP_S = 10.0
 SAMPLE_S = 2.0
-#: The first part of the time is for caches to fill; after it the channel may grow by so much.
+#: Share of the time in which caches fill, and maximum growth after it.
 WARM_UP_SHARE = 0.25
 MOST_MIB_AN_HOUR = 2.0
 MIB = 2**20
-#: Of the table.
+#: Rows of the table.
 ROWS = 20
 
 
@@ -58,7 +58,7 @@ def run(minutes: float) -> bool:
 
 
 def slope_an_hour(seconds: Sequence[float], sizes: Sequence[float]) -> float:
-    """The straight line through what follows the warm-up."""
+    """Slope of a line fitted to the sizes after the warm-up [1/h]."""
     start = seconds[0] + WARM_UP_SHARE * (seconds[-1] - seconds[0])
     points = [(at, size) for at, size in zip(seconds, sizes, strict=True) if at >= start]
     at, size = zip(*points, strict=True)
@@ -66,7 +66,7 @@ def slope_an_hour(seconds: Sequence[float], sizes: Sequence[float]) -> float:
 
 
 def _traffic(suppliers: dict[Process, float], consumers: list[Process], seconds: float) -> tuple[int, int]:
-    """How many events were sent, and how many of them did not arrive, over all consumers."""
+    """Number of events sent, and number of lost events over all consumers."""
     events = lost = 0
     until = time.monotonic() + seconds
     while time.monotonic() < until:
@@ -76,7 +76,7 @@ def _traffic(suppliers: dict[Process, float], consumers: list[Process], seconds:
         for supplier in suppliers:
             supplier.hear(10 * LAP_S)
         total = sum(counts)
-        for consumer in consumers:  # all suppliers have the id 0: what is counted is how many came
+        for consumer in consumers:  # only counts: all suppliers have the id 0
             lost += sum(total - one["count"] for one in collect(consumer, [range(total)], 30.0))
         events += total
         left = max(0.0, until - time.monotonic())

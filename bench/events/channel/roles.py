@@ -1,4 +1,4 @@
-"""A process of a bench that supplies or consumes events, told what to do by lines of JSON on its stdin.
+"""A process of a bench that supplies or consumes events, controlled by lines of JSON on its stdin.
 
 python -m bench.events.channel.roles supplier PEER ADDRESS
 python -m bench.events.channel.roles consumer PEER ADDRESS [HOW MANY]
@@ -24,7 +24,7 @@ MOST_GAPS = 20
 
 
 def supply(peer: str, address: str) -> None:
-    """Sends what it is told to, until stdin ends."""
+    """Execute supplier commands until stdin ends."""
     with PEERS[peer].supplier(address) as supplier:
         for command in _commands():
             how = _WAYS[command.pop("do")]
@@ -34,9 +34,9 @@ def supply(peer: str, address: str) -> None:
 
 
 def pace(supplier: Supplier, first: int, count: int, rate: float) -> tuple[list[int], int]:
-    """Send events numbered from `first` at `rate` a second. Late ones are not made up for.
+    """Send events numbered from `first` on at `rate` a second, without catching up after a delay.
 
-    Like the others: how many each supplier of this process sent, and how many calls failed."""
+    Returns, as the other commands do, the number of events of each supplier and the number of failed calls."""
     failed = 0
     due = time.monotonic()
     for number in range(first, first + count):
@@ -47,7 +47,7 @@ def pace(supplier: Supplier, first: int, count: int, rate: float) -> tuple[list[
 
 
 def flood(supplier: Supplier, first: int, seconds: float, most: int, threads: int = 1) -> tuple[list[int], int]:
-    """Send events as fast as it goes, at most `most`; threads are suppliers number 0, 1, ..."""
+    """Send at most `most` events as fast as possible; each thread is a supplier, numbered 0, 1, ..."""
     failures: list[int] = []
     sent = [0] * threads
     deadline = time.monotonic() + seconds
@@ -71,7 +71,7 @@ def flood(supplier: Supplier, first: int, seconds: float, most: int, threads: in
 
 
 def runs(supplier: Supplier, first: int, seconds: float, most: int, size: int) -> tuple[list[int], int]:
-    """The same in runs of `size` events."""
+    """Like `flood`, in runs of `size` events."""
     failed = 0
     number, deadline = first, time.monotonic() + seconds
     while number < first + most and time.monotonic() < deadline:
@@ -84,7 +84,7 @@ _WAYS: dict[str, Callable[..., tuple[list[int], int]]] = {"pace": pace, "flood":
 
 
 def consume(peer: str, address: str, how_many: int = 1) -> None:
-    """Consumers in one process; each answer has an entry for each of them."""
+    """Run consumers in this process; each answer has an entry for each consumer."""
     tallies = [Tally() for _ in range(how_many)]
     with PEERS[peer].consumer(address, *(tally.receive for tally in tallies)):
         for command in _commands():
@@ -96,7 +96,7 @@ def consume(peer: str, address: str, how_many: int = 1) -> None:
 
 
 def _verdict(arrivals: Arrivals, sent: list[range], latencies_from: int | None) -> dict[str, Any]:
-    """What one consumer got: how many, how well, when, and its latencies where they are wanted."""
+    """The result of one consumer: count, quality, times, and latencies if requested."""
     counted = arrivals if latencies_from is None else arrivals.from_number(latencies_from)
     return {
         "count": len(arrivals),
@@ -109,7 +109,7 @@ def _verdict(arrivals: Arrivals, sent: list[range], latencies_from: int | None) 
 
 
 def _attempt(call: Callable[..., None], *arguments: Any) -> int:
-    """1 if a call failed, else 0: what a broker refuses or does not answer counts as lost where it did not arrive."""
+    """1 if a call failed, else 0. An event whose call failed counts as lost only if it did not arrive."""
     try:
         call(*arguments)
     except Exception as error:
@@ -129,7 +129,7 @@ def _answer(value: Any) -> None:
 
 
 if __name__ == "__main__":
-    gc.disable()  # collecting what a tally keeps would look like a delay of the broker
+    gc.disable()  # a garbage collection would look like a delay of the broker
     role, peer, address, *how_many = sys.argv[1:]
     if role == "supplier":
         supply(peer, address)

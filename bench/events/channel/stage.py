@@ -1,4 +1,4 @@
-"""The processes of a bench: started in a folder of their own, spoken to by lines of JSON, and ended."""
+"""The processes of a bench, started in a temporary folder and controlled by lines of JSON."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bench.common.processes import Process
 from bench.events.channel.peers import PEERS
 from bench.events.channel.peers.base import Broker
 
-#: For a role to connect, which may wait for its broker to start.
+#: Timeout for a role to connect, which may wait for its broker to start [s].
 START_LIMIT_S = 40.0
-#: A consumer that got nothing for so long has everything that will come.
+#: A consumer has received everything when no event arrived for this time [s].
 QUIET_S = 2.0
 
 
 class Stage:
-    """Whatever is started on it ends with its `with`, last come, first gone."""
+    """Starts processes, and ends them in reverse order at the end of the `with`."""
 
     def __init__(self) -> None:
         self._stack = contextlib.ExitStack()
@@ -45,7 +45,7 @@ class Stage:
         return self._stack.enter_context(PEERS[peer].broker(self.folder, self.start))
 
     def supplier(self, peer: str, broker: Broker) -> Process:
-        """Start a supplier; `ready` before it is used."""
+        """Start a supplier; call `ready` before using it."""
         return self._role("supplier", peer, broker.address)
 
     def consumer(self, peer: str, broker: Broker, how_many: int = 1) -> Process:
@@ -70,7 +70,7 @@ def ready(*roles: Process) -> None:
 def collect(
     consumer: Process, sent: Sequence[range], limit_s: float, latencies_from: int | None = None
 ) -> list[dict[str, Any]]:
-    """What the consumers of a process got of the events that suppliers 0, 1, ... sent. Raises ProcessFailed."""
+    """The results of the consumers of a process for the events of suppliers 0, 1, ... Raises ProcessFailed."""
     consumer.say(
         {
             "expect": sum(map(len, sent)),

@@ -1,5 +1,5 @@
-"""One consumer stops (SIGSTOP) beside nine that go on, each a process of its own: what the nine notice of it, and
-whether the one loses exactly what no longer fits into its queue."""
+"""One of ten consumers, a process each, is stopped (SIGSTOP): the effect on the other nine, and whether the stopped one
+loses exactly the events that exceed its queue."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from robocorba.testing.report import PROGRESS, at_most, quantile, tell
 
 HEALTHY = 9
 RATE = 200.0
-#: Events before the stop, of which the first don't count, and during it: more than the queue of a consumer holds.
+#: Events before the stop, of which the first do not count, and during it: more than fit into the queue of a consumer.
 BEFORE, WARM_UP, DURING = 1000, 100, 3 * BOUND
-#: Growth of the p99 of the healthy.
+#: Maximum growth of the p99 latency of the healthy consumers.
 MOST_GROWTH = 1.5
 _LIMIT_S = 60.0
 
@@ -68,7 +68,7 @@ def _round(channel: Any, supplier: Process, consumers: list[Process], number: in
     (got,) = collect(stalled, [sent], _LIMIT_S)
     account = _settled(channel, proxy)
     discarded = account.discarded - accounts[proxy].discarded
-    # What it lost has to be one stretch that ends where the events begin that were still in its queue at the end.
+    # The lost events must be contiguous, and end before those that were in the queue at the end.
     oldest = got["gaps"] == [[sent.stop - BOUND - discarded, sent.stop - BOUND]]
     p99 = [quantile([value for one in phase for value in one["latencies"]], 0.99) for phase in (before, during)]
     return {
@@ -87,14 +87,14 @@ def _round(channel: Any, supplier: Process, consumers: list[Process], number: in
 
 
 def _send(supplier: Process, consumers: list[Process], numbers: range, latencies_from: int) -> list[dict[str, Any]]:
-    """Send events at RATE; what each of the consumers got."""
+    """Send events at RATE; the result of each consumer."""
     supplier.say({"do": "pace", "first": numbers.start, "count": len(numbers), "rate": RATE})
     supplier.hear(len(numbers) / RATE * 5 + _LIMIT_S)
     return [collect(consumer, [numbers], _LIMIT_S, latencies_from)[0] for consumer in consumers]
 
 
 def _settled(channel: Any, proxy: str) -> Any:
-    """The account of a proxy once nothing is queued."""
+    """The account of a proxy once its queue is empty."""
     deadline = time.monotonic() + _LIMIT_S
     while True:
         (account,) = (p.events for p in channel.state().proxies if p.id == proxy)

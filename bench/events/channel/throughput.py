@@ -1,6 +1,6 @@
-"""Throughput of a flood: what arrives each second at one consumer, and whether all of it does, in order.
+"""Throughput of a flood: events that arrive a second at one consumer, and their losses and order.
 
-Suppliers send for some seconds as fast as their client library lets them; the time ends with the last arrival.
+Suppliers send for some seconds as fast as their client library allows; the time ends with the last arrival.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from bench.events.channel.peers.zeromq import PEER as ZEROMQ
 from bench.events.channel.stage import Stage, collect, trio
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
 
-#: Events a second that have to arrive, one a call and in runs.
+#: Minimum number of events a second that must arrive, one a call and in runs.
 ONE_BY_ONE, IN_RUNS = 20_000, 300_000
 WARM_UP_S = 0.5
-#: A consumer keeps so many at most.
+#: Maximum number of events that a consumer keeps.
 MOST = 2_000_000
 _LIMIT_S = 90.0
 
 
 class Way(NamedTuple):
-    """A peer, and how it is flooded: by how many threads; in runs of how many events, 0 for one a call."""
+    """A peer and how it is flooded. threads: number of suppliers. run: events a call, 0 for single events."""
 
     peer: str
     threads: int = 1
@@ -39,7 +39,7 @@ class Way(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Of threads only where they are several."""
+        """Text for the table; the number of threads if there are several."""
         how = f", {self.threads} threads" if self.threads > 1 else ""
         return f"{self.peer}{how}, runs of {self.run}" if self.run else f"{self.peer}{how}"
 

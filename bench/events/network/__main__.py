@@ -34,11 +34,11 @@ ECHOES = 200
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code: 0 if every mark was reached, 1 if not or where something failed."""
+    """Exit code: 0 if every mark was reached, 1 if not or after a failure."""
     parser = argparse.ArgumentParser(prog="python -m bench.events.network", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="2 delays, 4 loads, 4 runs each: about two minutes")
     parser.add_argument(
-        "--relay", action="store_true", help="a relay on the loopback, also where namespaces could be made"
+        "--relay", action="store_true", help="use a relay on the loopback even if namespaces are available"
     )
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, _stop)
@@ -54,9 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def measure(plan: Plan, relay: bool = False) -> tuple[list[Outcome], dict[str, Any]]:
-    """All runs of a plan, and how they were made. Raises ProcessFailed."""
+    """All runs of a plan, and a description of the measurement. Raises ProcessFailed."""
     leaders_core, cores = split_cores()
-    os.sched_setaffinity(0, cores)  # nothing of ours but the leader and its load is to run on the leader's core
+    os.sched_setaffinity(0, cores)  # only the leader and its load run on the leader's core
     began = time.monotonic()
     with (
         tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
@@ -80,7 +80,7 @@ def measure(plan: Plan, relay: bool = False) -> tuple[list[Outcome], dict[str, A
 
 
 def _round_trips(network: Network, plan: Plan) -> dict[str, dict[str, float]]:
-    """By delay in ms."""
+    """Round-trip times, by delay in ms."""
     found = {}
     for delay_us in plan.delays_us:
         counts(network, delay_us=delay_us)

@@ -1,4 +1,4 @@
-"""What the runs say: latencies of each cell (delay, load) in both set-ups, their ratio, how they change with load."""
+"""Analysis of the runs: latencies of each cell (delay, load) in both set-ups, their ratio and trend."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
 from robocorba.testing.report import Mark, at_most
 
-#: What the paper tells of its Figure 13 in words: mean latencies in ms at one load, and that they fall with load.
+#: The figures of the paper's text about Figure 13: mean latencies [ms] at one load, and that they fall with load.
 PAPER_LOAD, PAPER_STANDARD_MS, PAPER_FEDERATED_MS = 0.6, 18.5, 16.9
 PAPER_RATIO = 0.91
 PAPER_TREND = "falls"
-#: Marks: ratio of the means at every load and delay, with links of 1 ms; remote events alone.
+#: Marks: ratio of the means at every load and delay; with links of 1 ms; of remote events only.
 RATIO_LIMIT, RATIO_LIMIT_1_MS, REMOTE_LIMIT = PAPER_RATIO, 0.5, 1.15
 RESAMPLES = 2000
 
@@ -31,7 +31,7 @@ class Interval(NamedTuple):
 
 
 class Latency(NamedTuple):
-    """Of the events of some runs, ms; `mean` is that of the runs' means."""
+    """Latencies of the events of some runs [ms]. mean: the mean of the means of the runs."""
 
     mean: Interval
     p50: float
@@ -50,7 +50,7 @@ class Cell(NamedTuple):
 
 
 def cells(outcomes: Iterable[Outcome]) -> list[Cell]:
-    """Runs by delay and load, both rising."""
+    """Runs by delay and load, both ascending."""
     found: dict[tuple[int, float], Cell] = {}
     for one in outcomes:
         cell = found.setdefault((one.delay_us, one.load), Cell(one.delay_us, one.load, [], []))
@@ -59,7 +59,7 @@ def cells(outcomes: Iterable[Outcome]) -> list[Cell]:
 
 
 def merged(found: Sequence[Cell]) -> Cell:
-    """Cells of one delay as one, whatever the load."""
+    """The cells of one delay merged, with all loads."""
     return Cell(
         found[0].delay_us,
         float("nan"),
@@ -69,7 +69,7 @@ def merged(found: Sequence[Cell]) -> Cell:
 
 
 def latency(runs: Sequence[Outcome]) -> Latency:
-    """Of all mission events of these runs."""
+    """The latencies of all mission events of these runs."""
     everything = np.concatenate([run.all_us for run in runs]) / 1e3
     return Latency(
         mean(means_ms(runs)),
@@ -81,12 +81,12 @@ def latency(runs: Sequence[Outcome]) -> Latency:
 
 
 def means_ms(runs: Sequence[Outcome], which: str = "all_us") -> np.ndarray:
-    """The mean latency of each run, ms."""
+    """The mean latency of each run [ms]."""
     return np.array([getattr(run, which).mean() for run in runs]) / 1e3
 
 
 def mean(values: np.ndarray) -> Interval:
-    """The mean of runs, with the interval that resampling them gives."""
+    """The mean over runs, with an interval from resampling."""
     return _interval(float(values.mean()), _resampled(values, np.random.default_rng(1)))
 
 
@@ -98,12 +98,12 @@ def ratio(numerators: np.ndarray, denominators: np.ndarray) -> Interval:
 
 
 def compare(cell: Cell, which: str = "all_us") -> Interval:
-    """Federated to standard, of the runs' means."""
+    """Ratio of federated to standard, from the means of the runs."""
     return ratio(means_ms(cell.federated, which), means_ms(cell.standard, which))
 
 
 class Trend(NamedTuple):
-    """How the mean latency changes from an idle core to a busy one, in ms and as a word."""
+    """Change of the mean latency from an idle to a busy core, in ms and as a word."""
 
     change: Interval
     word: str
@@ -120,7 +120,7 @@ def trend(runs: Sequence[Outcome]) -> Trend:
 
 
 def row(cell: Cell) -> dict[str, Any]:
-    """A cell as a row of the table and the files; latencies in ms, what crossed the link a run."""
+    """A cell as a row of the table and the files: latencies [ms] and traffic over the link in a run."""
     standard, federated = latency(cell.standard), latency(cell.federated)
     found: dict[str, Any] = {"delay, ms": cell.delay_us / 1e3, "load, %": round(100 * cell.load)}
     for set_up, runs, took in ((STANDARD, cell.standard, standard), (FEDERATED, cell.federated, federated)):
@@ -164,7 +164,7 @@ def run_row(run: Outcome) -> dict[str, Any]:
 
 
 def marks(found: Sequence[Cell]) -> list[Mark]:
-    """The worst cells against what has to be reached."""
+    """The worst cells compared with the limits."""
     runs = [run for cell in found for run in (*cell.standard, *cell.federated)]
     across = [abs(run.forwarded - run.wanted_across) for run in runs if run.set_up == FEDERATED]
     result = [
@@ -183,7 +183,7 @@ def marks(found: Sequence[Cell]) -> list[Mark]:
 
 
 def worst_load(found: Sequence[Cell]) -> float:
-    """How far the measured load of a cell was from what was wanted, as a share; not where none was to be added."""
+    """Largest deviation of the measured load of a cell from the wanted load, as a share; without the idle cells."""
     cells_with = [cell for cell in found if cell.load]
     return max(
         (abs(float(np.mean([r.busy for r in (*cell.standard, *cell.federated)])) - cell.load) for cell in cells_with),
@@ -192,12 +192,12 @@ def worst_load(found: Sequence[Cell]) -> float:
 
 
 def delays(found: Sequence[Cell]) -> list[int]:
-    """Of one way, us, rising."""
+    """The one-way delays, ascending [us]."""
     return sorted({cell.delay_us for cell in found})
 
 
 def differences(found: Sequence[Cell]) -> list[str]:
-    """How our curves differ from the paper's, in sentences."""
+    """Sentences on the differences between our curves and the paper's."""
     sentences = []
     for delay in delays(found):
         cell = merged([cell for cell in found if cell.delay_us == delay])
@@ -225,7 +225,7 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _resampled(values: np.ndarray, chance: np.random.Generator) -> np.ndarray:
-    """Means of samples of the values, drawn with replacement."""
+    """Means of samples drawn with replacement."""
     return values[chance.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1)
 
 

@@ -1,7 +1,7 @@
-"""The experiment: both set-ups side by side on one network, runs of one and the other in random order.
+"""The experiment: both set-ups on one network, with their runs in random order.
 
 Standard: all robots on one channel on the server computer, in sub-network II. Federated: a channel in each sub-network,
-peers of one another. All channels are the same program, and both set-ups live all the time; a run uses one of them.
+linked with each other. All channels are the same program. Both set-ups run all the time; a run uses one of them.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ SET_UPS = (STANDARD, FEDERATED)
 #: The channel of the standard set-up, and those of the federation by sub-network.
 CENTRAL, CHANNEL_OF = "central", {"I": "room-I", "II": "room-II"}
 START_LIMIT_S = 60.0
-#: From the command to a run's begin; after that until what is sent counts.
+#: Time from the command to the start of a run, and from there until events count [s].
 HEAD_START_S, WARM_UP_S = 0.03, 0.2
-#: For the load to reach what is wanted, and for the rest after a change of the delay.
+#: Settling time after a change of the load, and of the delay [s].
 SETTLE_LOAD_S, SETTLE_DELAY_S = 1.0, 0.2
 SILENCE_S = 2.0
 
 
 class Plan(NamedTuple):
-    """How much is measured: runs of `run_s` each for every set-up, load (share) and delay of one way."""
+    """Extent of the measurement: `runs` of `run_s` for every set-up, load (share) and one-way delay."""
 
     delays_us: Sequence[int]
     loads: Sequence[float]
@@ -55,7 +55,7 @@ QUICK = Plan((0, 1000), (0.0, 0.3, 0.6, 0.9), 4, 1.3)
 
 
 class Outcome(NamedTuple):
-    """One run. Latencies in us, of the mission's events: supplier and consumer in one sub-network, or not."""
+    """One run. Latencies of the mission's events [us]; local: supplier and consumer are in the same sub-network."""
 
     set_up: str
     delay_us: int
@@ -66,11 +66,11 @@ class Outcome(NamedTuple):
     lost: int
     packets: int
     bytes: int
-    #: Events and bytes that came to the gateways, and events that were not sent to them.
+    #: Events and bytes that the gateways received, and events that were not sent to them.
     forwarded: int
     forwarded_bytes: int
     unseen: int
-    #: Events that were sent, and those of them that somebody in the other sub-network wants.
+    #: Events that were sent, and those of them that a robot in the other sub-network subscribed to.
     sent: int
     wanted_across: int
 
@@ -89,25 +89,25 @@ class Experiment:
         self._delay_us, self._wanted = 0, 0.0
 
     def set_delay(self, delay_us: int) -> None:
-        """Of packets between the sub-networks, one way."""
+        """Set the one-way delay of packets between the sub-networks."""
         self._delay_us = delay_us
         counts(self._network, delay_us=delay_us)
         time.sleep(SETTLE_DELAY_S)
 
     def set_load(self, share: float) -> None:
-        """How busy the leader's core is kept."""
+        """Set the load of the leader's core."""
         self._wanted = share
         self._load.ask(share)
         time.sleep(SETTLE_LOAD_S)
 
     def silence(self) -> Counts:
-        """What crosses the link in SILENCE_S while nobody says anything."""
+        """Traffic over the link in SILENCE_S without events."""
         before = counts(self._network)
         time.sleep(SILENCE_S)
         return counts(self._network).since(before)
 
     def run(self, set_up: str, run_s: float) -> Outcome:
-        """The mission once, for `run_s` that count. Raises ProcessFailed."""
+        """Run the mission once, measured for `run_s`. Raises ProcessFailed."""
         self._number += 1
         link, forwarded_before = counts(self._network), self._forwarded(set_up)
         begin = time.monotonic() + HEAD_START_S
@@ -125,14 +125,14 @@ class Experiment:
             robot.hear(START_LIMIT_S)
         sent = [mission.Sent(*one) for answer in self._ask_all({"do": "sent"}).values() for one in answer]
         wanted = {name: mission.expected(name, sent) for name in self._robots}
-        heard = {
+        received = {
             name: robot.ask({"do": "collect", "expect": wanted[name]}, START_LIMIT_S)
             for name, robot in self._robots.items()
         }
         crossed = counts(self._network).since(link)
         forwarded = [now - then for now, then in zip(self._forwarded(set_up), forwarded_before, strict=True)]
         latencies: dict[bool, list[float]] = {True: [], False: []}
-        for name, answer in heard.items():
+        for name, answer in received.items():
             for type, source, latency_us in answer["latencies"]:
                 if mission.is_mission(type):
                     latencies[SUBNET_OF[source] == SUBNET_OF[name]].append(latency_us)
@@ -143,7 +143,7 @@ class Experiment:
             busy,
             np.array(latencies[True]),
             np.array(latencies[False]),
-            sum(wanted[name] - answer["heard"] for name, answer in heard.items()),
+            sum(wanted[name] - answer["heard"] for name, answer in received.items()),
             sum(crossed.packets),
             sum(crossed.bytes),
             forwarded[0],
@@ -154,7 +154,7 @@ class Experiment:
         )
 
     def _forwarded(self, set_up: str) -> tuple[int, int, int]:
-        """Events and bytes that the federation's gateways got so far, and events that were not sent to them."""
+        """Events and bytes that the federation's gateways received so far, and events that were not sent to them."""
         if set_up != FEDERATED:
             return (0, 0, 0)
         links = [link for robot in ("A", "C") for link in self._robots[robot].ask({"do": "links", "set_up": set_up})]
@@ -171,7 +171,7 @@ def _is_wanted_across(one: mission.Sent) -> bool:
 
 @contextlib.contextmanager
 def experiment(network: Network, folder: Path, leaders_core: int, cores: Sequence[int]) -> Iterator[Experiment]:
-    """Start everything: the leader on a core of its own, all others on `cores`. Raises ProcessFailed."""
+    """Start all processes: the leader on its own core, the others on `cores`. Raises ProcessFailed."""
     with contextlib.ExitStack() as stack:
 
         def start(host: str, of: str, name: str, *command: str, on: Sequence[int] = cores) -> Process:
@@ -220,13 +220,13 @@ def experiment(network: Network, folder: Path, leaders_core: int, cores: Sequenc
 
 
 def split_cores() -> tuple[int, list[int]]:
-    """The leader's core, and those of all others; the same one where there is no other."""
+    """The leader's core, and the cores of all other processes; the same one on a machine with one core."""
     cores = sorted(os.sched_getaffinity(0))
     return cores[-1], cores[:-1] or cores
 
 
 def conduct(experiment: Experiment, plan: Plan, seed: int = 7) -> Iterator[Outcome]:
-    """All runs of a plan. Delays and loads come in random order, and so do the two set-ups."""
+    """All runs of a plan, with delays, loads and set-ups in random order."""
     chance = random.Random(seed)
     for delay_us in chance.sample(plan.delays_us, len(plan.delays_us)):
         experiment.set_delay(delay_us)

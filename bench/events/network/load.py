@@ -1,8 +1,8 @@
-"""Other work on the leader's computer: a process that keeps a core busy for a given share of the time.
+"""Additional load on the leader's computer: a process that keeps a core busy for a given share of the time.
 
-python -m bench.events.network.load CORE: reads lines of JSON on stdin, the share of the core that is to be busy in all
-(0 to 0.95), answers each with null, and ends with its stdin. It works as much as others on the core leave to be done;
-so a share below what they need themselves can't be held.
+python -m bench.events.network.load CORE: reads lines of JSON on stdin with the total load of the core (0 to 0.95),
+answers each with null, and ends with its stdin. It adds to the load of the other processes on the core, so a total
+below their load cannot be reached.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ import time
 
 import psutil
 
-#: Mean time from one piece of work to the next, s.
+#: Mean period of work and sleep [s].
 PERIOD_S = 0.01
-#: How often the share is looked at, and how much of a difference is made up for each time.
+#: Interval of the load control [s], and its gain.
 LOOK_S, GAIN = 0.2, 0.3
 LONGEST_SHARE = 0.95
 
 
 class Core:
-    """What a core has done since it was last asked."""
+    """The load of a core since the last query."""
 
     def __init__(self, number: int) -> None:
         self._number = number
         self._idle_s, self._at = self._read()
 
     def busy(self) -> float:
-        """The share of the time in which it did not idle. Idle time is exact, unlike the kinds of work, which
-        the kernel guesses from samples."""
+        """The share of the time in which the core was not idle. Idle time is exact; the kernel estimates the kinds of
+        work from samples."""
         idle_s, at = self._read()
         share = 1 - (idle_s - self._idle_s) / (at - self._at)
         self._idle_s, self._at = idle_s, at
@@ -43,7 +43,7 @@ class Core:
 
 
 class Governor:
-    """Finds the share that is to be worked so that the core is busy for the wanted share."""
+    """Controls the share of work so that the core has the wanted load."""
 
     def __init__(self) -> None:
         self.wanted = self.work = 0.0
@@ -54,12 +54,12 @@ class Governor:
         self.wanted = share
 
     def correct(self, busy: float) -> None:
-        """The core was busy for that share."""
+        """Adjust the work to the measured load of the core."""
         self.work = min(LONGEST_SHARE, max(0.0, self.work + GAIN * (self.wanted - busy))) if self.wanted else 0.0
 
 
 def work(governor: Governor, core: Core) -> None:
-    """Work and sleep in turns of random length: even turns could hide from the kernel's clock, and from the robots."""
+    """Work and sleep for random durations: constant ones could synchronise with the kernel clock or the robots."""
     look_at = time.monotonic() + LOOK_S
     while True:
         began = time.monotonic()

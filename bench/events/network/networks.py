@@ -1,7 +1,7 @@
-"""The two sub-networks of the paper with a router between them, made of what this machine allows.
+"""The two sub-networks of the paper with a router between them.
 
-As root on Linux each host is a network namespace. Else all hosts share the loopback, and a relay delays what
-goes from one sub-network to the other.
+As root on Linux, each host is a network namespace. Otherwise all hosts share the loopback, and a relay delays the
+traffic between the sub-networks.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from bench.common.processes import Process
 
 #: Robots A and B are in room I with a computer for its channel, robot C in room II with the server computer.
 SUBNET_OF = {"A": "I", "B": "I", "channel": "I", "C": "II", "server": "II"}
-#: The last number of a host's address.
+#: Last byte of the address of each host.
 _NUMBER_OF = {"A": 2, "B": 3, "channel": 4, "C": 2, "server": 3}
-#: Third number of the sub-networks' addresses; in the paper their gateways are 192.168.0.1 and 192.168.8.1.
+#: Third byte of the addresses of each sub-network; in the paper the gateways are 192.168.0.1 and 192.168.8.1.
 _SUBNET_NUMBER = {"I": 0, "II": 8}
-#: What listens on which port above the base port; every robot has a host of its own.
+#: Ports of the servers relative to the base port; every robot has its own host.
 PORTS = {"naming": 0, "central": 1, "channel": 2, "robot": 3}
 _NAMESPACE_BASE_PORT = 28090
 ECHO_LIMIT_S = 2.0
 
 
 class Counts(NamedTuple):
-    """What crossed the link so far, from sub-network I to II and back; with headers of IP and TCP unless relayed."""
+    """Traffic over the link so far, from sub-network I to II and back; with IP and TCP headers unless relayed."""
 
     packets: tuple[int, int]
     bytes: tuple[int, int]
 
     def since(self, before: Counts) -> Counts:
-        """What came after `before`."""
+        """The traffic since `before`."""
         forth, back = (
             [now - then for now, then in zip(mine, theirs, strict=True)]
             for mine, theirs in zip(zip(*self, strict=True), zip(*before, strict=True), strict=True)
@@ -48,33 +48,33 @@ class Counts(NamedTuple):
 
 
 class Network(Protocol):
-    """Where the hosts run."""
+    """The network in which the hosts run."""
 
-    #: What it is made of, for the reader of the results.
+    #: Description for the results.
     how: str
-    #: Whether packets or bytes of a TCP stream are held back.
+    #: What is delayed: packets, or parts of TCP streams.
     holds: str
     router: Process
     router_has_priority: bool
 
     def start(self, host: str, of: str, command: Sequence[str], log: Path, cores: Sequence[int]) -> Process:
-        """Run a command on a host; `of`, one of PORTS, is what it listens at."""
+        """Run a command on a host. of: key of PORTS for the port that it listens on."""
 
     def address(self, host: str, of: str, seen_from: str) -> str:
-        """HOST:PORT of `of`, one of PORTS, on `host`, as the host `seen_from` reaches it."""
+        """HOST:PORT of a port (key `of` of PORTS) of `host`, as the host `seen_from` reaches it."""
 
     def echo(self) -> tuple[Callable[[], object], Callable[[], object]]:
-        """One byte from robot A to robot C, and one back."""
+        """Functions that send a byte from robot A to robot C and wait for its return, and that return it."""
 
 
 def counts(network: Network, **command: float) -> Counts:
-    """What crossed the link so far; `delay_us` sets the delay of one way from now on."""
+    """Traffic over the link so far. delay_us: sets the one-way delay."""
     answer = network.router.ask(command)
     return Counts(tuple(answer["packets"]), tuple(answer["bytes"]))
 
 
 def round_trips_us(network: Network, number: int) -> list[float]:
-    """Times of a byte from robot A to robot C and back, without any ORB."""
+    """Round-trip times of a byte from robot A to robot C and back, without an ORB [us]."""
     forth, back = network.echo()
 
     def answer() -> None:
@@ -101,7 +101,7 @@ class NamespaceNetwork:
     holds = "packets"
 
     def __init__(self, stack: contextlib.ExitStack, folder: Path, cores: Sequence[int]) -> None:
-        """Make it; it ends with `stack`. Raises OSError where this machine does not allow it."""
+        """Create the network, which ends with `stack`. Raises OSError without the right to create namespaces."""
         devices = []
         self._hosts: dict[str, Namespace] = {}
         for subnet, other in (("I", "II"), ("II", "I")):
@@ -138,10 +138,10 @@ class NamespaceNetwork:
 
 
 class RelayNetwork:
-    """All hosts on the loopback, at addresses of their own; a relay process for connections between sub-networks.
+    """All hosts on the loopback with an address each; a relay process for connections between sub-networks.
 
-    Each object is published at two addresses: its host's own, and the relay's for it. A file with omniORB's settings
-    tells each host which of them to use."""
+    Each object is published at two addresses: its host's own, and the relay's for it. A configuration file of omniORB
+    selects the address that each host uses."""
 
     how = "loopback, TCP streams delayed by a relay process (no right to make network namespaces)"
     holds = "parts of TCP streams"
@@ -176,7 +176,7 @@ class RelayNetwork:
         return (lambda: (a.send(b"?"), a.recv(1))), (lambda: c.send(c.recv(1)))
 
     def _settings(self, host: str, of: str) -> str:
-        """omniORB's: publish both addresses; call what is near directly, and what is not by way of the relay."""
+        """Configuration of omniORB: publish both addresses; call hosts of the other sub-network through the relay."""
         other = self._other(host)
         published = ",".join(f"giop:tcp:{self.address(host, of, end)}" for end in (host, other))
         near, far = (_SUBNET_NUMBER[SUBNET_OF[end]] for end in (host, other))
@@ -187,7 +187,7 @@ class RelayNetwork:
         return self._base + {**PORTS, "echo": len(PORTS)}[of]
 
     def _pair(self, host: str, of: str) -> str:
-        """Where the relay listens for others, and where it leads: the argument for it."""
+        """Argument of the relay: the address where it listens, and its target."""
         return f"{self.address(host, of, self._other(host))}={self.address(host, of, host)}"
 
     @staticmethod
@@ -198,7 +198,7 @@ class RelayNetwork:
 
 @contextlib.contextmanager
 def networks(folder: Path, cores: Sequence[int], relay: bool = False) -> Iterator[Network]:
-    """The best network that this machine allows; what it is made of ends with the `with`."""
+    """The best network that this machine allows; it ends with the `with`."""
     with contextlib.ExitStack() as stack:
         if not relay:
             with contextlib.ExitStack() as attempt:
@@ -214,7 +214,7 @@ def networks(folder: Path, cores: Sequence[int], relay: bool = False) -> Iterato
 
 
 def describe_round_trips(times_us: Sequence[float]) -> dict[str, float]:
-    """Median and p95, us."""
+    """Median and p95 [us]."""
     ordered = sorted(times_us)
     return {"p50": round(statistics.median(ordered), 1), "p95": round(ordered[int(0.95 * len(ordered))], 1)}
 
@@ -233,7 +233,7 @@ def _split(address: str) -> tuple[str, int]:
 
 
 def _free_base_port() -> int:
-    """The first of as many ports as there are PORTS, and one more, that nobody uses."""
+    """The first of a range of free ports: one for each of PORTS, and one for the echo."""
     size = len(PORTS) + 1
     for base in range(20000 + 8 * (os.getpid() % 1200), 32000, 8):
         with contextlib.ExitStack() as probes:

@@ -1,4 +1,4 @@
-"""Tells the outcome: tables, verdicts, JSON, CSV, and the paper's Figure 13 with our curves."""
+"""Reports the outcome: tables, verdicts, JSON, CSV, and the paper's Figure 13 with our curves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLOURS = {STANDARD: "tab:red", FEDERATED: "tab:blue"}
 
 
 def tell(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
-    """Print and write everything; whether every mark was reached. `about`: how it was measured."""
+    """Print and write all results; whether every mark was reached. about: description of the measurement."""
     found = analysis.cells(outcomes)
     rows, marks = [analysis.row(cell) for cell in found], analysis.marks(found)
     sentences, summary = analysis.differences(found), markdown(found)
@@ -52,7 +52,7 @@ def tell(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
 
 
 def markdown(found: Sequence[Cell]) -> str:
-    """A row for each delay, over all loads: for the README."""
+    """A table for the README, with a row for each delay over all loads."""
     lines = [
         "| link, one way | standard: mean, p50, p99 | federated: mean, p50, p99 | ratio of means (95 %) | local "
         "| remote | link, standard to federated |",
@@ -76,7 +76,7 @@ def markdown(found: Sequence[Cell]) -> str:
 
 
 def draw(found: Sequence[Cell]) -> Figure:
-    """The latency over the load of the leader's core, and below it the ratio; a column for each delay."""
+    """Plots of latency (top) and ratio (bottom) over the load of the leader's core; a column for each delay."""
     delays = analysis.delays(found)
     figure = Figure(figsize=(3.2 * len(delays) + 1, 6.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -121,7 +121,7 @@ def _draw_ratios(axes: Axes, of_delay: Sequence[Cell]) -> None:
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The main columns; the files have all."""
+    """The main columns; the files have all columns."""
     table = Table(title=f"{TITLE}, ms")
     shown = ["delay, ms", "load, %", f"{FEDERATED} busy, %"]
     shown += [f"{set_up} {what}" for set_up in (STANDARD, FEDERATED) for what in ("mean", "p50", "p99")]

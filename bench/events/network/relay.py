@@ -1,8 +1,8 @@
-"""The router where there are no network namespaces: holds back what TCP connections between the sub-networks carry.
+"""The router without network namespaces: delays the data of TCP connections between the sub-networks.
 
-python -m bench.events.network.relay LISTEN=TARGET ...: each HOST:PORT to listen at, and the one in the other
-sub-network that it stands for. Commands and answers are those of bench.events.network.router;
-packets are the parts in which bytes came. Addresses in sub-network I are 127.*.0.*.
+python -m bench.events.network.relay LISTEN=TARGET ...: each HOST:PORT to listen at, and its target in the other
+sub-network. Commands and answers are those of bench.events.network.router; each received part of a stream counts as a
+packet. Addresses in sub-network I are 127.*.0.*.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CONNECT_LIMIT_S = 5.0
 
 
 class Relay:
-    """Direction 0 leads from sub-network I to II, 1 back."""
+    """Forwards TCP connections. Direction 0 is from sub-network I to II, 1 is back."""
 
     def __init__(self) -> None:
         self.delay_s = 0.0
@@ -29,7 +29,7 @@ class Relay:
         self._lock = threading.Lock()
 
     def listen(self, at: str, target: str) -> None:
-        """Lead the connections that come in at an address on to another one, from now on."""
+        """Forward connections from an address to another one."""
         listener = socket.create_server(_split(at))
         _start(self._accept, listener, target)
 
@@ -47,7 +47,7 @@ class Relay:
             _start(self._carry, far, near, 1 - inward)
 
     def _carry(self, source: socket.socket, target: socket.socket, direction: int) -> None:
-        """One direction of a connection: its parts come out in order, each `delay_s` after it came in."""
+        """Forward one direction of a connection, in order and with a delay of `delay_s`."""
         target.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         held: queue.SimpleQueue[tuple[float, bytes]] = queue.SimpleQueue()
         _start(_release, held, target)
@@ -64,7 +64,7 @@ class Relay:
 
 
 def _release(held: queue.SimpleQueue[tuple[float, bytes]], target: socket.socket) -> None:
-    """An empty part ends the stream."""
+    """Send the held parts when they are due. An empty part ends the stream."""
     with contextlib.suppress(OSError):
         while True:
             due, part = held.get()

@@ -4,9 +4,9 @@ SETTINGS is JSON: name, naming and endpoint (HOST:PORT), channels and peers (nam
 JSON on stdin, each answered by a line on stdout:
   {"do": "prepare", ...}   a run, with the fields of Run
   {"do": "play"}           plays the mission until the end of that run
-  {"do": "sent"}           what it sent in it: [type, source, count], ...
-  {"do": "collect", ...}   waits for `expect` events of it; how many came, and [type, source, latency in us], ...
-  {"do": "links", ...}     what its channel in a `set_up` says of its links
+  {"do": "sent"}           events sent in that run: [type, source, count], ...
+  {"do": "collect", ...}   waits for `expect` events; their number, and [type, source, latency in us], ...
+  {"do": "links", ...}     state of the links of its channel in a `set_up`
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 
-#: Longest wait for another robot, and for the last events of a run.
+#: Timeout for another robot, and for the last events of a run [s].
 ANSWER_LIMIT_S = 10.0
 
 
 class Run(NamedTuple):
-    """When a run begins, when what is sent begins to count, and when it ends: seconds of time.monotonic."""
+    """Times of a run: start, start of the measurement, end [s, time.monotonic]."""
 
     number: int
     set_up: str
@@ -43,7 +43,7 @@ class Run(NamedTuple):
 
 
 class Robot:
-    """Tells and hears through `clients`, one for each set-up."""
+    """Publishes and receives events through `clients`, one for each set-up."""
 
     def __init__(self, name: str, clients: Mapping[str, EventClient]) -> None:
         self.name = name
@@ -51,49 +51,49 @@ class Robot:
         self._run = Run(-1, "", 0.0, 0.0, 0.0)
         self._sent: Counter[str] = Counter()
         self._lock = threading.Lock()
-        self._heard: list[tuple[str, str, int, bool]] = []
+        self._received: list[tuple[str, str, int, bool]] = []
         self._inbox: queue.SimpleQueue[Event] = queue.SimpleQueue()
         patterns = mission.INTERESTS[name]
         self.subscriptions = {
-            set_up: client.subscribe(partial(self._hear, set_up), *patterns) for set_up, client in clients.items()
+            set_up: client.subscribe(partial(self._receive, set_up), *patterns) for set_up, client in clients.items()
         }
 
     # ---- a run ----
 
     def prepare(self, run: Run) -> None:
-        """Forget the run before."""
+        """Discard the events of the last run."""
         with self._lock:
-            self._run, self._heard = run, []
+            self._run, self._received = run, []
         self._sent.clear()
         while not self._inbox.empty():
             self._inbox.get()
 
     def play(self) -> None:
-        """The mission, until the run's end."""
+        """Play the mission until the end of the run."""
         time.sleep(max(0.0, self._run.begin - time.monotonic()))
-        telling = threading.Thread(target=self._tell_state)
-        telling.start()
+        publishing = threading.Thread(target=self._publish_states)
+        publishing.start()
         if self.name == mission.LEADER:
             self._lead()
         else:
             self._help()
-        telling.join()
+        publishing.join()
 
     def _lead(self) -> None:
         step, due = 0, self._run.begin
         while due < self._run.end:
             time.sleep(max(0.0, due - time.monotonic()))
             for helper in mission.HELPERS:
-                self._tell(f"{mission.SUBPLAN}.{helper}", mission.subplan(helper, step))
+                self._publish(f"{mission.SUBPLAN}.{helper}", mission.subplan(helper, step))
             self._wait_for_all(mission.READY, step)
-            self._tell(mission.GO, {"step": step})
+            self._publish(mission.GO, {"step": step})
             self._wait_for_all(mission.RESULT, step)
             step += 1
             due = max(due + 1 / mission.STEP_HZ, time.monotonic())
-        self._tell(mission.DONE, {"steps": step})
+        self._publish(mission.DONE, {"steps": step})
 
     def _wait_for_all(self, type: str, step: int) -> None:
-        """A barrier. Raises queue.Empty where a helper does not answer."""
+        """Wait for the answers of all helpers. Raises queue.Empty if one does not answer."""
         missing = {*mission.HELPERS}
         while missing:
             event = self._inbox.get(timeout=ANSWER_LIMIT_S)
@@ -104,12 +104,12 @@ class Robot:
         while (event := self._inbox.get(timeout=ANSWER_LIMIT_S)).type != mission.DONE:
             step = event.payload["step"]
             if event.type == mission.GO:
-                self._tell(mission.RESULT, {"step": step, "done": True, "problem": ""})
+                self._publish(mission.RESULT, {"step": step, "done": True, "problem": ""})
             else:
-                self._tell(mission.READY, {"step": step})
+                self._publish(mission.READY, {"step": step})
 
-    def _tell_state(self) -> None:
-        """States and scans in turn, half a period apart; robots are not in step with each other."""
+    def _publish_states(self) -> None:
+        """Publish states and scans alternately, half a period apart; the robots have different phases."""
         half = 0.5 / mission.STATE_HZ
         due = self._run.begin + mission.ROBOTS.index(self.name) / len(mission.ROBOTS) * half
         turn = 0
@@ -117,15 +117,15 @@ class Robot:
             time.sleep(max(0.0, due - time.monotonic()))
             count, is_scan = divmod(turn, 2)
             if is_scan:
-                self._tell(mission.SCAN, mission.scan(self.name, count))
+                self._publish(mission.SCAN, mission.scan(self.name, count))
             else:
-                self._tell(mission.STATE, mission.state(self.name, count))
+                self._publish(mission.STATE, mission.state(self.name, count))
             turn += 1
             due = max(due + half, time.monotonic() - half)
 
     # ---- events ----
 
-    def _tell(self, type: str, content: dict[str, Any]) -> None:
+    def _publish(self, type: str, content: dict[str, Any]) -> None:
         run = self._run
         with self._lock:
             self._sent[type] += 1
@@ -135,35 +135,35 @@ class Robot:
         content["made_ns"] = time.monotonic_ns()
         client.push(type, content)
 
-    def _hear(self, set_up: str, event: Event) -> None:
+    def _receive(self, set_up: str, event: Event) -> None:
         came_ns = time.monotonic_ns()
         content = event.payload
         run = self._run
         if (content["run"], set_up) != (run.number, run.set_up):
             return
         with self._lock:
-            self._heard.append((event.type, event.source, came_ns - content["made_ns"], content["counts"]))
+            self._received.append((event.type, event.source, came_ns - content["made_ns"], content["counts"]))
         if event.type.startswith("mission."):
             self._inbox.put(event)
 
     # ---- afterwards ----
 
     def sent(self) -> list[mission.Sent]:
-        """How many events of each type."""
+        """Number of sent events of each type."""
         with self._lock:
             return [mission.Sent(type, self.name, count) for type, count in self._sent.items()]
 
     def collect(self, expect: int) -> dict[str, Any]:
-        """How many events came, and the latencies of those that count, us."""
+        """Number of received events, and the latencies of those that count [us]."""
         deadline = time.monotonic() + ANSWER_LIMIT_S
-        while len(self._heard) < expect and time.monotonic() < deadline:
+        while len(self._received) < expect and time.monotonic() < deadline:
             time.sleep(0.002)
         with self._lock:
-            heard = self._heard
+            heard = self._received
         return {"heard": len(heard), "latencies": [[*one[:2], one[2] / 1e3] for one in heard if one[3]]}
 
     def links(self, set_up: str) -> list[dict[str, int]]:
-        """Of each link of a channel: events and bytes that came to its gateway, events that its peer did not want."""
+        """For each link of a channel: events and bytes that its gateway received, events that its peer did not want."""
         return [
             {"came": link.events.received + link.repeated, "came_bytes": link.bytes, "unseen": 0}
             if link.direction == RoboCorba.INCOMING
@@ -172,7 +172,7 @@ class Robot:
         ]
 
     def obey(self, do: str, **more: Any) -> Any:
-        """The answer to a command."""
+        """Execute a command and return its answer."""
         if do == "prepare":
             return self.prepare(Run(**more))
         answers: dict[str, Callable[..., Any]] = {

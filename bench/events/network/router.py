@@ -1,8 +1,8 @@
-"""The router between the two sub-networks: a process that holds back each packet for as long as the link is.
+"""The router between the two sub-networks: a process that delays each packet.
 
-python -m bench.events.network.router FD FD: the descriptors are those of two TUN devices. It reads lines of JSON on
-stdin, {"delay_us": 200} to change the delay one way or {} to leave it, answers each with what it has forwarded so far,
-and ends with its stdin.
+python -m bench.events.network.router FD FD: the descriptors of two TUN devices. It reads lines of JSON on stdin,
+{"delay_us": 200} to change the one-way delay or {} to keep it, answers each with the traffic forwarded so far, and ends
+with its stdin.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import time
 from collections import deque
 from typing import Any
 
-#: Largest IP packet.
+#: Size of the largest IP packet [bytes].
 PACKET_BYTES = 65536
-#: What remains of a delay when it is not worth sleeping any more, ns.
+#: The last part of a delay is spent waiting actively, because sleep is not exact enough [ns].
 SPIN_NS = 80_000
 
 
 class DelayLine:
-    """One direction: packets come out in order, `delay_ns` after they went in."""
+    """One direction: delays packets by `delay_ns`, in order."""
 
     def __init__(self) -> None:
         self.delay_ns = 0
@@ -31,30 +31,30 @@ class DelayLine:
         self._held: deque[tuple[int, bytes]] = deque()
 
     def put(self, packet: bytes, now_ns: int) -> None:
-        """Take in a packet, and count it."""
+        """Add and count a packet."""
         self.packets += 1
         self.bytes += len(packet)
         self._held.append((now_ns + self.delay_ns, packet))
 
     @property
     def due_ns(self) -> int | None:
-        """When the next packet comes out; None where there is none."""
+        """When the next packet is due; None if there is none."""
         return self._held[0][0] if self._held else None
 
     def take(self, now_ns: int) -> bytes | None:
-        """The next packet that is due."""
+        """The next packet if it is due, else None."""
         return self._held.popleft()[1] if self._held and self._held[0][0] <= now_ns else None
 
 
 class Router:
-    """Two delay lines between two devices: lines[0] leads from devices[0] to devices[1]."""
+    """Two delay lines between two devices: lines[0] is from devices[0] to devices[1]."""
 
     def __init__(self, devices: tuple[int, int]) -> None:
         self.lines = (DelayLine(), DelayLine())
         self._ways = tuple(zip(devices, reversed(devices), self.lines, strict=True))
 
     def run(self, control: int) -> None:
-        """Forward packets until `control`, where the commands come from, ends."""
+        """Forward packets until `control`, the descriptor with the commands, ends."""
         readable = [control, *(source for source, _, _ in self._ways)]
         while True:
             ready, _, _ = select.select(readable, (), (), self._pause_s())
@@ -62,13 +62,13 @@ class Router:
                 if source in ready:
                     self._read(source, line)
                 while (packet := line.take(time.monotonic_ns())) is not None:
-                    with contextlib.suppress(OSError):  # a full device loses it, as any router does
+                    with contextlib.suppress(OSError):  # a full device drops the packet, as any router does
                         os.write(target, packet)
             if control in ready and not self._obey(control):
                 return
 
     def _pause_s(self) -> float | None:
-        """Until the next packet is due; what is left of it then is spent awake, since sleep is not that exact."""
+        """Time to sleep before the next packet is due, without SPIN_NS; None if there is no packet [s]."""
         due = [line.due_ns for line in self.lines if line.due_ns is not None]
         return max(0, min(due) - SPIN_NS - time.monotonic_ns()) / 1e9 if due else None
 
@@ -79,7 +79,7 @@ class Router:
                 line.put(os.read(source, PACKET_BYTES), time.monotonic_ns())
 
     def _obey(self, control: int) -> bool:
-        """Do what a line says and answer it. False at the end."""
+        """Execute and answer the commands that have arrived. False at the end of stdin."""
         text = os.read(control, 4096)
         for command in text.splitlines():
             wanted: dict[str, Any] = json.loads(command)
@@ -91,7 +91,7 @@ class Router:
 
 
 def main() -> None:
-    # A router is a computer of its own: it does not wait for a core because another one works.
+    # A real router is a separate computer, so it must not wait for a core.
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
     first, second = map(int, sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The content of an `any`, to be compared: equal for equal values of equal types, however they were sent."""
+"""The content of an `any` for comparison: equal for equal values of equal types, however they were sent."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from omniORB import CORBA
 
 
 def content_of(value: Any, uri: Callable[[Any], str]) -> Hashable:
-    """Of an `any`, or of any value that can be in one. `uri` stringifies references."""
+    """The content of an `any`, or of a value in one. uri: stringifies references."""
     if value is None or isinstance(value, str | bytes | int | float | bool):
         return value
     if isinstance(value, CORBA.Any):

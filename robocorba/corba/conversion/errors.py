@@ -1,6 +1,6 @@
-"""Domain errors to IDL exceptions and back.
+"""Translation of domain errors to IDL exceptions and back.
 
-Each module of this package registers the errors of its subject, so that a process loads no more than it translates."""
+Each module of this package registers the errors of its subject, so that a process loads only what it translates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable, ServiceError
 
-#: Maximum length of each text in an IDL exception [characters]; the input that was wrong may be of any length.
+#: Maximum length of each text in an IDL exception [characters]; it may quote input of any length.
 MAX_TEXT = 500
 #: The modules that register errors.
 SUBJECTS = ("events", "maps", "paths", "plans", "robot", "scans", "simulation")
@@ -43,7 +43,7 @@ def register_with(
     to_idl: Callable[[Any], Exception],
     to_domain: Callable[[Any], Exception] | None = None,
 ) -> None:
-    """Translate by the given functions; without `to_domain` in one direction only."""
+    """Translate with the given functions; without `to_domain`, only to the IDL exception."""
     _to_idl[error] = to_idl
     if to_domain:
         _to_domain[exception] = to_domain
@@ -61,7 +61,7 @@ def registered() -> set[type[Exception]]:
 
 
 def raise_idl(error: RoboCorbaError) -> NoReturn:
-    """Raise the IDL exception that corresponds to a domain error; CORBA::INTERNAL where there is none, a defect."""
+    """Raise the IDL exception for a domain error; CORBA::INTERNAL if none is registered, which is a defect."""
     if type(error) not in _to_idl:
         _load_all()
     make = _to_idl.get(type(error))
@@ -72,7 +72,7 @@ def raise_idl(error: RoboCorbaError) -> NoReturn:
 
 
 def translating(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a servant's method: its domain errors reach the caller as IDL exceptions."""
+    """Decorator for methods of servants: raises IDL exceptions for domain errors."""
 
     @functools.wraps(method)
     def call(*arguments: Any) -> Any:
@@ -85,7 +85,7 @@ def translating(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def domain_error(exception: Any) -> Exception | None:
-    """The domain error that corresponds to an IDL exception, None for any other exception."""
+    """The domain error for an IDL exception, None for any other exception."""
     if type(exception) not in _to_domain and isinstance(exception, CORBA.UserException):
         _load_all()
     make = _to_domain.get(type(exception))
@@ -93,7 +93,7 @@ def domain_error(exception: Any) -> Exception | None:
 
 
 def error_of(exception: Any) -> str:
-    """One sentence for a person about an IDL exception."""
+    """A sentence that describes an IDL exception, for display."""
     error = domain_error(exception)
     return str(error) if error else f"{type(exception).__name__}: {exception}"
 
@@ -114,7 +114,7 @@ def _with_short_texts(exception: Any) -> Any:
     return exception
 
 
-# The store of a server failed, and nothing was changed.
+# ServiceError: the store of a server failed, and nothing was changed.
 register_system(ServiceError, CORBA.PERSIST_STORE)
 # What the servant's process calls itself does not answer now.
 register_system(NotReachable, CORBA.TRANSIENT)

@@ -1,7 +1,7 @@
-"""Events, subscriptions and states of a channel.
+"""Conversion of events, subscriptions and states of a channel.
 
-What runs for every event makes tuples with the members' names instead of the generated classes: omniORBpy
-sends them as well, and they are made in a third of the time.
+Functions that run for every event make named tuples with the struct's member names instead of the generated classes:
+omniORBpy accepts them too, and creating them takes a third of the time.
 """
 
 from __future__ import annotations
@@ -21,36 +21,45 @@ from robocorba.errors import events as errors
 from robocorba.errors.events import InvalidEvent, InvalidPeer
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import MAX_NAME, MAX_PAYLOAD_BYTES, Encoding, Header, Run, Together, check, checked_header
-from robocorba.events.federation import Notice, check_name, is_name
+from robocorba.events.event import (
+    MAX_NAME,
+    MAX_PAYLOAD_BYTES,
+    CorrelatedEvents,
+    Encoding,
+    EventHeader,
+    EventRun,
+    check,
+    checked_header,
+)
+from robocorba.events.federation import Advertisement, check_name, is_name
 from robocorba.events.foreign import ForeignLink
 from robocorba.events.links import Links, LinkStates
-from robocorba.events.outlet import Condition
-from robocorba.events.proxies import Kind, Proxies, ProxyState
+from robocorba.events.outlet import ProxyCondition
+from robocorba.events.proxies import Proxies, ProxyKind, ProxyState
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.store import PeerRecord
 from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
 from robocorba.stubs import RoboCorba
 
-values.mend()  # events may hold values of any type
+values.patch_omniorb()  # events may hold values of any type
 
 _ENCODINGS = {Encoding.MSGPACK: RoboCorba.MSGPACK, Encoding.CDR_ANY: RoboCorba.CDR_ANY}
-#: By the value of the enumerator: its hash would cost more than the rest of a header.
+#: By the value of the enumerator; hashing it would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
 _RULES = {rule: getattr(RoboCorba, rule.name) for rule in OverflowRule}
 _RULE_OF = {struct: rule for rule, struct in _RULES.items()}
-_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in Kind}
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in Condition}
+_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in ProxyKind}
+_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in ProxyCondition}
 
-#: Of an event; the file of the watermarks has as much room.
+#: Maximum number of an event; the file of the watermarks uses 64 bits.
 _MAX_NUMBER = 2**64 - 1
 _EVENT_ID = "IDL:RoboCorba/Event:1.0"
 _TC_ANY = CORBA.TC_any
-#: Types without a repository id, by the kind of their typecode.
+#: Names of types without a repository id, by the kind of their typecode.
 _BASIC = {kind: str(kind).rpartition("tk_")[2] for kind in CORBA.TCKind._items}
 
 
-class _Header(NamedTuple):
+class _HeaderStruct(NamedTuple):
     type: str
     source: str
     origin: str
@@ -61,22 +70,22 @@ class _Header(NamedTuple):
     encoding: Any
 
 
-class _Event(NamedTuple):
-    header: _Header
+class _EventStruct(NamedTuple):
+    header: _HeaderStruct
     payload: bytes
 
 
-class _Run(NamedTuple):
-    first: _Header
+class _RunStruct(NamedTuple):
+    first: _HeaderStruct
     times: Sequence[float]
     payloads: Sequence[bytes]
 
 
-# ---- events that come in ----
+# ---- received events ----
 
 
-def run_of_any(value: Any) -> Run:
-    """The event that a plain client gave: with a header if it is an Event, else as it is. Raises InvalidEvent."""
+def run_of_any(value: Any) -> EventRun:
+    """The event of a plain client: with its own header if it is an Event, else NATIVE. Raises InvalidEvent."""
     typecode = value._t
     try:
         kind = typecode.id()
@@ -84,17 +93,18 @@ def run_of_any(value: Any) -> Run:
         kind = _BASIC[typecode.kind()]
     if kind == _EVENT_ID:
         return run_of_event(value._v)
-    return Run(_native_header(kind), [0.0], [value])
+    return EventRun(_native_header(kind), [0.0], [value])
 
 
 @lru_cache(1024)
-def _native_header(kind: str) -> Header:
+def _native_header(kind: str) -> EventHeader:
     return checked_header(kind[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE)
 
 
-def run_from_elsewhere(value: Any) -> Run:
-    """The event that a foreign channel gave; one that began in a channel of this federation keeps its origin and
-    number. Raises InvalidEvent."""
+def run_from_foreign_channel(value: Any) -> EventRun:
+    """The event of a foreign channel. An event from a channel of this federation keeps its origin and number.
+
+    Raises InvalidEvent."""
     run = run_of_any(value)
     if run.header.encoding is not Encoding.NATIVE:
         header = value._v.header
@@ -104,10 +114,10 @@ def run_from_elsewhere(value: Any) -> Run:
     return run
 
 
-def run_of_event(struct: Any) -> Run:
-    """The event in an Event struct. Raises InvalidEvent."""
+def run_of_event(struct: Any) -> EventRun:
+    """The event of an Event struct. Raises InvalidEvent."""
     header = struct.header
-    run = Run(
+    run = EventRun(
         checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
         [header.time],
         [struct.payload],
@@ -116,10 +126,10 @@ def run_of_event(struct: Any) -> Run:
     return run
 
 
-def run_of(struct: Any) -> Run:
-    """The events of an EventRun that a supplier sent. Raises InvalidEvent."""
+def run_of(struct: Any) -> EventRun:
+    """The events of an EventRun struct from a supplier. Raises InvalidEvent."""
     header = struct.first
-    run = Run(
+    run = EventRun(
         checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
         struct.times,
         struct.payloads,
@@ -128,36 +138,36 @@ def run_of(struct: Any) -> Run:
     return run
 
 
-def forwarded_run_of(struct: Any) -> Run:
-    """The events of an EventRun that a peer sent, with origin and numbers. Raises InvalidEvent."""
+def forwarded_run_of(struct: Any) -> EventRun:
+    """The events of an EventRun struct from a peer, with origin and numbers. Raises InvalidEvent."""
     run = run_of(struct)
     run.header = _with_origin(run.header, struct.first.origin)
     run.first = struct.first.number
     if not 0 < run.first <= run.last <= _MAX_NUMBER:
-        raise InvalidEvent("number", f"{run.first} is not one of {len(run)} events")
+        raise InvalidEvent("number", f"{run.first} is out of range as the first of {len(run)} events")
     return run
 
 
 @lru_cache(4096)
-def _with_origin(header: Header, origin: str) -> Header:
+def _with_origin(header: EventHeader, origin: str) -> EventHeader:
     try:
         return header._replace(origin=check_name(origin))
     except InvalidPeer as wrong:
         raise InvalidEvent("origin", wrong.reason) from None
 
 
-# ---- events that go out ----
+# ---- sent events ----
 
 
-def event_run(run: Run) -> Any:
-    """An EventRun; kept in the run, since it often goes to several consumers."""
+def event_run(run: EventRun) -> Any:
+    """The EventRun struct; cached in the run, which often goes to several consumers."""
     if run.cached is None:
-        run.cached = _Run(_header(run, 0, _encoded(run)), run.times, _payloads(run))
+        run.cached = _RunStruct(_header(run, 0, _encoded(run)), run.times, _payloads(run))
     return run.cached
 
 
-def event_runs(runs: Iterable[Run]) -> tuple[list[Any], list[Run]]:
-    """An EventRunSeq for a peer, and the runs that can't be in it: an `any` that is too large, or that has no CDR."""
+def event_runs(runs: Iterable[EventRun]) -> tuple[list[Any], list[EventRun]]:
+    """An EventRunSeq for a peer, and the runs that cannot be sent: their `any` is too large or has no CDR encoding."""
     structs, unsendable = [], []
     for run in runs:
         try:
@@ -170,13 +180,13 @@ def event_runs(runs: Iterable[Run]) -> tuple[list[Any], list[Run]]:
     return structs, unsendable
 
 
-def event(run: Run) -> Any:
+def event(run: EventRun) -> Any:
     """The first event of a run, as an Event struct."""
-    return _Event(_header(run, run.times[0], _encoded(run)), _payloads(run)[0])
+    return _EventStruct(_header(run, run.times[0], _encoded(run)), _payloads(run)[0])
 
 
-def any_of(run: Run) -> Any:
-    """The first event of a run as a plain consumer gets it: its own `any` where it began as one, else with an Event."""
+def any_of(run: EventRun) -> Any:
+    """The first event of a run for a plain consumer: its own `any` if there is one, else an `any` with an Event."""
     encoding = run.header.encoding
     if encoding is Encoding.NATIVE:
         return run.payloads[0]
@@ -184,25 +194,27 @@ def any_of(run: Run) -> Any:
         try:
             return omniORB.cdrUnmarshal(_TC_ANY, run.payloads[0])
         except (CORBA.SystemException, SystemError):
-            pass  # the supplier said so, but it isn't; SystemError is how omniORBpy fails at some of what it isn't
+            pass  # not a CDR encoded `any` after all; for some such data omniORBpy raises SystemError
     return CORBA.Any(RoboCorba._tc_Event, event(run))
 
 
-def together(item: Together) -> list[Any]:
+def together(item: CorrelatedEvents) -> list[Any]:
     """An EventSeq."""
     return [event(run) for run in item.runs]
 
 
-def _header(run: Run, time: float, encoding: Any) -> _Header:
+def _header(run: EventRun, time: float, encoding: Any) -> _HeaderStruct:
     header = run.header
-    return _Header(header.type, header.source, header.origin, run.first, time, header.priority, header.expiry, encoding)
+    return _HeaderStruct(
+        header.type, header.source, header.origin, run.first, time, header.priority, header.expiry, encoding
+    )
 
 
-def _encoded(run: Run) -> Any:
+def _encoded(run: EventRun) -> Any:
     return RoboCorba.MSGPACK if run.header.encoding is Encoding.MSGPACK else RoboCorba.CDR_ANY
 
 
-def _payloads(run: Run) -> Sequence[bytes]:
+def _payloads(run: EventRun) -> Sequence[bytes]:
     if run.header.encoding is Encoding.NATIVE:
         return [omniORB.cdrMarshal(_TC_ANY, value) for value in run.payloads]
     return run.payloads
@@ -222,7 +234,7 @@ def subscription(value: Subscription) -> list[Any]:
 
 
 def subscription_of(struct: Sequence[Any]) -> Subscription:
-    """The subscription in the IDL's sequence. Raises InvalidSubscription."""
+    """The subscription of an IDL Subscription. Raises InvalidSubscription."""
     return checked([([(p.type, p.source) for p in clause.patterns], clause.window) for clause in struct])
 
 
@@ -232,7 +244,7 @@ def policy(value: QueuePolicy) -> Any:
 
 
 def policy_of(struct: Any) -> QueuePolicy:
-    """The policy in a QueuePolicy struct. Raises InvalidQueue."""
+    """The policy of a QueuePolicy struct. Raises InvalidQueue."""
     return QueuePolicy(struct.size, _RULE_OF[struct.whenFull], struct.blockLimit).checked()
 
 
@@ -299,16 +311,16 @@ def foreign_states(link: ForeignLink) -> list[Any]:
     """The LinkStates of both directions of a link with a foreign channel."""
     condition = RoboCorba.DOWN if link.problem else RoboCorba.UP
     everything = patterns([EVERYTHING])
-    again = max(0, link.connects - 1)
-    came, went = account(link.totals_in()), account(link.outlet.totals())
+    reconnects = max(0, link.connects - 1)
+    incoming, outgoing = account(link.totals_in()), account(link.outlet.totals())
     return [
         RoboCorba.LinkState(
-            link.name, RoboCorba.INCOMING, condition, link.problem, again, link.lag_s, 0, 0, link.repeated, 0,
-            everything, came,
+            link.name, RoboCorba.INCOMING, condition, link.problem, reconnects, link.lag_s, 0, 0, link.repeated, 0,
+            everything, incoming,
         ),
         RoboCorba.LinkState(
-            link.name, RoboCorba.OUTGOING, condition, link.problem, again, link.outlet.oldest_s(), 0, 0, 0, 0,
-            everything, went,
+            link.name, RoboCorba.OUTGOING, condition, link.problem, reconnects, link.outlet.oldest_s(), 0, 0, 0, 0,
+            everything, outgoing,
         ),
     ]  # fmt: skip
 
@@ -316,7 +328,7 @@ def foreign_states(link: ForeignLink) -> list[Any]:
 def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
     """A ChannelState."""
     with channel.lock:
-        known = sorted(notice.name for notice in channel.federation.notices)
+        known = sorted(advertisement.name for advertisement in channel.federation.advertisements)
     return RoboCorba.ChannelState(
         channel.name,
         channel.last_number,
@@ -336,15 +348,15 @@ def feed_terms(feed: Any, session: str, position: int) -> Any:
     return RoboCorba.FeedTerms(feed, session, position)
 
 
-def notices(values: Iterable[Notice]) -> list[Any]:
+def advertisements(values: Iterable[Advertisement]) -> list[Any]:
     """A ChannelNoticeSeq."""
     return [RoboCorba.ChannelNotice(n.name, n.version, list(n.peers), patterns(n.interest)) for n in values]
 
 
-def notices_of(structs: Iterable[Any]) -> list[Notice]:
-    """The notices in a ChannelNoticeSeq, without those of names that no channel can have."""
+def advertisements_of(structs: Iterable[Any]) -> list[Advertisement]:
+    """The advertisements of a ChannelNoticeSeq, without those with invalid channel names."""
     return [
-        Notice(n.name, n.version, tuple(n.peers), tuple(Pattern(p.type, p.source) for p in n.interest))
+        Advertisement(n.name, n.version, tuple(n.peers), tuple(Pattern(p.type, p.source) for p in n.interest))
         for n in structs
         if is_name(n.name) and all(map(is_name, n.peers))
     ]
@@ -356,7 +368,7 @@ def peer(record: PeerRecord) -> Any:
 
 
 def peer_of(struct: Any) -> PeerRecord:
-    """The peer in a PeerAddress."""
+    """The peer of a PeerAddress struct."""
     return PeerRecord(struct.name, struct.address, foreign=bool(struct.foreign))
 
 

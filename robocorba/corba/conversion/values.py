@@ -1,7 +1,7 @@
-"""Values of types without stubs: their classes, made when the first one comes.
+"""Classes for valuetypes without stubs, made when the first value arrives.
 
-omniORBpy 4.3 has such a function, but for a valuetype that is derived from another unknown one it asks isinstance
-where issubclass is meant, and makes a class that Python refuses. Its core then fails an assertion, and threads of the
+omniORBpy 4.3 has such a function, but it confuses isinstance with issubclass for a valuetype that derives from another
+unknown one, and tries to make a class that Python refuses. Then an assertion of its core fails, and threads of the
 process hang or spin.
 """
 
@@ -13,12 +13,12 @@ import omniORB
 
 
 def unknown_value(repository_id: str, base: Any) -> type:
-    """The class for a valuetype. base: a descriptor with the base's class at [1]; tv_null, an integer, for none."""
+    """The class for a valuetype. base: a descriptor with the base class at [1]; tv_null, an integer, for none."""
     known = omniORB.UnknownValueBase if base == omniORB.tcInternal.tv_null else base[1]
     bases = (known,) if issubclass(known, omniORB.UnknownValueBase) else (omniORB.UnknownValueBase, known)
     return type("UnknownValue", bases, {"_NP_RepositoryId": repository_id})
 
 
-def mend() -> None:
-    """Let the ORB of this process use it."""
+def patch_omniorb() -> None:
+    """Make the ORB of this process use `unknown_value`."""
     omniORB.createUnknownValue = unknown_value

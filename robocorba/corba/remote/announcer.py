@@ -1,4 +1,4 @@
-"""Tells the event channel of the simulation server what happens: events of type floor.changed and simulation.*."""
+"""Publishes the events floor.changed and simulation.* of the simulation server on its event channel."""
 
 from __future__ import annotations
 
@@ -18,32 +18,34 @@ from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.spatial.floor_format import as_map
 from robocorba.spatial.floor_update import FloorUpdate
 
-#: Floors that changed are told so often, s.
-EVERY_S = 0.1
-#: How long a channel is waited for, s, and happenings that wait meanwhile.
-CHANNEL_LIMIT_S, MOST_WAITING = 0.5, 10_000
-#: After this many seconds nobody wants to know any more how a floor was.
+#: Interval at which changes of floors are published [s].
+PUBLISH_INTERVAL_S = 0.1
+#: Timeout for finding the channel [s].
+CHANNEL_LIMIT_S = 0.5
+#: Maximum number of happenings that wait; beyond that the oldest are dropped.
+MAX_WAITING = 10_000
+#: Expiry of the published events [s]; older states of a floor are useless.
 EXPIRY_S = 2.0
 SOURCE = "simulation"
 _log = logging.getLogger(__name__)
 
 
 class Announcer:
-    """Pushes to the channel called `channel`; what a channel that is away misses is lost."""
+    """Pushes to the channel `channel`. Events are lost while the channel is not reachable."""
 
     def __init__(self, orb: Orb, channel: str, database: OmniDatabase) -> None:
         self._orb, self._channel, self._database = orb, channel, database
         self._events: EventClient | None = None
         self._versions: dict[str, int] = {}
-        self._happened: deque[Happening] = deque(maxlen=MOST_WAITING)
-        self._repeating = Repeating("announcer", self._announce, EVERY_S)
-        self._is_told = False
+        self._happened: deque[Happening] = deque(maxlen=MAX_WAITING)
+        self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
+        self._is_failing = False
 
     def start(self) -> None:
         self._repeating.start()
 
     def happened(self, happening: Happening) -> None:
-        """Does not wait."""
+        """Queue a happening for the next publication; does not block."""
         self._happened.append(happening)
 
     def close(self) -> None:
@@ -51,7 +53,7 @@ class Announcer:
         if self._events:
             self._events.close()
 
-    def _announce(self) -> None:
+    def _publish(self) -> None:
         happened = []
         while self._happened:
             happened.append(self._happened.popleft())
@@ -66,12 +68,12 @@ class Announcer:
             for kind in {happening.kind for happening in happened}:
                 found = [happening._asdict() for happening in happened if happening.kind == kind]
                 self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", found)
-            self._is_told = False
+            self._is_failing = False
         except (NotReachable, EventError) as wrong:
             self._events = None
-            if not self._is_told:
-                _log.warning("event channel %s is not told what happens: %s", self._channel, wrong)
-            self._is_told = True
+            if not self._is_failing:
+                _log.warning("cannot publish on event channel %s: %s", self._channel, wrong)
+            self._is_failing = True
 
     def _push(self, source: str, kind: str, payloads: list[Any]) -> None:
         assert self._events
@@ -79,7 +81,7 @@ class Announcer:
         self._events.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
 
     def _changes(self, floor: str) -> FloorUpdate | None:
-        """What changed since it was told last; at first the whole floor."""
+        """The changes of a floor since the last call; None without changes, the whole floor in the first call."""
         with contextlib.suppress(UnknownFloor):
             since = self._versions.get(floor)
             update = self._database.changes(floor, since or 0)

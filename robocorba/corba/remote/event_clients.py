@@ -1,4 +1,4 @@
-"""Consumers and suppliers of a channel, called by their references."""
+"""Consumers and suppliers of a channel, called by their object references."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from robocorba.corba.calls import describe, limit_calls
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
-from robocorba.events.event import Run, Together
-from robocorba.events.proxies import Kind
-from robocorba.events.queue import Item
+from robocorba.events.event import CorrelatedEvents, EventRun
+from robocorba.events.proxies import ProxyKind
+from robocorba.events.queue import QueueItem
 from robocorba.stubs import RoboCorba
 
-#: Longest call that tells a client that it is disconnected.
+#: Timeout of the call that notifies a client of its disconnection [s].
 DISCONNECT_LIMIT_S = 1.0
 
 _log = logging.getLogger(__name__)
-#: What an object says that is not there, or is not what it was taken for.
+#: Errors of an object that does not exist, or has another type.
 _GONE = (CORBA.OBJECT_NOT_EXIST, CORBA.INV_OBJREF, CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT, CORBA.OBJ_ADAPTER)
-#: What happens on the way, whatever is sent.
-_ON_THE_WAY = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT, CORBA.NO_RESOURCES, CORBA.NO_MEMORY)
+#: Errors of the transport, independent of the content of the call.
+_TRANSPORT_FAILURES = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT, CORBA.NO_RESOURCES, CORBA.NO_MEMORY)
 
 
-def failure_of(wrong: CORBA.Exception) -> EventError:
-    """What an exception of a call to a client means: NotDelivered, Unconfirmed, Refused or ClientGone."""
+def delivery_failure(wrong: CORBA.Exception) -> EventError:
+    """The domain error for an exception of a call to a client: NotDelivered, Unconfirmed, Refused or ClientGone."""
     if isinstance(wrong, CosEventComm.Disconnected):
-        return ClientGone("it says that it is disconnected")
+        return ClientGone("it answers that it is disconnected")
     if isinstance(wrong, _GONE):
         return ClientGone(describe(wrong))
-    if isinstance(wrong, _ON_THE_WAY):
+    if isinstance(wrong, _TRANSPORT_FAILURES):
         return (NotDelivered if wrong.completed == CORBA.COMPLETED_NO else Unconfirmed)(describe(wrong))
     return Refused(describe(wrong))
 
 
-class _Client:
-    """Base of all: who it is, and how to tell it that it is disconnected. The reference is this object's own."""
+class _RemoteClient:
+    """Base of all clients. disconnect_operation: the operation that notifies the client of its disconnection."""
 
-    def __init__(self, orb: Orb, uri: str, interface: Any, farewell: str) -> None:
+    def __init__(self, orb: Orb, uri: str, interface: Any, disconnect_operation: str) -> None:
         self.reference = uri
         self.address = address_of(uri)
         self._remote = orb.reference(uri, interface)
         self._limit_s = 0.0
-        self._farewell = farewell
+        self._disconnect_operation = disconnect_operation
 
     def _set_limit(self, limit_s: float) -> None:
-        """How long calls may take. The reference is this object's own, and one thread at a time calls it."""
+        """Set the timeout of calls. Each instance has its own reference, and one thread at a time calls it."""
         if limit_s != self._limit_s:
             limit_calls(self._remote, limit_s)
             self._limit_s = limit_s
@@ -59,28 +59,28 @@ class _Client:
     def disconnect(self) -> None:
         try:
             self._set_limit(DISCONNECT_LIMIT_S)
-            getattr(self._remote, self._farewell)()
+            getattr(self._remote, self._disconnect_operation)()
         except CORBA.Exception as wrong:
-            _log.info("%s did not take its disconnection (%s)", self.address, describe(wrong))
+            _log.info("could not notify %s of its disconnection (%s)", self.address, describe(wrong))
 
 
-class PushConsumer(_Client):
-    """A plain consumer: one `any` a call."""
+class RemotePushConsumer(_RemoteClient):
+    """A plain consumer, which takes one `any` a call."""
 
     takes_batches = False
 
     def __init__(self, orb: Orb, uri: str, interface: Any = CosEventComm.PushConsumer) -> None:
         super().__init__(orb, uri, interface, "disconnect_push_consumer")
 
-    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+    def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
         run = items[0]
-        assert isinstance(run, Run)
+        assert isinstance(run, EventRun)
         value = events.any_of(run)
         try:
             self._remote.push(value)
         except CORBA.Exception as wrong:
-            raise failure_of(wrong) from None
+            raise delivery_failure(wrong) from None
 
     def answers(self, limit_s: float) -> bool:
         self._set_limit(limit_s)
@@ -94,7 +94,7 @@ class PushConsumer(_Client):
         return True
 
 
-class EventConsumer(PushConsumer):
+class RemoteEventConsumer(RemotePushConsumer):
     """A consumer that takes batches."""
 
     takes_batches = True
@@ -102,78 +102,78 @@ class EventConsumer(PushConsumer):
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, RoboCorba.EventConsumer)
 
-    def deliver(self, items: Sequence[Item], limit_s: float) -> None:
+    def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
         try:
-            if isinstance(items[0], Together):
-                self._remote.pushTogether(items[0].which, events.together(items[0]))
+            if isinstance(items[0], CorrelatedEvents):
+                self._remote.pushTogether(items[0].clause_number, events.together(items[0]))
             else:
-                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, Run)])
+                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, EventRun)])
         except CORBA.Exception as wrong:
-            raise failure_of(wrong) from None
+            raise delivery_failure(wrong) from None
 
 
-class PullSupplier(_Client):
-    """A plain supplier that is asked."""
+class RemotePullSupplier(_RemoteClient):
+    """A plain supplier that the channel polls."""
 
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, CosEventComm.PullSupplier, "disconnect_pull_supplier")
 
-    def try_pull(self, limit_s: float) -> Run | None:
+    def try_pull(self, limit_s: float) -> EventRun | None:
         self._set_limit(limit_s)
         try:
             value, has_event = self._remote.try_pull()
         except CORBA.Exception as wrong:
-            raise failure_of(wrong) from None
+            raise delivery_failure(wrong) from None
         try:
             return events.run_of_any(value) if has_event else None
         except InvalidEvent as wrong:
-            _log.warning("%s supplied an event that can't be used (%s)", self.address, wrong)
+            _log.warning("%s supplied an invalid event (%s)", self.address, wrong)
             return None
 
 
-class PushSupplier(_Client):
-    """A supplier that pushes, known only to be told of its disconnection."""
+class RemotePushSupplier(_RemoteClient):
+    """A supplier that pushes; it is called only to disconnect it."""
 
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, CosEventComm.PushSupplier, "disconnect_push_supplier")
 
 
-class PullConsumer(_Client):
-    """A consumer that fetches, known only to be told of its disconnection."""
+class RemotePullConsumer(_RemoteClient):
+    """A consumer that pulls; it is called only to disconnect it."""
 
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, CosEventComm.PullConsumer, "disconnect_pull_consumer")
 
 
-class EventClients:
-    """Finds clients by reference."""
+class RemoteClients:
+    """Makes the ports of clients from their references."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
 
-    def of(self, kind: Kind, reference: Any) -> Any:
+    def of(self, kind: ProxyKind, reference: Any) -> Any:
         """The client of a proxy of this kind; None for nil."""
         return None if reference is None else self.find(kind.value, self._orb.uri(reference))
 
     def find(self, kind: str, reference: str) -> Any:
-        if kind == Kind.PUSH_SUPPLIER.value:
-            is_ours = _type_id(reference) == RoboCorba.EventConsumer._NP_RepositoryId
-            return (EventConsumer if is_ours else PushConsumer)(self._orb, reference)
+        if kind == ProxyKind.PUSH_SUPPLIER.value:
+            takes_batches = _type_id(reference) == RoboCorba.EventConsumer._NP_RepositoryId
+            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(self._orb, reference)
         makers = {
-            Kind.PUSH_CONSUMER.value: PushSupplier,
-            Kind.PULL_CONSUMER.value: PullSupplier,
-            Kind.PULL_SUPPLIER.value: PullConsumer,
+            ProxyKind.PUSH_CONSUMER.value: RemotePushSupplier,
+            ProxyKind.PULL_CONSUMER.value: RemotePullSupplier,
+            ProxyKind.PULL_SUPPLIER.value: RemotePullConsumer,
         }
         return makers[kind](self._orb, reference)
 
-    def event_consumer(self, reference: Any) -> EventConsumer:
-        """A consumer that said that it takes batches."""
-        return EventConsumer(self._orb, self._orb.uri(reference))
+    def event_consumer(self, reference: Any) -> RemoteEventConsumer:
+        """A consumer that takes batches."""
+        return RemoteEventConsumer(self._orb, self._orb.uri(reference))
 
 
 def _type_id(ior: str) -> str:
-    """The repository id in an IOR: what its object said that it is, without asking it."""
+    """The repository id in an IOR, read without a call to the object."""
     try:
         return _cdr_string(bytes.fromhex(ior.removeprefix("IOR:")), 4)[0]
     except (ValueError, struct.error):
@@ -181,7 +181,7 @@ def _type_id(ior: str) -> str:
 
 
 def address_of(ior: str) -> str:
-    """HOST:PORT in the first IIOP profile of an IOR; empty where there is none."""
+    """HOST:PORT in the first IIOP profile of an IOR; empty if there is none."""
     try:
         data = bytes.fromhex(ior.removeprefix("IOR:"))
         order = "<" if data[0] else ">"

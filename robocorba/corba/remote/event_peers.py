@@ -1,4 +1,4 @@
-"""The peers of a channel, called by their references."""
+"""The peers of a channel, called by their object references."""
 
 from __future__ import annotations
 
@@ -12,38 +12,40 @@ from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import InvalidPeer, NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
-from robocorba.events.event import Run
-from robocorba.events.federation import Notice
+from robocorba.events.event import EventRun
+from robocorba.events.federation import Advertisement
 from robocorba.events.store import PeerRecord
 from robocorba.names import CHANNELS
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
 
-#: Longest answer of a peer.
+#: Timeout of a call to a peer [s].
 CALL_LIMIT_S = 2.0
+#: Timeout of sending an acknowledgement [s].
 ACKNOWLEDGE_LIMIT_S = 0.2
+#: Timeout of finding a peer in the naming service [s].
 FIND_LIMIT_S = 1.0
 
-#: What is wrong with the events themselves.
-_WHATEVER_IS_TRIED = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
+#: Errors that the events themselves cause; retrying is useless.
+_PERMANENT_FAILURES = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
 
 _log = logging.getLogger(__name__)
 
 
 class RemoteGateway:
-    """The gateway of a peer, toward which a feed sends."""
+    """The gateway of a peer, to which a feed sends."""
 
     def __init__(self, orb: Orb, reference: Any) -> None:
         self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
 
-    def forward(self, session: str, position: int, runs: list[Run], limit_s: float) -> list[Run]:
+    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
         limit_calls(self._remote, limit_s)
         structs, unsendable = events.event_runs(runs)
         try:
             try:
                 self._remote.forward(session, position, structs)
-            except _WHATEVER_IS_TRIED as wrong:
-                _log.warning("a batch can't be sent (%s)", describe(wrong))
+            except _PERMANENT_FAILURES as wrong:
+                _log.warning("a batch cannot be sent (%s)", describe(wrong))
                 self._remote.forward(session, position, [])
                 return runs
         except CORBA.SystemException as wrong:
@@ -57,15 +59,15 @@ class RemoteFeed:
     def __init__(self, orb: Orb, terms: Any) -> None:
         self.session, self.position = terms.session, terms.position
         uri = orb.uri(terms.feed)
-        # Two references, since each has a limit of its own: both are called at the same time.
+        # Two references with a timeout each, because both are called at the same time.
         self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
-        self._quick = orb.reference(uri, RoboCorba.GatewayFeed)
+        self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed)
         limit_calls(self._remote, CALL_LIMIT_S)
-        limit_calls(self._quick, ACKNOWLEDGE_LIMIT_S)
+        limit_calls(self._acknowledging, ACKNOWLEDGE_LIMIT_S)
 
-    def renew(self, position: int, news: list[Notice]) -> list[Notice]:
+    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         try:
-            return events.notices_of(self._remote.renew(self.session, position, events.notices(news)))
+            return events.advertisements_of(self._remote.renew(self.session, position, events.advertisements(news)))
         except RoboCorba.SessionOver:
             raise SessionOver("the peer has ended the session") from None
         except CORBA.SystemException as wrong:
@@ -73,32 +75,32 @@ class RemoteFeed:
 
     def acknowledge(self, position: int) -> None:
         try:
-            self._quick.acknowledge(self.session, position)
-        except CORBA.SystemException as wrong:  # the next renewal says it again
+            self._acknowledging.acknowledge(self.session, position)
+        except CORBA.SystemException as wrong:  # the next renewal acknowledges too
             _log.debug("acknowledgement lost (%s)", describe(wrong))
 
     def leave(self) -> None:
         try:
             self._remote.leave(self.session)
         except CORBA.Exception as wrong:
-            _log.info("the peer was not told that it was removed (%s)", describe(wrong))
+            _log.info("could not notify the peer that the link was removed (%s)", describe(wrong))
 
 
-class Joining:
+class PeerJoiner:
     """Finds peers, and joins their feeds on behalf of channel `name`."""
 
     def __init__(self, orb: Orb, name: str, channel: Any, gateway: Any) -> None:
         self._orb, self._name, self._channel, self._gateway = orb, name, channel, gateway
 
     def __call__(self, record: PeerRecord) -> tuple[RemoteFeed, str]:
-        """Begin a session: where the peer was last, else where its record or the naming service says.
+        """Begin a session at the peer's last reference, else at the address of its record or in the naming service.
 
         Raises NotReachable, InvalidPeer."""
         if record.reference:
             try:
                 return self._join(record, self._orb.reference(record.reference, RoboCorba.EventChannel))
             except (NotReachable, InvalidPeer):
-                pass  # it may have moved, and another may be there
+                pass  # the peer may have moved, and another one may be at its reference
         return self._join(record, self._find(record))
 
     def _find(self, record: PeerRecord) -> Any:

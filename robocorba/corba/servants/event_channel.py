@@ -13,12 +13,12 @@ from robocorba.corba.conversion.errors import translating
 from robocorba.errors.events import TooManyProxies
 from robocorba.events.channel import Channel
 from robocorba.events.links import Links
-from robocorba.events.proxies import Kind, Proxies, Proxy
+from robocorba.events.proxies import Proxies, Proxy, ProxyKind
 from robocorba.stubs import RoboCorba__POA
 
 
-class Objects(Protocol):
-    """The CORBA objects of a channel."""
+class ChannelObjects(Protocol):
+    """Gives access to the CORBA objects of a channel."""
 
     #: The admins, the feed that gateways join, and the gateway that feeds supply.
     consumer_admin: Any
@@ -26,23 +26,28 @@ class Objects(Protocol):
     feed: Any
 
     def of(self, proxy: Proxy) -> Any:
-        """The reference of a proxy, which is activated where it is not."""
+        """The reference of a proxy's object, which is activated on the first call."""
 
     def event_consumer(self, reference: Any) -> Any:
-        """The client at a consumer's reference."""
+        """The port of the consumer with this reference."""
 
     def gateway(self, reference: Any) -> Any:
-        """The port to a peer's gateway."""
+        """The port of a peer's gateway."""
 
     def uri(self, reference: Any) -> str:
         """The stringified reference."""
 
 
 class EventChannelServant(RoboCorba__POA.EventChannel):
-    """RoboCorba::EventChannel. on_destroyed is called once everybody is disconnected."""
+    """RoboCorba::EventChannel. on_destroyed: called when the channel was destroyed and all clients are disconnected."""
 
     def __init__(
-        self, channel: Channel, proxies: Proxies, links: Links, objects: Objects, on_destroyed: Callable[[], None]
+        self,
+        channel: Channel,
+        proxies: Proxies,
+        links: Links,
+        objects: ChannelObjects,
+        on_destroyed: Callable[[], None],
     ) -> None:
         self._channel, self._proxies, self._links, self._objects = channel, proxies, links, objects
         self._on_destroyed = on_destroyed
@@ -113,14 +118,14 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 class _Admin:
     """Base of both admins."""
 
-    def __init__(self, proxies: Proxies, objects: Objects) -> None:
+    def __init__(self, proxies: Proxies, objects: ChannelObjects) -> None:
         self._proxies, self._objects = proxies, objects
 
     @translating
-    def _obtain(self, kind: Kind) -> Any:
+    def _obtain(self, kind: ProxyKind) -> Any:
         try:
             return self._objects.of(self._proxies.obtain(kind))
-        except TooManyProxies:  # the standard has no exception for it
+        except TooManyProxies:  # the OMG interface has no exception for this
             raise CORBA.IMP_LIMIT(0, CORBA.COMPLETED_NO) from None
 
 
@@ -128,17 +133,17 @@ class SupplierAdminServant(_Admin, CosEventChannelAdmin__POA.SupplierAdmin):
     """Hands out proxies to suppliers."""
 
     def obtain_push_consumer(self) -> Any:
-        return self._obtain(Kind.PUSH_CONSUMER)
+        return self._obtain(ProxyKind.PUSH_CONSUMER)
 
     def obtain_pull_consumer(self) -> Any:
-        return self._obtain(Kind.PULL_CONSUMER)
+        return self._obtain(ProxyKind.PULL_CONSUMER)
 
 
 class ConsumerAdminServant(_Admin, CosEventChannelAdmin__POA.ConsumerAdmin):
     """Hands out proxies to consumers."""
 
     def obtain_push_supplier(self) -> Any:
-        return self._obtain(Kind.PUSH_SUPPLIER)
+        return self._obtain(ProxyKind.PUSH_SUPPLIER)
 
     def obtain_pull_supplier(self) -> Any:
-        return self._obtain(Kind.PULL_SUPPLIER)
+        return self._obtain(ProxyKind.PULL_SUPPLIER)

@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 
 class EventGatewayServant(RoboCorba__POA.EventGateway):
-    """RoboCorba::EventGateway: what feeds of peers forward to."""
+    """RoboCorba::EventGateway: receives events from the feeds of peers."""
 
     def __init__(self, links: Links) -> None:
         self._links = links
@@ -25,13 +25,13 @@ class EventGatewayServant(RoboCorba__POA.EventGateway):
         for struct in runs:
             try:
                 received.append(events.forwarded_run_of(struct))
-            except InvalidEvent as wrong:  # oneway: nobody could be told
-                _log.warning("a peer forwarded events that can't be used (%s)", wrong)
+            except InvalidEvent as wrong:  # oneway: cannot be reported to the peer
+                _log.warning("a peer forwarded invalid events (%s)", wrong)
         self._links.forward(session, position, received)
 
 
 class GatewayFeedServant(RoboCorba__POA.GatewayFeed):
-    """RoboCorba::GatewayFeed: what gateways of peers call."""
+    """RoboCorba::GatewayFeed: called by the gateways of peers."""
 
     def __init__(self, links: Links) -> None:
         self._links = links
@@ -39,12 +39,12 @@ class GatewayFeedServant(RoboCorba__POA.GatewayFeed):
     def acknowledge(self, session: str, position: int) -> None:
         try:
             self._links.acknowledge(session, position)
-        except SessionOver:  # oneway: nobody could be told; the next renewal tells
+        except SessionOver:  # oneway: the next renewal raises it
             return
 
     @translating
     def renew(self, session: str, position: int, news: Any) -> list[Any]:
-        return events.notices(self._links.renew(session, position, events.notices_of(news)))
+        return events.advertisements(self._links.renew(session, position, events.advertisements_of(news)))
 
     @translating
     def leave(self, session: str) -> None:

@@ -14,19 +14,19 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import Disconnected, InvalidEvent, ProxyGone
 from robocorba.events.inlet import Inlet
 from robocorba.events.outlet import PullOutlet
-from robocorba.events.proxies import Kind, Proxies
+from robocorba.events.proxies import Proxies, ProxyKind
 from robocorba.events.push_outlet import PushOutlet
 from robocorba.stubs import RoboCorba__POA
 
-#: A pull that found nothing for so long ends with TRANSIENT: perhaps nobody waits for the answer any more.
+#: Maximum duration of a pull [s]; then it raises TRANSIENT, because the client may be gone.
 PULL_LIMIT_S = 300.0
 
 
-class Clients(Protocol):
-    """Makes the clients of proxies of references."""
+class ClientFactory(Protocol):
+    """Makes the ports of clients from their references."""
 
-    def of(self, kind: Kind, reference: Any) -> Any:
-        """None for nil."""
+    def of(self, kind: ProxyKind, reference: Any) -> Any:
+        """The port of the client of a proxy of this kind; None for nil."""
 
 
 def _refuse_nil(reference: Any) -> None:
@@ -35,21 +35,21 @@ def _refuse_nil(reference: Any) -> None:
 
 
 class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
-    """RoboCorba::EventProxyPushConsumer: where a supplier pushes."""
+    """RoboCorba::EventProxyPushConsumer: a supplier pushes to it."""
 
-    def __init__(self, inlet: Inlet, proxies: Proxies, clients: Clients) -> None:
+    def __init__(self, inlet: Inlet, proxies: Proxies, clients: ClientFactory) -> None:
         self._inlet, self._proxies, self._clients = inlet, proxies, clients
 
     @translating
     def connect_push_supplier(self, supplier: Any) -> None:
-        self._proxies.connect(self._inlet, self._clients.of(Kind.PUSH_CONSUMER, supplier))
+        self._proxies.connect(self._inlet, self._clients.of(ProxyKind.PUSH_CONSUMER, supplier))
 
-    # These two run for every event: without a wrapper around them.
+    # Without decorator, because these two methods run for every event.
 
     def push(self, value: Any) -> None:
         try:
             self._inlet.push(events.run_of_any(value))
-        except InvalidEvent:  # the standard has no exception for it
+        except InvalidEvent:  # the OMG interface has no exception for this
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
         except RoboCorbaError as error:
             raise_idl(error)
@@ -62,7 +62,7 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
 
     @translating
     def pushRuns(self, runs: Any) -> None:
-        for run in [events.run_of(struct) for struct in runs]:  # all are checked before any goes in
+        for run in [events.run_of(struct) for struct in runs]:  # check all runs before publishing any
             if run.payloads:
                 self._inlet.push(run)
 
@@ -75,15 +75,15 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
 
 
 class PullConsumerServant(CosEventChannelAdmin__POA.ProxyPullConsumer):
-    """CosEventChannelAdmin::ProxyPullConsumer: asks a supplier for events."""
+    """CosEventChannelAdmin::ProxyPullConsumer: polls a supplier for events."""
 
-    def __init__(self, inlet: Inlet, proxies: Proxies, clients: Clients) -> None:
+    def __init__(self, inlet: Inlet, proxies: Proxies, clients: ClientFactory) -> None:
         self._inlet, self._proxies, self._clients = inlet, proxies, clients
 
     @translating
     def connect_pull_supplier(self, supplier: Any) -> None:
         _refuse_nil(supplier)
-        self._proxies.connect(self._inlet, self._clients.of(Kind.PULL_CONSUMER, supplier))
+        self._proxies.connect(self._inlet, self._clients.of(ProxyKind.PULL_CONSUMER, supplier))
 
     @translating
     def disconnect_pull_consumer(self) -> None:
@@ -94,14 +94,18 @@ class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
     """RoboCorba::EventProxyPushSupplier: calls a consumer."""
 
     def __init__(
-        self, outlet: PushOutlet, proxies: Proxies, clients: Clients, is_in_force: Callable[[PushOutlet, str], bool]
+        self,
+        outlet: PushOutlet,
+        proxies: Proxies,
+        clients: ClientFactory,
+        is_in_force: Callable[[PushOutlet, str], bool],
     ) -> None:
         self._outlet, self._proxies, self._clients, self._is_in_force = outlet, proxies, clients, is_in_force
 
     @translating
     def connect_push_consumer(self, consumer: Any) -> None:
         _refuse_nil(consumer)
-        self._proxies.connect(self._outlet, self._clients.of(Kind.PUSH_SUPPLIER, consumer))
+        self._proxies.connect(self._outlet, self._clients.of(ProxyKind.PUSH_SUPPLIER, consumer))
 
     @translating
     def changeSubscription(self, wanted: Any) -> None:
@@ -128,14 +132,14 @@ class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
 
 
 class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
-    """RoboCorba::EventProxyPullSupplier: keeps events for a consumer that fetches them."""
+    """RoboCorba::EventProxyPullSupplier: queues events for a consumer that pulls them."""
 
-    def __init__(self, outlet: PullOutlet, proxies: Proxies, clients: Clients) -> None:
+    def __init__(self, outlet: PullOutlet, proxies: Proxies, clients: ClientFactory) -> None:
         self._outlet, self._proxies, self._clients = outlet, proxies, clients
 
     @translating
     def connect_pull_consumer(self, consumer: Any) -> None:
-        self._proxies.connect(self._outlet, self._clients.of(Kind.PULL_SUPPLIER, consumer))
+        self._proxies.connect(self._outlet, self._clients.of(ProxyKind.PULL_SUPPLIER, consumer))
 
     @translating
     def changeSubscription(self, wanted: Any) -> None:
@@ -156,7 +160,7 @@ class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
     def _pulled(self, limit_s: float) -> Any:
         try:
             return self._outlet.pull(limit_s)
-        except ProxyGone:  # to one who waited, or came at the same moment, the standard says it in its own words
+        except ProxyGone:  # as the OMG standard requires for a call in progress
             raise Disconnected("the proxy was disconnected") from None
 
     @translating

@@ -1,4 +1,4 @@
-"""Servant that a foreign channel pushes to."""
+"""The servant that a foreign channel pushes to."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import CosEventComm__POA
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.contents import content_of
 from robocorba.errors.events import InvalidEvent
-from robocorba.events.event import Run
+from robocorba.events.event import EventRun
 
 _log = logging.getLogger(__name__)
 
 
 class ForeignConsumerServant(CosEventComm__POA.PushConsumer):
-    """CosEventComm::PushConsumer. `receive` gets each event and its content, None for one that has an origin."""
+    """CosEventComm::PushConsumer. receive: called with each event and its content, None for an event with an origin."""
 
-    def __init__(self, receive: Callable[[Run, Hashable], None], uri: Callable[[Any], str]) -> None:
+    def __init__(self, receive: Callable[[EventRun, Hashable], None], uri: Callable[[Any], str]) -> None:
         self._receive, self._uri = receive, uri
 
     def push(self, value: Any) -> None:
         try:
-            run = events.run_from_elsewhere(value)
+            run = events.run_from_foreign_channel(value)
         except InvalidEvent as wrong:
-            _log.warning("a foreign channel pushed an event that can't be used (%s)", wrong)
+            _log.warning("a foreign channel pushed an invalid event (%s)", wrong)
             return
         self._receive(run, None if run.header.origin else content_of(value, self._uri))
 

@@ -1,8 +1,8 @@
-"""The brokers that are compared, each behind the same few calls."""
+"""The brokers that are compared, behind a common interface."""
 
 from __future__ import annotations
 
-import omniORB  # noqa: F401  the standard's stubs can be imported from here on
+import omniORB  # noqa: F401  makes the OMG stubs importable
 
 from bench.events.channel.peers import mosquitto, nats, omnievents, ours, redis, relay, zenoh, zeromq
 from bench.events.channel.peers.base import Peer
@@ -28,5 +28,5 @@ PEERS: dict[str, Peer] = {
 
 
 def installed() -> list[str]:
-    """Names of those that can run here."""
+    """Names of the peers that can run here."""
     return [name for name, peer in PEERS.items() if not peer.missing()]

@@ -1,4 +1,4 @@
-"""What a broker has to offer to be compared."""
+"""The interface of a broker in these benches."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from typing import NamedTuple, Protocol
 
 Receive = Callable[[Sequence[bytes]], None]
 _START_LIMIT_S = 20.0
-#: Debian keeps servers where the path of an ordinary user does not lead.
+#: Debian installs servers in folders that are not in the PATH of ordinary users.
 _SERVER_FOLDERS = "/usr/sbin:/usr/local/sbin"
 
 
 class Broker(NamedTuple):
-    """A broker that runs. pid: of the process that passes the events on."""
+    """A running broker. pid: of the process that forwards the events."""
 
     address: str
     pid: int
@@ -32,10 +32,10 @@ class Supplier(Protocol):
         """Send one event, as the client library sends one."""
 
     def flood(self, payloads: Iterable[bytes]) -> None:
-        """Send them one after another as fast as it goes; all are on their way when it returns."""
+        """Send events one by one as fast as possible; all are sent when it returns."""
 
     def push_run(self, payloads: Sequence[bytes]) -> None:
-        """Send several in one go. Raises NotImplementedError where the client library has no such call."""
+        """Send several events in one call. Raises NotImplementedError if the client library has no such call."""
 
 
 class Peer(Protocol):
@@ -46,7 +46,7 @@ class Peer(Protocol):
     batches: bool
 
     def missing(self) -> str:
-        """What is not installed here, empty where it can run."""
+        """What is not installed here, empty if the peer can run."""
 
     def broker(self, folder: Path, start: Start) -> AbstractContextManager[Broker]:
         """The broker, while the `with` lasts."""
@@ -59,14 +59,14 @@ class Peer(Protocol):
 
 
 class Start(Protocol):
-    """Starts a process that lives as long as the bench; its output goes to a file of the bench's folder."""
+    """Starts a process that ends with the bench; its output goes to a file in the folder of the bench."""
 
     def __call__(self, *command: str) -> int:
         """The process id."""
 
 
 class OneByOne:
-    """Base of suppliers whose library knows single events only."""
+    """Base of suppliers whose library sends single events only."""
 
     def push(self, payload: bytes) -> None:
         raise NotImplementedError
@@ -81,32 +81,32 @@ class OneByOne:
 
 
 def program(name: str) -> str:
-    """Where a program is, empty where there is none."""
+    """Path of a program, empty if it is not installed."""
     return shutil.which(name) or shutil.which(name, path=_SERVER_FOLDERS) or ""
 
 
 def lacking(*, programs: Sequence[str] = (), modules: Sequence[str] = ()) -> str:
-    """Which of them are not installed, as text."""
+    """The programs and modules that are not installed, as text."""
     absent = [name for name in programs if not program(name)]
     absent += [name for name in modules if importlib.util.find_spec(name) is None]
     return ", ".join(absent)
 
 
 def free_port() -> int:
-    """A TCP port of loopback that nobody listens on now."""
+    """A free TCP port of the loopback interface."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def listening(port: int) -> None:
-    """Wait until somebody listens there. Raises TimeoutError."""
+    """Wait until a process listens on a port of the loopback interface. Raises TimeoutError."""
     deadline = time.monotonic() + _START_LIMIT_S
     while time.monotonic() < deadline:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
             return
         time.sleep(0.02)
-    raise TimeoutError(f"nobody listens on port {port}")
+    raise TimeoutError(f"no process listens on port {port} after {_START_LIMIT_S:g} s")
 
 
 def split(address: str) -> tuple[str, int]:

@@ -1,4 +1,4 @@
-"""Plain clients of any CORBA event channel: one `any` a call, as the standard has it."""
+"""Plain clients of any CORBA event channel: one `any` a call, as in the OMG standard."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PlainSupplier(OneByOne):
 
 
 class PlainConsumer(CosEventComm__POA.PushConsumer):
-    """Takes events of `channel` until `close`."""
+    """Consumes events of `channel` until `close`."""
 
     def __init__(self, orb: Orb, channel: Any, receive: Receive) -> None:
         self._receive = receive

@@ -44,7 +44,7 @@ class Mosquitto:
     def broker(self, folder: Path, start: Start) -> Iterator[Broker]:
         port = free_port()
         settings = folder / f"mosquitto-{port}.conf"
-        # Without limits a subscriber that is behind loses nothing, which is what the others do as well.
+        # No limits, so that a slow subscriber loses no messages, as with the other brokers.
         settings.write_text(
             f"listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
             "max_queued_messages 0\nmax_inflight_messages 0\n"
@@ -62,7 +62,7 @@ class Mosquitto:
             client.loop(0.1)
         self._no_delay(client)
         try:
-            yield _Supplier(client)  # without a thread of the client's, a publish writes to the socket itself
+            yield _Supplier(client)  # without a network thread, publish() writes to the socket directly
         finally:
             client.disconnect()
 

@@ -13,7 +13,7 @@ from bench.events.channel.peers.base import Broker, OneByOne, Receive, Start, fr
 
 _TOPIC = "bench"
 _LIMIT_S = 10.0
-#: A flood lets the client's writer run after so many.
+#: Number of events after which a flood lets the client's writer task run.
 _TOGETHER = 100
 
 
@@ -26,7 +26,7 @@ class _Supplier(OneByOne):
 
     async def _say(self, payload: bytes) -> None:
         await self._client.publish(_TOPIC, payload)
-        for _ in range(3):  # its writer is a task of its own
+        for _ in range(3):  # let the writer task run
             await asyncio.sleep(0)
 
     def flood(self, payloads: Iterable[bytes]) -> None:
@@ -81,7 +81,7 @@ class Nats:
             receive((message.data,))
 
         client = await self._connect(address)
-        # Without limits of its own: losses should come from the delivery.
+        # No limits of the client: only losses of the delivery should count.
         await client.subscribe(_TOPIC, cb=take, pending_msgs_limit=-1, pending_bytes_limit=-1)
         await client.flush(_LIMIT_S)
         return client

@@ -1,4 +1,4 @@
-"""omniEvents, with the period of its channel set to a microsecond; its default of 100 ms is no match."""
+"""omniEvents with a channel period of 1 us; its default of 100 ms would not be comparable."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class OmniEvents:
 
 
 def _orb() -> Orb:
-    return Orb(Address("127.0.0.1", 1))  # nobody listens on port 1: the channel is called by corbaloc
+    return Orb(Address("127.0.0.1", 1))  # an unused port: the channel is called by corbaloc, without a naming service
 
 
 PEER = OmniEvents()

@@ -28,9 +28,9 @@ from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
 
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
-#: Nothing is lost: a supplier that is too fast waits.
+#: Lossless: a full queue blocks the supplier.
 LOSSLESS = QueuePolicy(20_000, OverflowRule.BLOCK_SUPPLIER, 10.0)
-#: Events that wait for a consumer of BOUNDED; the oldest ones go beyond.
+#: Queue size of a consumer of BOUNDED [events]; beyond it the oldest are discarded.
 BOUND = 500
 _START_LIMIT_S = 20.0
 
@@ -54,7 +54,7 @@ class HeaderSupplier(OneByOne):
 
 
 class BatchConsumer(RoboCorba__POA.EventConsumer):
-    """Takes runs. `proxy` is what serves it."""
+    """Takes runs of events. proxy: the proxy that serves it."""
 
     def __init__(self, orb: Orb, channel: Any, receive: Receive, policy: QueuePolicy = LOSSLESS) -> None:
         self._receive = receive
@@ -79,7 +79,7 @@ class BatchConsumer(RoboCorba__POA.EventConsumer):
 
 
 class AnyBatchConsumer(BatchConsumer):
-    """The same for events of plain suppliers, which come as CDR encapsulations of their `any`: these end with them."""
+    """For events of plain suppliers. Their payload is the CDR encapsulation of the `any`, which ends with the stamp."""
 
     def pushRuns(self, runs: Any) -> None:
         for run in runs:
@@ -118,7 +118,7 @@ class ClientConsumer:
 
 
 class Ours:
-    """supply and consume make the two ends of a channel. before: stands before the command that starts the channel."""
+    """supply, consume: make the supplier and the consumer. before: prefix of the command that starts the channel."""
 
     batches = True
 

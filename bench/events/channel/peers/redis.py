@@ -46,7 +46,7 @@ class Redis:
     @contextlib.contextmanager
     def broker(self, folder: Path, start: Start) -> Iterator[Broker]:
         port = free_port()
-        # Never to end a subscriber that is behind: losses should come from the delivery, not from a limit.
+        # Never disconnect a slow subscriber: only losses of the delivery should count.
         limits = ("--client-output-buffer-limit", "pubsub", "0", "0", "0")
         quiet = ("--bind", "127.0.0.1", "--save", "", "--appendonly", "no", "--dir", str(folder))
         pid = start(program("redis-server"), "--port", str(port), *quiet, *limits)

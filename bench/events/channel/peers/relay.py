@@ -1,4 +1,4 @@
-"""What any channel costs that is a Python process on omniORB: a servant that hands each event on, and keeps nothing.
+"""Lower bound for a channel in Python on omniORB: a servant that forwards each event without any state.
 
 python -m bench.events.channel.peers.relay PORT is that process.
 """
@@ -21,7 +21,7 @@ from robocorba.settings import Address
 
 
 class Entrance(CosEventChannelAdmin__POA.ProxyPushConsumer):
-    """`push` is the consumer's, once there is one."""
+    """Its `push` is the method of the consumer, once connected."""
 
     def connect_push_supplier(self, supplier: Any) -> None:
         pass
@@ -31,7 +31,7 @@ class Entrance(CosEventChannelAdmin__POA.ProxyPushConsumer):
 
 
 class Exit(CosEventChannelAdmin__POA.ProxyPushSupplier):
-    """For one consumer."""
+    """Connects the one consumer."""
 
     def __init__(self, entrance: Entrance) -> None:
         self._entrance = entrance
@@ -44,7 +44,7 @@ class Exit(CosEventChannelAdmin__POA.ProxyPushSupplier):
 
 
 class Ends:
-    """Stands in the clients for the channel that they ask for a proxy."""
+    """The channel object of the clients, from which they obtain the proxies."""
 
     def __init__(self, orb: Orb, address: str) -> None:
         self._orb, self._address = orb, address
@@ -87,7 +87,7 @@ class BareRelay:
 
 
 def orb_without_names(endpoint: Address | None = None) -> Orb:
-    """Nobody listens on port 1: everything is called by corbaloc."""
+    """An ORB without naming service (port 1 is unused); objects are called by corbaloc."""
     return Orb(Address("127.0.0.1", 1), endpoint)
 
 

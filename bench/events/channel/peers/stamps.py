@@ -1,4 +1,4 @@
-"""The events of these benches: 100 bytes that say who sent them, as which one, and when."""
+"""The payloads of these benches: 100 bytes with supplier, number and time."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ import numpy as np
 SIZE = 100
 _STAMP = struct.Struct("<QQ")
 _REST = bytes(SIZE - _STAMP.size)
-#: A number holds its supplier above these bits.
+#: The bits of a stamp above these are the supplier, the lower ones the number.
 _SUPPLIER_SHIFT = 48
 
 
 def stamped(number: int, supplier: int = 0) -> bytes:
-    """Event `number` of a supplier, made now. CLOCK_MONOTONIC is the same in all processes of a machine."""
+    """Event `number` of a supplier with the current time of CLOCK_MONOTONIC, which all processes of a machine share."""
     return _STAMP.pack(supplier << _SUPPLIER_SHIFT | number, time.monotonic_ns()) + _REST
 
 
 def stamped_run(first: int, count: int, supplier: int = 0) -> list[bytes]:
-    """`count` events from number `first` on, all made now."""
+    """`count` events from number `first` on, with the current time."""
     base, now = supplier << _SUPPLIER_SHIFT | first, time.monotonic_ns()
     return [_STAMP.pack(base + place, now) + _REST for place in range(count)]
 
 
 class Arrivals(NamedTuple):
-    """What a consumer got, in the order in which it came. Arrays of equal length; moments in ns of CLOCK_MONOTONIC."""
+    """The events of a consumer in order of arrival. Arrays of equal length; times in ns of CLOCK_MONOTONIC."""
 
     suppliers: np.ndarray
     numbers: np.ndarray
@@ -41,17 +41,17 @@ class Arrivals(NamedTuple):
 
     @property
     def latencies_us(self) -> np.ndarray:
-        """From just before the call that sent it to its arrival in the consumer's own code."""
+        """From just before the sending call to the arrival in the code of the consumer [us]."""
         return (self.came - self.made) / 1e3
 
     def from_number(self, first: int) -> Arrivals:
-        """Those whose number is at least `first`."""
+        """The events whose number is at least `first`."""
         keep = self.numbers >= first
         return Arrivals(*(column[keep] for column in self))
 
 
 class Quality(NamedTuple):
-    """How a delivery went: 0 for everything is perfect. misordered: events that came after a later one."""
+    """Errors of a delivery. misordered: events that arrived after a later one."""
 
     lost: int
     repeated: int
@@ -59,7 +59,7 @@ class Quality(NamedTuple):
 
 
 def quality(arrivals: Arrivals, sent: Sequence[range]) -> Quality:
-    """Compare with the numbers that each supplier sent. Order is that of each supplier; there is none among them."""
+    """Compare the arrivals with the numbers that each supplier sent. The order counts for each supplier alone."""
     lost = repeated = misordered = 0
     for supplier, numbers in enumerate(sent):
         got = arrivals.numbers[arrivals.suppliers == supplier].astype(np.int64)
@@ -73,14 +73,14 @@ def quality(arrivals: Arrivals, sent: Sequence[range]) -> Quality:
 
 
 def gaps(arrivals: Arrivals, sent: range) -> list[tuple[int, int]]:
-    """What of the numbers that one supplier sent did not come: (start, stop) of each stretch, rising."""
+    """The missing numbers of one supplier: (start, stop) of each contiguous range, ascending."""
     missing = np.setdiff1d(np.arange(sent.start, sent.stop), arrivals.numbers)
     stretches = np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1)
     return [(int(stretch[0]), int(stretch[-1]) + 1) for stretch in stretches if len(stretch)]
 
 
 class Tally:
-    """Collects what arrives. It only keeps it, so that no broker pays for the checks; `arrivals` looks inside."""
+    """Stores what arrives. `take` evaluates it later, so that the evaluation does not slow the broker down."""
 
     def __init__(self) -> None:
         self._came: list[int] = []
@@ -89,7 +89,7 @@ class Tally:
         self.count = 0
 
     def receive(self, payloads: Sequence[bytes]) -> None:
-        """Called with what came in one go, from any thread."""
+        """Store the payloads of one call; from any thread."""
         moment = time.monotonic_ns()
         with self._lock:
             self._came.append(moment)
@@ -97,13 +97,13 @@ class Tally:
             self.count += len(payloads)
 
     def take(self) -> Arrivals:
-        """What has come since the last time."""
+        """The arrivals since the last call."""
         with self._lock:
             came, payloads, self._came, self._payloads, self.count = self._came, self._payloads, [], [], 0
         return _arrivals(came, payloads)
 
     def wait(self, count: int, quiet_s: float, limit_s: float) -> None:
-        """Until `count` events have come, or none came for `quiet_s`, or `limit_s` have passed."""
+        """Wait until `count` events have arrived, or none arrived for `quiet_s`, at most `limit_s`."""
         deadline = time.monotonic() + limit_s
         before, changed_at = -1, time.monotonic()
         while (now := time.monotonic()) < deadline and self.count < count:

@@ -68,7 +68,7 @@ def _session(mode: str, how: str, address: str) -> Any:
     for key, value in (
         ("mode", f'"{mode}"'),
         (f"{how}/endpoints", f'["tcp/{address}"]'),
-        ("scouting/multicast/enabled", "false"),  # it would find other zenohs of this network
+        ("scouting/multicast/enabled", "false"),  # it would find other Zenoh processes in this network
     ):
         config.insert_json5(key, value)
     return zenoh.open(config)

@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.events.channel.peers.base import Broker, OneByOne, Receive, Start, free_port, lacking, listening
 
-#: Publishers connect in the background, and what they send before is lost.
+#: Publishers connect in the background and lose events before that: timeout for the first subscription [s].
 _CONFIRM_S = 10.0
 _HELLO = b"hello"
 
@@ -48,7 +48,7 @@ class ZeroMq:
         with _context() as context:
             socket = _socket(context, zmq.XPUB)
             socket.connect(f"tcp://127.0.0.1:{address.split()[0]}")
-            if not socket.poll(int(_CONFIRM_S * 1000)):  # the subscription of a consumer, passed on by the forwarder
+            if not socket.poll(int(_CONFIRM_S * 1000)):  # a consumer's subscription, passed on by the forwarder
                 raise TimeoutError("no subscription reached the publisher")
             yield _Supplier(socket)
 
@@ -94,7 +94,7 @@ def _socket(context: Any, kind: int) -> Any:
 
     socket = context.socket(kind)
     for option in (zmq.SNDHWM, zmq.RCVHWM):
-        socket.setsockopt(option, 0)  # by default a queue drops what is beyond 1000
+        socket.setsockopt(option, 0)  # no limit; by default a queue drops messages beyond 1000
     return socket
 
 
