@@ -74,14 +74,14 @@ def import_(
     """Turn a foreign map into a native map file and list what was lost on the way."""
     from robocorba.maps import checking, native
 
-    with _telling("map import"):
+    with _reporting_errors("map import"):
         imported = _read(file, unknown, specks)
         building = imported.building
-        _tell_losses(imported.losses)
+        _print_losses(imported.losses)
         if topology:
             for name in building.floors:
-                building = _with_roads(building, name, radius)
-        _warn(checking.blocked(building))
+                building = _with_roadmap(building, name, radius)
+        _print_warnings(checking.blocked(building))
         native.save(building, output)
         typer.echo(f"wrote {output}: {_summary(building)}")
 
@@ -97,10 +97,10 @@ def export(
     """Write a map in another format and list what that format can't hold."""
     from robocorba.maps.formats import write_map
 
-    with _telling("map export"):
+    with _reporting_errors("map export"):
         building = _read(file).building
         exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
-        _tell_losses(exported.losses)
+        _print_losses(exported.losses)
         for written in exported.files:
             typer.echo(f"wrote {written}")
 
@@ -115,7 +115,7 @@ def show(
     """Draw the floors of a map as a picture."""
     from robocorba.maps.drawing import draw_building, draw_floor
 
-    with _telling("map show"):
+    with _reporting_errors("map show"):
         building = _read(file).building
         if floor and floor not in building.floors:
             raise typer.BadParameter(f"there is no floor {floor!r}; there are {', '.join(building.floors)}")
@@ -136,9 +136,9 @@ def check(
     Warnings say what is blocked, and what no robot of the radius reaches."""
     from robocorba.maps.checking import findings
 
-    with _telling("map check"):
+    with _reporting_errors("map check"):
         imported = _read(file)
-        _tell_losses(imported.losses)
+        _print_losses(imported.losses)
         building = imported.building
         for name, elevator in building.elevators.items():
             if len(elevator.floors()) < 2:
@@ -147,12 +147,12 @@ def check(
             if not entry.topological.edges:
                 missing = "edges" if entry.topological.nodes else "topological map"
                 typer.echo(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` draws roads")
-        warnings = _warn(findings(building, radius))
+        warnings = _print_warnings(findings(building, radius))
         verdict = f"can be served: {warnings} warning{'s' * (warnings > 1)}" if warnings else "is sound"
         typer.echo(f"{file} {verdict}: {_summary(building)}")
 
 
-def _with_roads(building: Building, floor: str, radius_m: float) -> Building:
+def _with_roadmap(building: Building, floor: str, radius_m: float) -> Building:
     """The building with roads on a floor that has none, by way of its nodes; says what was drawn."""
     from robocorba.maps.losses import listed
     from robocorba.maps.topology import topological_map
@@ -174,7 +174,7 @@ def _with_roads(building: Building, floor: str, radius_m: float) -> Building:
     return msgspec.structs.replace(building, floors=floors)
 
 
-def _warn(found: Iterable[Finding]) -> int:
+def _print_warnings(found: Iterable[Finding]) -> int:
     """Print findings, a line for each kind; returns the number of lines."""
     from robocorba.maps.checking import summaries
 
@@ -184,7 +184,7 @@ def _warn(found: Iterable[Finding]) -> int:
     return len(lines)
 
 
-class _telling:
+class _reporting_errors:
     """Turns our errors into one line on stderr and exit code 1."""
 
     def __init__(self, command: str) -> None:
@@ -207,7 +207,7 @@ def _read(file: str, unknown: Unknown = Unknown.BLOCKED, specks: Specks = Specks
     return read_map(path, unknown=unknown.value, specks=specks.value)
 
 
-def _tell_losses(losses: tuple[str, ...]) -> None:
+def _print_losses(losses: tuple[str, ...]) -> None:
     for loss in losses:
         typer.echo(f"lost: {loss}")
 

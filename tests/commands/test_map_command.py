@@ -83,7 +83,7 @@ def test_check_says_what_is_blocked_and_what_no_robot_reaches() -> None:
     assert native.load("out.yaml") == native.load("locked.yaml")
     assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-2:] == [
         "warning: elevators that a robot of radius 0.70 m can't enter (1): "
-        "E1 (its widest door has 1.20 m, 1.40 m needed)",
+        "E1 (its widest door is 1.20 m wide, 1.40 m needed)",
         "two.yaml can be served: 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
     ]
     assert robocorba_map("check", "two.yaml", "--radius", "-1").exit_code == 2

@@ -67,10 +67,10 @@ def element(value: Element) -> Any:
     if isinstance(value, Wall):
         return RoboCorba.Element(aWall=RoboCorba.Wall(value.name, xy(value.a), xy(value.b), value.height))
     if isinstance(value, MapObject):
-        thing = RoboCorba.MapObject(
+        map_object = RoboCorba.MapObject(
             value.name, _shape(value.shape), xy(value.at), value.heading, value.height, value.movable
         )
-        return RoboCorba.Element(anObject=thing)
+        return RoboCorba.Element(anObject=map_object)
     if isinstance(value, Door):
         door = RoboCorba.Door(value.name, xy(value.a), xy(value.b), _DOOR_KINDS[value.kind], value.locked)
         return RoboCorba.Element(aDoor=door)

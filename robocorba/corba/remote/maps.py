@@ -15,7 +15,7 @@ from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap
 from robocorba.stubs import RoboCorba
 
 #: The topological map is the path planning agent's.
-LEFT_OUT = (ElementKind.NODE, ElementKind.EDGE)
+EXCLUDED_KINDS = (ElementKind.NODE, ElementKind.EDGE)
 #: A map editor that compiles for the first time takes a while; who starts us waits no longer than that.
 LOAD_LIMIT_S = 300.0
 
@@ -32,7 +32,7 @@ class RemoteMap:
         before = self.version
         try:
             if self._editor._get_currentVersion() != before:
-                self._catch_up()
+                self._apply_changes()
         except RoboCorba.VersionUnavailable:
             self._load()
         except CORBA.SystemException as wrong:
@@ -59,18 +59,18 @@ class RemoteMap:
             raise NotReachable(f"the map editor does not hand out its map ({describe(wrong)})") from None
         self.building = building
         with contextlib.suppress(RoboCorba.VersionUnavailable):
-            self._catch_up()  # with edits that came while it was loaded
+            self._apply_changes()  # with edits that came while it was loaded
 
     def _elements(self, kind: ElementKind, floor: str) -> dict[str, Any]:
         records = self._editor.elements(getattr(RoboCorba, f"{kind.name}_ELEMENT"), floor)
         return {element.name: element for element in (maps.element_of(record.value) for record in records)}
 
-    def _catch_up(self) -> None:
+    def _apply_changes(self) -> None:
         building, version = self.building, self.version
         for change in self._editor.changesSince(version):
             version, element = change.changedTo, maps.element_of(change.value)
             kind = KIND_OF[type(element)]
-            if kind in LEFT_OUT:
+            if kind in EXCLUDED_KINDS:
                 continue
             if change.kind == RoboCorba.REMOVED:
                 with contextlib.suppress(KeyError):

@@ -14,14 +14,14 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps.model import PathNode
 from robocorba.stubs import RoboCorba
 
-FIND_LIMIT_S = 5.0
+RESOLVE_TIMEOUT_S = 5.0
 
 
 def free_places(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
     """Floor, x and y (m) of the nodes of the topological map on a floor, of the first one where `floor` is empty.
 
     Raises UnknownFloor, NotReachable."""
-    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_LIMIT_S)
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
     try:
         floors = [maps.element_of(record.value).name for record in editor.elements(RoboCorba.FLOOR_ELEMENT, "")]
         if floor and floor not in floors:

@@ -11,9 +11,9 @@ from shapely.geometry.base import BaseGeometry
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 #: Cells of the largest grid that is read or written (5792 x 5792).
-MOST_CELLS = 2**25
+MAX_CELLS = 2**25
 #: Sides of cells between two kinds of cells that are followed: a map has far less, noise has more.
-MOST_SIDES = 2**20
+MAX_SIDES = 2**20
 
 
 def count_sides(region: np.ndarray) -> int:

@@ -32,12 +32,12 @@ def open_store(path: Path, building: Path | None) -> MapStore:
     from another file. Raises StateMismatch where edits would be lost, MapFileError
     where a file is wrong, AlreadyRunning where another process has the store open."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    note = path.with_suffix(".origin.json")
+    origin_file = path.with_suffix(".origin.json")
     if MapStore.exists(path):
         if building is None:
             return MapStore(path)
         origin = _origin(building)
-        if _noted(note) == origin:
+        if _read_origin(origin_file) == origin:
             return MapStore(path)
         with MapStore(path) as store:
             stored = store.load()
@@ -58,7 +58,7 @@ def open_store(path: Path, building: Path | None) -> MapStore:
         _log.warning("%s: %s", file, summary)
     path.unlink(missing_ok=True)  # only now that there is something to put in its place
     store = MapStore.create(path, imported.building)
-    note.write_bytes(msgspec.json.encode(_origin(file)))
+    origin_file.write_bytes(msgspec.json.encode(_origin(file)))
     return store
 
 
@@ -69,8 +69,8 @@ def _origin(file: Path) -> Origin:
         raise MapFileError(str(file), 0, "", wrong.strerror or str(wrong)) from None
 
 
-def _noted(note: Path) -> Origin | None:
+def _read_origin(origin_file: Path) -> Origin | None:
     try:
-        return msgspec.json.decode(note.read_bytes(), type=Origin)
+        return msgspec.json.decode(origin_file.read_bytes(), type=Origin)
     except (OSError, msgspec.DecodeError):
         return None

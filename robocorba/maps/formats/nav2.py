@@ -37,7 +37,7 @@ def write(building: Building, path: str | Path) -> Exported:
         }
         write_file(target, (json.dumps(graph, indent=1, ensure_ascii=False) + "\n").encode())
         files.append(target)
-        if any(_left_out(entry)):
+        if any(_dropped_collections(entry)):
             losses.add("walls, objects, doors and areas are not part of a route graph: {names}", floor)
     for name, elevator in building.elevators.items():
         floors = ", ".join(elevator.floors())
@@ -48,7 +48,7 @@ def write(building: Building, path: str | Path) -> Exported:
     return Exported(tuple(files), losses.sentences())
 
 
-def _left_out(entry: FloorMap) -> tuple[Any, ...]:
+def _dropped_collections(entry: FloorMap) -> tuple[Any, ...]:
     """What of the geometrical map a route graph leaves out."""
     plan = entry.geometrical
     return plan.walls, plan.objects, plan.doors, plan.areas
@@ -60,8 +60,8 @@ def _features(entry: FloorMap, ids: Iterator[int]) -> Iterator[dict[str, Any]]:
     for node in plan.nodes.values():
         yield _node(node, entry.floor.name, id_of[node.name])
     for edge in plan.edges.values():
-        ways = [(edge.a, edge.b)] if edge.one_way else [(edge.a, edge.b), (edge.b, edge.a)]
-        for start, end in ways:
+        directions = [(edge.a, edge.b)] if edge.one_way else [(edge.a, edge.b), (edge.b, edge.a)]
+        for start, end in directions:
             yield _edge(edge, plan.nodes[start], plan.nodes[end], next(ids), id_of)
 
 

@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import msgspec
 
 from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
-from robocorba.maps.formats.openrmf_lanes import Names, lanes_of
+from robocorba.maps.formats.openrmf_lanes import UniqueNames, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
 from robocorba.maps.formats.openrmf_outline import Outline, outline_of
 from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
 from robocorba.maps.formats.yaml_item import Item
-from robocorba.maps.losses import Imported, Losses, settle
+from robocorba.maps.losses import Imported, Losses, remove_invalid_elements
 from robocorba.maps.model import (
     Building,
     Door,
@@ -77,7 +77,7 @@ def read(file: YamlFile) -> Imported:
     listed = root.get("lifts")
     lifts = read_lifts(listed, levels, reference, placements, losses)
     # Lifts that break a rule go first: no outline is extended and no lane lost for a lift that is left out.
-    lifts = settle(Building("lifts", empty, lifts), losses, file).elevators
+    lifts = remove_invalid_elements(Building("lifts", empty, lifts), losses, file).elevators
     left_out = {name for name, _ in listed.members() if name not in lifts} if listed else set()
     by_name = {level.name: level for level in levels}
     floors: dict[str, FloorMap] = {}
@@ -85,13 +85,13 @@ def read(file: YamlFile) -> Imported:
         level, place = by_name[name], placements[name]
         shafts = [lift for lift in lifts.values() if name in lift.floors()]
         outline = outline_of(level, place, shafts, losses)
-        _report_rest(level, losses)
+        _report_dropped(level, losses)
         floors[name] = FloorMap(
             msgspec.structs.replace(entry.floor, outline=outline.points),
             GeometricalMap(
-                walls=_inside(_walls(level, place, losses), outline, name, losses),
+                walls=_within_outline(_walls(level, place, losses), outline, name, losses),
                 objects=outline.voids,
-                doors=_inside(_doors(level, place, losses), outline, name, losses),
+                doors=_within_outline(_doors(level, place, losses), outline, name, losses),
             ),
             lanes_of(level, place, lifts, left_out, graphs, losses),
         )
@@ -100,7 +100,7 @@ def read(file: YamlFile) -> Imported:
             losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
     title = root.get("name") or root.get("building_name")
     building = Building((title.text() if title else "") or "building", floors, lifts)
-    return Imported(settle(building, losses, file), FORMAT, losses.sentences())
+    return Imported(remove_invalid_elements(building, losses, file), FORMAT, losses.sentences())
 
 
 def _placements(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Placement]:
@@ -154,7 +154,7 @@ def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
 
 
 def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
-    names = Names(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
+    names = UniqueNames(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
     found: dict[str, Wall] = {}
     for i, link in enumerate(level.links["walls"]):
         if link.a == link.b:
@@ -170,7 +170,7 @@ def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
 
 
 def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
-    names = Names(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
+    names = UniqueNames(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
     found: dict[str, Door] = {}
     for i, link in enumerate(level.links["doors"]):
         name = names.take(link.text("name"), f"d{i}")
@@ -185,7 +185,7 @@ def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
     return found
 
 
-def _inside(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
+def _within_outline(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
     """The walls or doors that do not stand in parts of the floor that are left out."""
     kept: dict[str, T] = {}
     for name, element in found.items():
@@ -200,7 +200,7 @@ def _ends(level: Level, link: Link, place: Placement) -> tuple[tuple[float, floa
     return place(level.vertices[link.a].at), place(level.vertices[link.b].at)
 
 
-def _report_rest(level: Level, losses: Losses) -> None:
+def _report_dropped(level: Level, losses: Losses) -> None:
     """Report what a level says and a building has no place for."""
     if level.links["measurements"]:
         losses.add("measurements: used for the scale, not kept: {names}", level.name)

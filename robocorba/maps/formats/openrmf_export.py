@@ -22,7 +22,7 @@ from robocorba.maps.model import Building, Door, DoorKind, Elevator, FloorMap, M
 from robocorba.spatial.pose import XY
 
 #: Navigation graphs that the format's tools generate: indices 0 to 8.
-MOST_GRAPHS = 9
+MAX_GRAPHS = 9
 _DEFAULT_HEIGHT = 3.0
 _DEFAULT_SPEED, _DEFAULT_DOOR_TIME = 1.0, 3.0
 
@@ -32,7 +32,7 @@ def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
     losses = Losses()
     graphs = _graph_indices(building, losses)
     levels = {name: _level(building, entry, graphs, losses) for name, entry in building.floors.items()}
-    _report_order(building, losses)
+    _report_levels(building, losses)
     content = {
         "name": building.name,
         "coordinate_system": "cartesian_meters",
@@ -108,11 +108,13 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
         level["holes"] = [{"vertices": _Row([vertices.corner(at) for at in _ring(hole)])} for hole in holes]
     else:
         others = holes + others
-    for thing in blocks:
-        level["walls"] += [_Row(row) for row in _walls_around(thing, vertices)]
-        losses.add("solid blocks became walls around them: {names}", f"{floor.name} {thing.name}")
-    for thing in others:
-        losses.add("objects: {n} left out, the format has models but no shapes: {names}", f"{floor.name} {thing.name}")
+    for map_object in blocks:
+        level["walls"] += [_Row(row) for row in _walls_around(map_object, vertices)]
+        losses.add("solid blocks became walls around them: {names}", f"{floor.name} {map_object.name}")
+    for map_object in others:
+        losses.add(
+            "objects: {n} left out, the format has models but no shapes: {names}", f"{floor.name} {map_object.name}"
+        )
     for name in entry.geometrical.areas:
         losses.add("areas: {n} left out: {names}", f"{floor.name} {name}")
     if floor.height != _DEFAULT_HEIGHT:
@@ -133,8 +135,10 @@ def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Los
             pieces = [(part.coords[0], part.coords[-1]) for part in shapely.get_parts(left)]
         for n, (a, b) in enumerate(pieces, start=1):
             name = wall.name if n == 1 else f"{wall.name}_{n}"
-            said = {} if name == f"w{len(rows)}" else {"name": [1, name]}
-            rows.append([vertices.corner(a), vertices.corner(b), {"texture_height": [3, float(wall.height)], **said}])
+            name_param = {} if name == f"w{len(rows)}" else {"name": [1, name]}
+            rows.append(
+                [vertices.corner(a), vertices.corner(b), {"texture_height": [3, float(wall.height)], **name_param}]
+            )
     return rows
 
 
@@ -174,9 +178,9 @@ def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
         if name not in found:
             found[name] = next(i for i in range(len(names) + 1) if i not in found.values())
     for name, index in found.items():
-        if index >= MOST_GRAPHS:
+        if index >= MAX_GRAPHS:
             losses.add(
-                f"graphs: the format's tools read indices 0 to {MOST_GRAPHS - 1} only: {{names}}", f"{name} ({index})"
+                f"graphs: the format's tools read indices 0 to {MAX_GRAPHS - 1} only: {{names}}", f"{name} ({index})"
             )
     if any(not edge.graphs for edge in edges):
         found = found or {"0": 0}
@@ -197,24 +201,24 @@ def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> li
     return rows
 
 
-def _split(things: Iterable[MapObject], named: str) -> tuple[list[MapObject], list[MapObject]]:
+def _split(map_objects: Iterable[MapObject], named: str) -> tuple[list[MapObject], list[MapObject]]:
     """Objects that an import made, of such a name and a number, and all others."""
     found: list[MapObject] = []
     others: list[MapObject] = []
-    for thing in things:
-        made = re.fullmatch(rf"({named})[1-9]\d*", thing.name) and isinstance(thing.shape, PolygonShape)
-        (found if made and not thing.heading else others).append(thing)
+    for map_object in map_objects:
+        made = re.fullmatch(rf"({named})[1-9]\d*", map_object.name) and isinstance(map_object.shape, PolygonShape)
+        (found if made and not map_object.heading else others).append(map_object)
     return found, others
 
 
-def _ring(thing: MapObject) -> list[XY]:
-    assert isinstance(thing.shape, PolygonShape)
-    return [(thing.at[0] + x, thing.at[1] + y) for x, y in thing.shape.points]
+def _ring(map_object: MapObject) -> list[XY]:
+    assert isinstance(map_object.shape, PolygonShape)
+    return [(map_object.at[0] + x, map_object.at[1] + y) for x, y in map_object.shape.points]
 
 
-def _walls_around(thing: MapObject, vertices: _Vertices) -> list[list[Any]]:
-    corners = [vertices.corner(at) for at in _ring(thing)]
-    return [[a, b, {"texture_height": [3, float(thing.height)]}] for a, b in pairwise([*corners, corners[0]])]
+def _walls_around(map_object: MapObject, vertices: _Vertices) -> list[list[Any]]:
+    corners = [vertices.corner(at) for at in _ring(map_object)]
+    return [[a, b, {"texture_height": [3, float(map_object.height)]}] for a, b in pairwise([*corners, corners[0]])]
 
 
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
@@ -256,7 +260,7 @@ def _doorway(elevator: Elevator, side: Side, width: float, offset: float) -> dic
     }
 
 
-def _report_order(building: Building, losses: Losses) -> None:
+def _report_levels(building: Building, losses: Losses) -> None:
     """Report floors whose level is not the one that their elevation tells."""
     ordered = sorted(building.floors.values(), key=lambda entry: entry.floor.elevation)
     below = sum(entry.floor.elevation < 0 for entry in ordered)

@@ -16,15 +16,15 @@ from robocorba.maps.model import Elevator, MapObject, PolygonShape
 from robocorba.spatial.pose import XY
 
 #: Floor polygons that leave a gap of up to twice this between them count as one, m.
-GAP_M = 0.05
+CLOSING_M = 0.05
 #: So far from a floor polygon a lift's shaft still belongs to it, m.
-SHAFT_GAP_M = 0.5
+MAX_SHAFT_DISTANCE_M = 0.5
 #: A wall or node no farther outside of a floor polygon than this belongs to it [m]: walls are drawn along the edge.
 WALL_REACH_M = 0.5
 #: Room around nodes in an outline that is made from them [m]: a robot of 0.4 m radius stands and turns there.
-NODE_ROOM_M = 1.0
+NODE_MARGIN_M = 1.0
 #: Smaller holes and parts are traces of drawing, m2.
-LEAST_AREA_M2 = 0.01
+MIN_AREA_M2 = 0.01
 
 
 class Outline(NamedTuple):
@@ -76,7 +76,7 @@ def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: L
     parts = one.difference(shapely.union_all(holes)) if holes else one
     cut = _largest(parts)
     apart += _rest(parts, cut, "holes cut them off", level, losses)
-    voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= LEAST_AREA_M2]
+    voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= MIN_AREA_M2]
     objects = {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
     return Outline(_points(cut), objects, tuple(apart))
 
@@ -96,7 +96,7 @@ def _hull_of_all(
     walls_out = sum(not reach.covers(wall) for wall in walls)
     if nodes_out + walls_out <= (len(nodes) + len(walls)) / 2:
         return None
-    rooms = [node.buffer(NODE_ROOM_M) for node in nodes]
+    rooms = [node.buffer(NODE_MARGIN_M) for node in nodes]
     hull = shapely.union_all([ground, *shafts, *walls, *rooms]).convex_hull
     losses.add(
         f"outline of {level.name}: the floor polygons cover {ground.area:.1f} m2 and leave out {nodes_out} of "
@@ -111,8 +111,10 @@ def _missing_shafts(ground: BaseGeometry, shafts: list[Elevator], level: Level, 
     found = []
     for elevator in shafts:
         shaft = shaft_polygon(elevator)
-        if not ground.covers(shaft) and ground.distance(shaft) <= SHAFT_GAP_M:
-            between = shaft.buffer(SHAFT_GAP_M, join_style="mitre").intersection(ground.union(shaft).convex_hull)
+        if not ground.covers(shaft) and ground.distance(shaft) <= MAX_SHAFT_DISTANCE_M:
+            between = shaft.buffer(MAX_SHAFT_DISTANCE_M, join_style="mitre").intersection(
+                ground.union(shaft).convex_hull
+            )
             found.append(shaft.union(between))
             losses.add("outline: extended by the shafts of lifts: {names}", f"{level.name} {elevator.name}")
     return found
@@ -124,7 +126,7 @@ def _polygon(points: list[XY], where: str, losses: Losses) -> BaseGeometry | Non
     if not area.is_valid:
         losses.add("polygons that cross themselves were mended: {names}", where)
         area = shapely.union_all([part for part in shapely.get_parts(shapely.make_valid(area)) if part.area > 0])
-    if area.area < LEAST_AREA_M2:
+    if area.area < MIN_AREA_M2:
         losses.add("polygons without area: {n} left out: {names}", where)
         return None
     return area
@@ -133,7 +135,7 @@ def _polygon(points: list[XY], where: str, losses: Losses) -> BaseGeometry | Non
 def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Losses) -> Polygon:
     if isinstance(ground, Polygon):
         return ground
-    closed = ground.buffer(GAP_M, join_style="mitre").buffer(-GAP_M, join_style="mitre")
+    closed = ground.buffer(CLOSING_M, join_style="mitre").buffer(-CLOSING_M, join_style="mitre")
     if isinstance(closed, Polygon) and not closed.is_empty:
         return closed
     largest = _largest(ground)
@@ -148,7 +150,7 @@ def _rest(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: L
     """The parts of the ground that are left out, reported with how large and where they are."""
     found = []
     for part in shapely.get_parts(ground).tolist():
-        if isinstance(part, Polygon) and part.area >= LEAST_AREA_M2 and not kept.covers(part.representative_point()):
+        if isinstance(part, Polygon) and part.area >= MIN_AREA_M2 and not kept.covers(part.representative_point()):
             found.append(part)
             place = part.representative_point()
             losses.add(

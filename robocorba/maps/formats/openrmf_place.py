@@ -63,7 +63,7 @@ def place_levels(levels: list[Level], reference: Level, losses: Losses) -> dict[
     placed = {reference.name: Placement(complex(base), 0j)}
     for level in levels:
         if level is not reference:
-            placed[level.name] = _lay_over(level, reference, base, own[level.name], losses)
+            placed[level.name] = _align(level, reference, base, own[level.name], losses)
     return placed
 
 
@@ -98,7 +98,7 @@ def _scale_from_others(levels: list[Level], reference: Level, own: dict[str, flo
     return None
 
 
-def _lay_over(level: Level, reference: Level, base: float, own: float | None, losses: Losses) -> Placement:
+def _align(level: Level, reference: Level, base: float, own: float | None, losses: Losses) -> Placement:
     pairs = [(mine, base * theirs) for mine, theirs in _pairs(level, reference)]
     fit = _fit(pairs)
     if fit:

@@ -74,10 +74,10 @@ def _sides(region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (_NORTH, inside & ~padded[1:-1, 2:], (1, 1)),
     ]
     starts, headings, cells = [], [], []
-    for way, sides, (down, right) in open_sides:
+    for heading, sides, (down, right) in open_sides:
         r, c = np.nonzero(sides)
         starts.append((r + down) * (columns + 1) + c + right)
-        headings.append(np.full(len(r), way))
+        headings.append(np.full(len(r), heading))
         cells.append(r * columns + c)
     return np.concatenate(starts), np.concatenate(headings), np.concatenate(cells)
 

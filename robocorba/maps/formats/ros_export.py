@@ -11,7 +11,7 @@ from PIL import Image
 
 from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats.files import floor_paths, write_file
-from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, Canvas
+from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Canvas
 from robocorba.maps.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.losses import Exported, Losses
@@ -53,9 +53,9 @@ def write(
 def _drawn(building: Building, floor: str, resolution_m: float, target: Path) -> Canvas:
     x0, y0, x1, y1 = bounds(building, floor)
     columns, rows = math.ceil((x1 - x0) / resolution_m), math.ceil((y1 - y0) / resolution_m)
-    if columns * rows > MOST_CELLS:
+    if columns * rows > MAX_CELLS:
         raise MapFileError(
-            str(target), 0, "resolution", f"{columns} x {rows} cells are too many, {MOST_CELLS} are written"
+            str(target), 0, "resolution", f"{columns} x {rows} cells are too many, {MAX_CELLS} are written"
         )
     canvas = Canvas((x0, y0), resolution_m, rows, columns)
     outline = building.floors[floor].floor.outline

@@ -20,7 +20,7 @@ from robocorba.maps import validation
 from robocorba.maps.formats import ros_map
 from robocorba.maps.formats.grid import FREE, Canvas
 from robocorba.maps.formats.ros_map import RosOptions
-from robocorba.maps.formats.ros_picture import Settings, named_file, read_cells, read_settings
+from robocorba.maps.formats.ros_picture import MapServerSettings, named_file, read_cells, read_settings
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.geometry import LANDING_REACH_M, landing_line, shaft_polygon
 from robocorba.maps.losses import Imported, Losses
@@ -146,16 +146,18 @@ def _floor_map(
     return found
 
 
-def _open(item: Item, elevator: Elevator, floor: str, cells: np.ndarray, settings: Settings, losses: Losses) -> None:
+def _open(
+    item: Item, elevator: Elevator, floor: str, cells: np.ndarray, settings: MapServerSettings, losses: Losses
+) -> None:
     """Make the cells in the shaft of an elevator free, and those before and behind its doors on a floor."""
-    shaft = shapely.transform(shaft_polygon(elevator), settings.cells_of)
+    shaft = shapely.transform(shaft_polygon(elevator), settings.to_cells)
     if not shapely.box(0, 0, cells.shape[1], cells.shape[0]).covers(shaft):
         raise item.error(f"its shaft reaches beyond the picture of floor {floor!r}; move it or enlarge the picture")
     inside, landing = Canvas((0.0, 0.0), 1.0, *cells.shape), Canvas((0.0, 0.0), 1.0, *cells.shape)
     inside.fill(shaft, FREE)
     for door in elevator.doors:
         if door.floor == floor:
-            line = shapely.transform(landing_line(elevator, door), settings.cells_of)
+            line = shapely.transform(landing_line(elevator, door), settings.to_cells)
             landing.fill(line.buffer(LANDING_REACH_M / settings.resolution, cap_style="flat"), FREE)
     opened = (inside.cells == FREE) | (landing.cells == FREE)
     if count := int(np.count_nonzero(opened & (cells != FREE))):

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from robocorba.maps.element_rules import MAX_NUMBER
-from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN
+from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
@@ -23,13 +23,13 @@ OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
 #: Grey that map_saver writes for unknown cells in mode trinary. Its chance of being occupied,
 #: 0.1961, is below the free_thresh of 0.25 that nav2's map_saver writes beside it.
 UNKNOWN_SHADE = 205
-_ROWS_AT_ONCE = 256
+_ROWS_PER_BLOCK = 256
 #: What Pillow raises for damaged files.
 _IMAGE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, IndexError, struct.error, zlib.error)
 
 
 @dataclass(frozen=True)
-class Settings:
+class MapServerSettings:
     """The keys of a map_server file; `resolution` is the side of a cell in m."""
 
     resolution: float
@@ -40,14 +40,14 @@ class Settings:
     free_below: float
     mode: str
 
-    def place(self, points: np.ndarray) -> tuple[XY, ...]:
+    def to_map_frame(self, points: np.ndarray) -> tuple[XY, ...]:
         """Points in cells from the lower left corner, in metres of the map's frame."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = (points * self.resolution).T
         placed = np.column_stack([self.origin[0] + cos * x - sin * y, self.origin[1] + sin * x + cos * y])
         return tuple((x, y) for x, y in placed.tolist())
 
-    def cells_of(self, points: np.ndarray) -> np.ndarray:
+    def to_cells(self, points: np.ndarray) -> np.ndarray:
         """Points in metres of the map's frame, in cells from the lower left corner."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = (points - np.array(self.origin)).T
@@ -58,7 +58,7 @@ class Settings:
         return cells * self.resolution**2
 
 
-def read_settings(root: Item) -> Settings:
+def read_settings(root: Item) -> MapServerSettings:
     """The settings of a map_server file. Raises MapFileError with line and key."""
     origin = root.need("origin").items()
     if len(origin) not in (2, 3):
@@ -76,7 +76,7 @@ def read_settings(root: Item) -> Settings:
         raise negate.error("expected 0 or 1")
     if mode and mode.value not in ("trinary", "scale", "raw"):
         raise mode.error("expected trinary, scale or raw")
-    return Settings(
+    return MapServerSettings(
         resolution=resolution,
         origin=(origin[0].number(), origin[1].number()),
         yaw=origin[2].number() if len(origin) == 3 else 0.0,
@@ -87,7 +87,7 @@ def read_settings(root: Item) -> Settings:
     )
 
 
-def read_cells(root: Item, settings: Settings, unknown_is_free: bool, losses: Losses) -> np.ndarray:
+def read_cells(root: Item, settings: MapServerSettings, unknown_is_free: bool, losses: Losses) -> np.ndarray:
     """FREE, OCCUPIED or UNKNOWN for each cell of the picture. Raises MapFileError with line and key.
 
     Cells of UNKNOWN_SHADE are unknown in mode trinary, whatever the thresholds say.
@@ -95,10 +95,10 @@ def read_cells(root: Item, settings: Settings, unknown_is_free: bool, losses: Lo
     image = root.need("image")
     picture = _picture(image, Path(image.file.name).parent)
     rows, columns = picture.shape[:2]
-    corners = settings.place(np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]))
+    corners = settings.to_map_frame(np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]))
     if any(abs(value) > MAX_NUMBER for corner in corners for value in corner):
         raise root.need("origin").error(f"the picture reaches beyond {MAX_NUMBER:g} m from 0, 0")
-    cells = _told_apart(picture, settings)
+    cells = _classified(picture, settings)
     unknown = _saved_as_unknown(picture, settings) & (cells == FREE)
     if count := int(np.count_nonzero(unknown)):
         cells[unknown] = UNKNOWN
@@ -124,11 +124,11 @@ def _picture(item: Item, folder: Path) -> np.ndarray:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path, formats=("PPM", "PNG", "BMP")) as picture:
                 columns, rows = picture.size
-                if columns * rows > MOST_CELLS:
-                    raise item.error(f"{columns} x {rows} cells are too many, {MOST_CELLS} are read")
+                if columns * rows > MAX_CELLS:
+                    raise item.error(f"{columns} x {rows} cells are too many, {MAX_CELLS} are read")
                 return _channels(picture)
     except Image.DecompressionBombError:
-        raise item.error(f"too many cells, {MOST_CELLS} are read") from None
+        raise item.error(f"too many cells, {MAX_CELLS} are read") from None
     except _IMAGE_ERRORS as wrong:
         reason = wrong.strerror if isinstance(wrong, OSError) else str(wrong)
         raise item.error(f"no picture that can be read: {reason or 'unknown kind or damaged'}") from None
@@ -153,11 +153,11 @@ def _channels(picture: Image.Image) -> np.ndarray:
     return values.reshape(*values.shape[:2], -1)
 
 
-def _told_apart(picture: np.ndarray, settings: Settings) -> np.ndarray:
+def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
     """FREE, OCCUPIED or UNKNOWN for each cell, as the map_server tells them apart in each mode."""
     found = np.full(picture.shape[:2], UNKNOWN, np.uint8)
-    for row in range(0, len(picture), _ROWS_AT_ONCE):
-        block = picture[row : row + _ROWS_AT_ONCE].astype(np.float32) / np.iinfo(picture.dtype).max
+    for row in range(0, len(picture), _ROWS_PER_BLOCK):
+        block = picture[row : row + _ROWS_PER_BLOCK].astype(np.float32) / np.iinfo(picture.dtype).max
         opaque = np.ones(block.shape[:2], bool)
         if settings.mode != "trinary" and block.shape[2] in (2, 4):
             opaque, block = block[:, :, -1] == 1, block[:, :, :-1]
@@ -167,13 +167,13 @@ def _told_apart(picture: np.ndarray, settings: Settings) -> np.ndarray:
             opaque = chance <= 1
         else:
             chance = shade if settings.negate else 1 - shade
-        part = found[row : row + _ROWS_AT_ONCE]
+        part = found[row : row + _ROWS_PER_BLOCK]
         part[opaque & (chance < settings.free_below)] = FREE
         part[opaque & (chance > settings.occupied_above)] = OCCUPIED
     return found
 
 
-def _saved_as_unknown(picture: np.ndarray, settings: Settings) -> np.ndarray:
+def _saved_as_unknown(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
     """The cells of exactly map_saver's grey for unknown; in mode trinary only, other modes have other marks."""
     if settings.mode != "trinary" or settings.negate:
         return np.zeros(picture.shape[:2], bool)

@@ -15,7 +15,7 @@ from robocorba.maps.formats.rings import Ring, rings
 #: polygons near a place looks at all points of each that it finds.
 MAX_RING_POINTS = 1000
 #: Cells that share a side or a corner belong together.
-EIGHT = np.ones((3, 3), bool)
+EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
 
 
 class Solid(NamedTuple):
@@ -30,7 +30,7 @@ def solids(blocked: np.ndarray) -> tuple[list[Solid], np.ndarray]:
 
     A region with holes is cut along rows or columns through all of them; pieces overlap by
     one row or column, so that no gap is left between them."""
-    labels, _ = ndimage.label(blocked, EIGHT)
+    labels, _ = ndimage.label(blocked, EIGHT_NEIGHBOURS)
     whole: list[Solid] = []
     to_cut: set[int] = set()
     for ring in rings(blocked):

@@ -1,4 +1,4 @@
-"""Roads for a floor that was drawn without any, and by way of the places that it names.
+"""RoadmapGraph for a floor that was drawn without any, and by way of the places that it names.
 
 The medial axis of the free space, from the Voronoi diagram of points along all
 obstacles, keeps as far from everything as one can and has the same connections and
@@ -19,13 +19,13 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
 from robocorba.maps.model import Building, PathNode, TopologicalMap
-from robocorba.maps.topology.axis import connect, draw_axis
-from robocorba.maps.topology.doorways import enter_cabin, mark_doorways, visit
-from robocorba.maps.topology.lookouts import look_around
+from robocorba.maps.topology.axis import connect_components, draw_axis
+from robocorba.maps.topology.coverage import add_coverage_nodes
+from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_place_nodes
 from robocorba.maps.topology.merging import align, merge
-from robocorba.maps.topology.naming import named, round_positions
-from robocorba.maps.topology.pruning import open_rings, prune
-from robocorba.maps.topology.roads import Roads
+from robocorba.maps.topology.naming import round_positions, to_topological_map
+from robocorba.maps.topology.pruning import cut_small_loops, prune
+from robocorba.maps.topology.roadmap import RoadmapGraph
 from robocorba.maps.topology.straightening import straighten
 
 __all__ = ["topological_map"]
@@ -52,35 +52,35 @@ def topological_map(
     if floor not in building.floors:
         raise UnknownElement("floor", "", floor)
     if not 0 < radius_m <= LARGEST_RADIUS_M:
-        reason = f"no roads for a radius of {radius_m:g} m: it must be above 0 and at most {LARGEST_RADIUS_M:g} m"
+        reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {LARGEST_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
     building = _with_places_only(building, floor, places)
     space = _places(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
-    roads = Roads(space, radius_m)
-    draw_axis(roads, _outlines(building, floor, radius_m))
+    roadmap = RoadmapGraph(space, radius_m)
+    draw_axis(roadmap, _outlines(building, floor, radius_m))
     for elevator in building.elevators.values():
         if floor in elevator.floors():
-            enter_cabin(roads, elevator, floor, places)
+            add_cabin_nodes(roadmap, elevator, floor, places)
     doors = building.floors[floor].geometrical.doors.values()
-    mark_doorways(roads, (LineString([door.a, door.b]) for door in doors if not door.locked))
-    visit(roads, places)
-    connect(roads)
-    prune(roads)
-    straighten(roads)
-    merge(roads)
-    open_rings(roads)
-    prune(roads)
-    align(roads)
-    merge(roads)
-    look_around(roads)
-    round_positions(roads)
-    return named(roads, places)
+    add_doorway_nodes(roadmap, (LineString([door.a, door.b]) for door in doors if not door.locked))
+    add_place_nodes(roadmap, places)
+    connect_components(roadmap)
+    prune(roadmap)
+    straighten(roadmap)
+    merge(roadmap)
+    cut_small_loops(roadmap)
+    prune(roadmap)
+    align(roadmap)
+    merge(roadmap)
+    add_coverage_nodes(roadmap)
+    round_positions(roadmap)
+    return to_topological_map(roadmap, places)
 
 
 def _with_places_only(building: Building, floor: str, places: Sequence[PathNode]) -> Building:
-    """The building without the floor's present roads, so that they have no influence on new ones."""
+    """The building without the floor's present roadmap, so that they have no influence on new ones."""
     topology = TopologicalMap({place.name: place for place in places})
     bare = msgspec.structs.replace(building.floors[floor], topological=topology)
     return msgspec.structs.replace(building, floors={**building.floors, floor: bare})
@@ -97,7 +97,7 @@ def _places(building: Building, floor: str, radius_m: float) -> BaseGeometry:
 
 
 def _outlines(building: Building, floor: str, radius_m: float) -> list[BaseGeometry]:
-    """What the roads keep their distance from, as lines; the rim of the drawn region where there is no outline."""
+    """What the roadmap keep their distance from, as lines; the rim of the drawn region where there is no outline."""
     lines = [item.geometry for item in geometry.obstacles(building, floor)]
     lines = [line.exterior if isinstance(line, Polygon) else line for line in lines]
     if not building.floors[floor].floor.outline:

@@ -1,4 +1,4 @@
-"""The graph of roads in the making, and the few questions that every step asks of it."""
+"""The graph of roadmap in the making, and the few questions that every step asks of it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ SAME_PLACE_M = 0.02
 Array = NDArray[np.float64]
 
 
-class Roads:
-    """Roads of a robot of `radius` m in `space`, the places where its centre may be.
+class RoadmapGraph:
+    """RoadmapGraph of a robot of `radius` m in `space`, the places where its centre may be.
 
     Attributes of a node in `graph`: `at` (x, y) in m, `clear` (distance to the nearest
     obstacle in m, about), `fixed` (never moved or merged away), `elevator` (its name, in a
@@ -47,11 +47,11 @@ class Roads:
         """Where a node is, m."""
         return self.graph.nodes[node]["at"]
 
-    def clear(self, node: int) -> float:
+    def clearance_m(self, node: int) -> float:
         """How far a node is from the nearest obstacle, m, about."""
         return self.graph.nodes[node]["clear"]
 
-    def fixed(self, node: int) -> bool:
+    def is_fixed(self, node: int) -> bool:
         """Whether a node has a reason to be just where it is."""
         return self.graph.nodes[node]["fixed"]
 
@@ -73,21 +73,21 @@ class Roads:
         ends = np.array([(self.at(a), self.at(b)) for a, b in edges]).reshape(-1, 2, 2)
         return edges, STRtree(shapely.linestrings(ends))
 
-    def free(self, *points: XY) -> bool:
+    def is_free(self, *points: XY) -> bool:
         """Whether the hull of some points is free."""
         return bool(shapely.covers(self.space, shapely.convex_hull(shapely.multipoints(points))))
 
-    def may_move(self, node: int, place: XY, but: int = -1) -> bool:
+    def can_move(self, node: int, place: XY, but: int = -1) -> bool:
         """Whether the strips that a node's edges, except the one to `but`, sweep on its way to a place are free."""
-        return all(self.free(self.at(node), place, self.at(n)) for n in self.graph[node] if n != but)
+        return all(self.is_free(self.at(node), place, self.at(n)) for n in self.graph[node] if n != but)
 
 
-def middle(a: XY, b: XY) -> XY:
+def midpoint(a: XY, b: XY) -> XY:
     """The point halfway between two."""
     return (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
 
 
-def off_line(points: Array, a: Array, b: Array) -> Array:
+def distance_to_segment_m(points: Array, a: Array, b: Array) -> Array:
     """Distances (n,) from points (n, 2) to the segment from a to b, m."""
     along = b - a
     square = float(along @ along)

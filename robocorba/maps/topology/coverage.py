@@ -12,36 +12,36 @@ from scipy.spatial import cKDTree
 from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.topology.roads import SAME_PLACE_M, Array, Roads
+from robocorba.maps.topology.roadmap import SAME_PLACE_M, Array, RoadmapGraph
 
 #: Nodes are added until all but this share of the free places see one in a straight line.
-UNSEEN_SHARE = 0.01
+MAX_UNSEEN_SHARE = 0.01
 #: So many places are looked from, about.
-MAX_PLACES = 2000
+MAX_SAMPLES = 2000
 #: Each looks for so many of the nearest nodes, and may get a new one on so many of the nearest edges.
-NODES_LOOKED_FOR, EDGES_LOOKED_AT = 16, 12
+NEAREST_NODES, NEAREST_EDGES = 16, 12
 
 
-def look_around(roads: Roads) -> None:
+def add_coverage_nodes(roadmap: RoadmapGraph) -> None:
     """Add nodes on the edges until nearly every free place sees one."""
-    places = _grid(roads.space, MAX_PLACES)
-    unseen = places[~_sees_any(roads, places, list(roads.graph))]
-    edges, tree = roads.lines()
+    places = _grid(roadmap.space, MAX_SAMPLES)
+    unseen = places[~_sees_any(roadmap, places, list(roadmap.graph))]
+    edges, tree = roadmap.lines()
     added: dict[tuple[int, int], list[int]] = {}
-    while len(unseen) > UNSEEN_SHARE * len(places) and edges:
+    while len(unseen) > MAX_UNSEEN_SHARE * len(places) and edges:
         here, unseen = unseen[0], unseen[1:]
         for i in _nearest(tree, here):
             line = tree.geometries[i]
             foot = line.interpolate(line.project(Point(here)))
-            apart = min(math.dist((foot.x, foot.y), roads.at(end)) for end in edges[i])
-            if apart > SAME_PLACE_M and roads.free((foot.x, foot.y), tuple(here)):
-                node = roads.add((foot.x, foot.y))
+            apart = min(math.dist((foot.x, foot.y), roadmap.at(end)) for end in edges[i])
+            if apart > SAME_PLACE_M and roadmap.is_free((foot.x, foot.y), tuple(here)):
+                node = roadmap.add((foot.x, foot.y))
                 added.setdefault(edges[i], []).append(node)
-                unseen = unseen[~_sees_any(roads, unseen, [node])]
+                unseen = unseen[~_sees_any(roadmap, unseen, [node])]
                 break
     for (a, b), nodes in added.items():
-        roads.graph.remove_edge(a, b)
-        nx.add_path(roads.graph, [a, *sorted(nodes, key=lambda node: roads.length(a, node)), b])
+        roadmap.graph.remove_edge(a, b)
+        nx.add_path(roadmap.graph, [a, *sorted(nodes, key=lambda node: roadmap.length(a, node)), b])
 
 
 def _grid(space: BaseGeometry, most: int) -> Array:
@@ -56,19 +56,19 @@ def _grid(space: BaseGeometry, most: int) -> Array:
 def _nearest(tree: STRtree, here: Array) -> list[int]:
     """The edges that are nearest to a place, the nearest first."""
     off = shapely.distance(tree.geometries, Point(here))
-    return np.argsort(off, kind="stable")[:EDGES_LOOKED_AT].tolist()
+    return np.argsort(off, kind="stable")[:NEAREST_EDGES].tolist()
 
 
-def _sees_any(roads: Roads, places: Array, nodes: list[int]) -> NDArray[np.bool_]:
+def _sees_any(roadmap: RoadmapGraph, places: Array, nodes: list[int]) -> NDArray[np.bool_]:
     """Which of the places (n, 2) see one of the nodes that are nearest to them."""
     seen = np.zeros(len(places), dtype=bool)
     if len(places) == 0 or not nodes:
         return seen
-    at = np.array([roads.at(node) for node in nodes])
-    many = min(len(at), NODES_LOOKED_FOR)
+    at = np.array([roadmap.at(node) for node in nodes])
+    many = min(len(at), NEAREST_NODES)
     _, nearest = cKDTree(at).query(places, k=[*range(1, many + 1)])
     for rank in range(many):
         todo = np.flatnonzero(~seen)
         lines = shapely.linestrings(np.stack([places[todo], at[nearest[todo, rank]]], axis=1))
-        seen[todo] = shapely.covers(roads.space, lines)
+        seen[todo] = shapely.covers(roadmap.space, lines)
     return seen
