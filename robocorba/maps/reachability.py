@@ -202,6 +202,8 @@ def _both_ways(links: Links, part: NDArray[np.int32]) -> tuple[NDArray[np.bool_]
     start = np.column_stack([np.full(len(cores), size), cores])  # an additional node leads to all cores
     reached = []
     for directed in (links, links[:, ::-1]):
-        order = breadth_first_order(_graph(np.concatenate([directed, start]), size + 1), size, return_predecessors=False)
+        order = breadth_first_order(
+            _graph(np.concatenate([directed, start]), size + 1), size, return_predecessors=False
+        )
         reached.append(np.isin(np.arange(size), order))
     return reached[0], reached[1]

@@ -212,7 +212,7 @@ def _changed_obstacles(
 
 
 def _level_violations(building: Building, preferred: Collection[str] = ()) -> Iterator[InvalidElement]:
-    """Levels of floors are unique and rise with the elevation. Of two conflicting floors, one in `preferred` is named."""
+    """Levels of floors are unique and rise with elevation. Of two conflicting floors, one in `preferred` is named."""
     ordered = sorted((entry.floor for entry in building.floors.values()), key=lambda floor: floor.level)
     for lower, upper in pairwise(ordered):
         floor, other = (lower, upper) if lower.name in preferred and upper.name not in preferred else (upper, lower)

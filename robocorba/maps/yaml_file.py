@@ -208,7 +208,9 @@ def _child_indices(data: Any, path: str) -> list[int]:
                 break
             place, length, data = int(index[1]), index.end(), data[int(index[1])]
         elif isinstance(data, dict):
-            fitting = [(len(f".{label}"), place, label) for place, label in enumerate(data) if _starts_with_label(path, label)]
+            fitting = [
+                (len(f".{label}"), place, label) for place, label in enumerate(data) if _starts_with_label(path, label)
+            ]
             if not fitting:
                 break
             length, place, label = max(fitting, key=lambda found: found[0])

@@ -1,4 +1,4 @@
-"""Places on the map where a robot may stand at first."""
+"""Start positions for robots on the map."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps.model import PathNode
 from robocorba.stubs import RoboCorba
 
+#: Timeout to find the map editor [s].
 RESOLVE_TIMEOUT_S = 5.0
 
 
 def free_places(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
-    """Floor, x and y (m) of the nodes of the topological map on a floor, of the first one where `floor` is empty.
+    """Floor, x and y [m] of the path nodes of a floor (of the first floor if `floor` is empty).
 
     Raises UnknownFloor, NotReachable."""
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)

@@ -1,7 +1,7 @@
-"""Maps of the ROS map_server: a YAML file and a picture, one floor each.
+"""Reads maps of the ROS map_server: a YAML file and a picture of one floor.
 
-The outline is the rectangle around the known space. All that is not free in it, occupied
-or unknown, becomes solid polygon objects, so free ground is free and all else blocks.
+The outline is the rectangle around the known space. Its occupied and unknown cells become
+solid polygon objects.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from robocorba.maps.model import Building, Floor, FloorMap, GeometricalMap, MapO
 from robocorba.maps.yaml_file import YamlFile
 
 FORMAT = "ros"
-#: What unknown cells are.
+#: Interpretations of unknown cells.
 UNKNOWN_AS = ("blocked", "free")
-#: Height of what a picture shows [m]: that of a wall, since a picture has no heights.
+#: Height of objects from a picture [m]: that of a wall, since a picture has no heights.
 _HEIGHT_M = 2.5
 
 
 class RosOptions(NamedTuple):
-    """How pictures are read: `unknown` cells are one of UNKNOWN_AS, `specks` are treated as one of SPECKS."""
+    """Options for reading pictures: `unknown` is one of UNKNOWN_AS, `specks` one of SPECKS."""
 
     unknown: str = "blocked"
     specks: str = "walls"
 
     def check(self, path: str) -> None:
-        """Raise MapFileError where a value is not one of those."""
+        """Raise MapFileError if a value is not supported."""
         for name, value, allowed in (("unknown", self.unknown, UNKNOWN_AS), ("specks", self.specks, SPECKS)):
             if value not in allowed:
                 raise MapFileError(path, 0, name, f"{value!r} is not supported; {', '.join(allowed)} are")
@@ -66,11 +66,11 @@ def floor_map(
     cells = remove_specks(cells, settings, options.specks, losses)
     space = crop_to_floor(cells, settings, losses)
     if count_sides(space.blocked) > MAX_SIDES:
-        raise image.error(f"the cells are scattered: more than {MAX_SIDES} sides to follow")
+        raise image.error(f"the cells are scattered: their contours have more than {MAX_SIDES} sides")
     rows, columns = space.blocked.shape
     corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) + space.corner
-    losses.add(f"shapes follow the cells of {settings.resolution:g} m and exceed them by half a cell at most")
-    losses.add("the picture has no nodes, doors, heights or names; none are made up")
+    losses.add(f"shapes follow the cells of {settings.resolution:g} m and exceed them by at most half a cell")
+    losses.add("a picture has no nodes, doors, heights or names, so none are imported")
     return FloorMap(
         Floor(
             name=floor.name,
@@ -84,7 +84,7 @@ def floor_map(
 
 
 def _objects(space: FloorCells, settings: MapServerSettings) -> dict[str, MapObject]:
-    """What blocks: `block1`... where something is occupied in it, `unknown1`... where all of it is unknown."""
+    """The blocked regions as objects: `block1`... with occupied cells, `unknown1`... with unknown cells only."""
     found, regions = solids(space.blocked)
     occupied = set(np.unique(regions[space.blocked & (space.cells == OCCUPIED)]).tolist())
     counts = {"block": 0, "unknown": 0}

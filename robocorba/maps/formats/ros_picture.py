@@ -1,4 +1,4 @@
-"""What a map_server file and its picture say of each cell: free, occupied or unknown."""
+"""Reads a map_server file and its picture: each cell is free, occupied or unknown."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
 
-#: Thresholds of a file that names none: those of ROS 1, whose grey of 205 is neither free nor occupied.
+#: Default thresholds: those of ROS 1, for which a grey of 205 is neither free nor occupied.
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
-#: Grey that map_saver writes for unknown cells in mode trinary. Its chance of being occupied,
-#: 0.1961, is below the free_thresh of 0.25 that nav2's map_saver writes beside it.
+#: Grey of unknown cells that map_saver writes in mode trinary. Its occupancy probability, 0.1961, is below
+#: the free_thresh of 0.25 that nav2's map_saver writes with it.
 UNKNOWN_SHADE = 205
 _ROWS_PER_BLOCK = 256
-#: What Pillow raises for damaged files.
+#: Exceptions of Pillow for damaged files.
 _IMAGE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, IndexError, struct.error, zlib.error)
 
 
 @dataclass(frozen=True)
 class MapServerSettings:
-    """The keys of a map_server file; `resolution` is the side of a cell in m."""
+    """The settings in a map_server file. `resolution` is the side of a cell [m], `yaw` in rad."""
 
     resolution: float
     origin: XY
@@ -41,20 +41,20 @@ class MapServerSettings:
     mode: str
 
     def to_map_frame(self, points: np.ndarray) -> tuple[XY, ...]:
-        """Points in cells from the lower left corner, in metres of the map's frame."""
+        """Convert points from cells (from the lower left corner) to the map frame [m]."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = (points * self.resolution).T
         placed = np.column_stack([self.origin[0] + cos * x - sin * y, self.origin[1] + sin * x + cos * y])
         return tuple((x, y) for x, y in placed.tolist())
 
     def to_cells(self, points: np.ndarray) -> np.ndarray:
-        """Points in metres of the map's frame, in cells from the lower left corner."""
+        """Convert points from the map frame [m] to cells (from the lower left corner)."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = (points - np.array(self.origin)).T
         return np.column_stack([cos * x + sin * y, cos * y - sin * x]) / self.resolution
 
     def area_m2(self, cells: int) -> float:
-        """How large so many cells are."""
+        """The area of a number of cells."""
         return cells * self.resolution**2
 
 
@@ -70,7 +70,7 @@ def read_settings(root: Item) -> MapServerSettings:
         raise (free or occupied or root).error("expected 0 <= free_thresh < occupied_thresh <= 1")
     resolution = root.need("resolution").positive()
     if not 1e-3 <= resolution <= 10:
-        raise root.need("resolution").error("expected metres a cell, from 0.001 to 10")
+        raise root.need("resolution").error("expected metres per cell, from 0.001 to 10")
     negate, mode = root.get("negate"), root.get("mode")
     if negate and negate.value not in (0, 1):
         raise negate.error("expected 0 or 1")
@@ -90,7 +90,7 @@ def read_settings(root: Item) -> MapServerSettings:
 def read_cells(root: Item, settings: MapServerSettings, unknown_is_free: bool, losses: Losses) -> np.ndarray:
     """FREE, OCCUPIED or UNKNOWN for each cell of the picture. Raises MapFileError with line and key.
 
-    Cells of UNKNOWN_SHADE are unknown in mode trinary, whatever the thresholds say.
+    In mode trinary, cells of UNKNOWN_SHADE are unknown regardless of the thresholds.
     `unknown_is_free` makes all unknown cells free."""
     image = root.need("image")
     picture = _picture(image, Path(image.file.name).parent)
@@ -105,17 +105,17 @@ def read_cells(root: Item, settings: MapServerSettings, unknown_is_free: bool, l
         if not unknown_is_free:
             losses.add(
                 f"unknown cells: {count} of grey {UNKNOWN_SHADE} ({settings.area_m2(count):.1f} m2) are below "
-                f"free_thresh {settings.free_below:g} and block all the same, since map_saver writes unknown cells "
+                f"free_thresh {settings.free_below:g} but count as blocked, since map_saver writes unknown cells "
                 f"in this grey; --unknown free makes them free"
             )
     if unknown_is_free and (count := int(np.count_nonzero(cells == UNKNOWN))):
         cells[cells == UNKNOWN] = FREE
-        losses.add(f"unknown cells: {count} ({settings.area_m2(count):.1f} m2) count as free, as asked for")
+        losses.add(f"unknown cells: {count} ({settings.area_m2(count):.1f} m2) count as free, as requested")
     return cells
 
 
 def _picture(item: Item, folder: Path) -> np.ndarray:
-    """The picture as rows x columns x channels of 8 or 16 bits; opacity, if it has any, is the last channel."""
+    """The picture as rows x columns x channels of 8 or 16 bits. An opacity channel is the last one."""
     path = named_file(item, folder, "a picture")
     try:
         if not path.is_file():
@@ -125,22 +125,22 @@ def _picture(item: Item, folder: Path) -> np.ndarray:
             with Image.open(path, formats=("PPM", "PNG", "BMP")) as picture:
                 columns, rows = picture.size
                 if columns * rows > MAX_CELLS:
-                    raise item.error(f"{columns} x {rows} cells are too many, {MAX_CELLS} are read")
+                    raise item.error(f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be read")
                 return _channels(picture)
     except Image.DecompressionBombError:
-        raise item.error(f"too many cells, {MAX_CELLS} are read") from None
+        raise item.error(f"too many cells, at most {MAX_CELLS} can be read") from None
     except _IMAGE_ERRORS as wrong:
         reason = wrong.strerror if isinstance(wrong, OSError) else str(wrong)
-        raise item.error(f"no picture that can be read: {reason or 'unknown kind or damaged'}") from None
+        raise item.error(f"unreadable picture: {reason or 'unknown format or damaged'}") from None
 
 
 def named_file(item: Item, folder: Path, what: str) -> Path:
-    """The file that a value names: in `folder` or below, or absolutely. Raises MapFileError where it is neither."""
+    """The file that a value names: in `folder` or below, or an absolute path. Raises MapFileError if it is neither."""
     if not isinstance(item.value, str) or not item.value:
         raise item.error(f"expected the name of {what}")
     named = Path(item.text())
     if ".." in named.parts:
-        raise item.error(f"{what} must lie in the folder of the file, or be named absolutely")
+        raise item.error(f"{what} must be in the folder of the file or below, or have an absolute path")
     return folder / named
 
 
@@ -149,12 +149,12 @@ def _channels(picture: Image.Image) -> np.ndarray:
         return np.asarray(picture).astype(np.uint16)[:, :, None]
     values = np.asarray(picture.convert({"1": "L", "P": "RGBA", "CMYK": "RGB"}.get(picture.mode, picture.mode)))
     if values.dtype != np.uint8:
-        raise ValueError(f"pictures of mode {picture.mode} are not read")
+        raise ValueError(f"pictures of mode {picture.mode} are not supported")
     return values.reshape(*values.shape[:2], -1)
 
 
 def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
-    """FREE, OCCUPIED or UNKNOWN for each cell, as the map_server tells them apart in each mode."""
+    """FREE, OCCUPIED or UNKNOWN for each cell, by the rules of map_server for each mode."""
     found = np.full(picture.shape[:2], UNKNOWN, np.uint8)
     for row in range(0, len(picture), _ROWS_PER_BLOCK):
         block = picture[row : row + _ROWS_PER_BLOCK].astype(np.float32) / np.iinfo(picture.dtype).max
@@ -163,18 +163,18 @@ def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
             opaque, block = block[:, :, -1] == 1, block[:, :, :-1]
         shade = block.mean(axis=2)
         if settings.mode == "raw":
-            chance = np.round(shade * 255) / 100
-            opaque = chance <= 1
+            probability = np.round(shade * 255) / 100
+            opaque = probability <= 1
         else:
-            chance = shade if settings.negate else 1 - shade
+            probability = shade if settings.negate else 1 - shade
         part = found[row : row + _ROWS_PER_BLOCK]
-        part[opaque & (chance < settings.free_below)] = FREE
-        part[opaque & (chance > settings.occupied_above)] = OCCUPIED
+        part[opaque & (probability < settings.free_below)] = FREE
+        part[opaque & (probability > settings.occupied_above)] = OCCUPIED
     return found
 
 
 def _saved_as_unknown(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
-    """The cells of exactly map_saver's grey for unknown; in mode trinary only, other modes have other marks."""
+    """The cells with exactly map_saver's grey of unknown cells. None in other modes than trinary."""
     if settings.mode != "trinary" or settings.negate:
         return np.zeros(picture.shape[:2], bool)
     shade = UNKNOWN_SHADE * (np.iinfo(picture.dtype).max // 255)

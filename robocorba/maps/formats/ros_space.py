@@ -1,4 +1,4 @@
-"""Which cells of a picture are ground, which block, and what of the picture is left out."""
+"""Selects the free and blocked cells of a picture: removes specks, small regions and the surroundings."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from robocorba.maps.formats.ros_picture import MapServerSettings
 from robocorba.maps.formats.solids import EIGHT_NEIGHBOURS
 from robocorba.maps.losses import Losses
 
-#: Smallest free region that is kept beside the largest [m2]. A robot of 0.4 m radius takes 0.5 m2; with
-#: twice that it can turn and leave. Laser rays through windows leave thousands of smaller ones.
+#: Minimum area of a free region that is kept beside the largest one [m2]. A robot of 0.4 m radius covers 0.5 m2
+#: and can turn and leave in twice that. Laser beams through windows leave thousands of smaller regions.
 MIN_FREE_REGION_M2 = 1.0
-#: Largest side of a speck, something occupied or unknown within free space [m]: one cell of most laser maps.
-#: Legs of tables are 3 to 6 cm thick.
+#: Maximum side of a speck, an occupied or unknown region in free space [m]: one cell of most laser maps.
+#: Table legs are 3 to 6 cm thick.
 MAX_SPECK_M = 0.05
-#: Widest gap between a speck and a wall that it is taken for noise of [m], so a removed one
-#: stood out from the wall by 0.10 m at most.
+#: Maximum gap between a wall and a speck that counts as its noise [m]. A removed speck extends
+#: at most 0.10 m from the wall.
 MAX_SPECK_GAP_M = 0.05
-#: Regions left out that are named with their place, the largest first.
+#: Removed regions that are listed with their position, the largest first.
 MAX_REGIONS_LISTED = 5
 #: Which specks are removed.
 SPECKS = ("keep", "walls", "all")
@@ -30,7 +30,7 @@ _SLACK = 1e-9
 
 @dataclass(frozen=True)
 class FloorCells:
-    """A rectangle of the picture that holds the ground: its cells, what of them blocks, and its lower left corner."""
+    """The rectangle of the picture that contains the floor: its cells, which of them block, its lower left corner."""
 
     cells: np.ndarray
     blocked: np.ndarray
@@ -38,7 +38,7 @@ class FloorCells:
 
 
 def remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, losses: Losses) -> np.ndarray:
-    """The cells with specks made free: those beside larger map_objects, or all of them (`specks` is one of SPECKS)."""
+    """The cells with specks made free: those beside larger regions, or all (`specks` is one of SPECKS)."""
     largest = int(MAX_SPECK_M / settings.resolution + _SLACK)
     if specks == "keep" or largest < 1:
         return cells
@@ -58,22 +58,22 @@ def remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, l
         where = " beside walls" if specks == "walls" else ""
         losses.add(
             f"specks: {np.count_nonzero(removed)} of at most {MAX_SPECK_M:g} m{where}, "
-            f"{settings.area_m2(int(np.count_nonzero(taken))):.3g} m2, are taken for noise and left out; "
+            f"{settings.area_m2(int(np.count_nonzero(taken))):.3g} m2, are removed as noise; "
             f"--specks keep keeps them"
         )
     if left := int(np.count_nonzero(small & ~removed)):
         losses.add(
-            f"specks: {left} of at most {MAX_SPECK_M:g} m away from walls block, as legs of tables do; "
+            f"specks: {left} of at most {MAX_SPECK_M:g} m away from walls are kept, as table legs; "
             f"--specks all removes them"
         )
     return np.where(taken, np.uint8(FREE), cells)
 
 
 def crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losses) -> FloorCells:
-    """The rectangle around the known space that is kept. All but the kept free cells blocks in it.
+    """The rectangle around the known space. All cells in it block, except those of the kept free regions.
 
-    The largest free region is kept, and each of MIN_FREE_REGION_M2 or more; with each, the
-    known cells that it is connected to."""
+    The largest free region is kept, and each of at least MIN_FREE_REGION_M2, with the known
+    cells that are connected to it."""
     regions, count = ndimage.label(cells == FREE)
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     sizes[0] = 0
@@ -84,24 +84,22 @@ def crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losses
     rows, columns = _around(ground, cells)
     part, blocked = cells[rows, columns], ~ground[rows, columns]
 
-    small = (
-        f"free space: {{n}} regions below {MIN_FREE_REGION_M2:g} m2 and apart from the others are left out and block"
-    )
+    small = f"free space: {{n}} separate regions below {MIN_FREE_REGION_M2:g} m2 count as blocked"
     _report_regions(small, np.where(ground, 0, regions), settings, losses)
     outside = cells == OCCUPIED
     outside[rows, columns] = False
     if outside.any():
         apart, _ = ndimage.label(outside, EIGHT_NEIGHBOURS)
-        _report_regions("occupied space: {n} regions outside of the outline are left out", apart, settings, losses)
+        _report_regions("occupied space: {n} regions outside the outline are left out", apart, settings, losses)
     if not ground.any():
-        losses.add("the picture shows no free cell: the whole floor blocks; check negate and the thresholds")
+        losses.add("the picture has no free cell, the whole floor is blocked; check negate and the thresholds")
     elif unknown := int(np.count_nonzero(part == UNKNOWN)):
-        losses.add(f"unknown space: {settings.area_m2(unknown):.1f} m2 within the outline block")
+        losses.add(f"unknown space: {settings.area_m2(unknown):.1f} m2 within the outline count as blocked")
     return FloorCells(part, blocked, np.array([columns.start, len(cells) - rows.stop]))
 
 
 def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:
-    """The rows and columns that hold the ground and all known cells connected to it; without ground, all."""
+    """The rows and columns that contain the ground and all known cells connected to it; all without ground."""
     known, count = ndimage.label(cells != UNKNOWN, EIGHT_NEIGHBOURS)
     reached = np.zeros(count + 1, bool)
     reached[known[ground]] = True
@@ -111,7 +109,7 @@ def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:
 
 
 def _report_regions(sentence: str, regions: np.ndarray, settings: MapServerSettings, losses: Losses) -> None:
-    """Report regions that are left out, 0 standing for none: how many, how large, where the largest are."""
+    """Report removed regions (0: no region): their number, their area and the positions of the largest."""
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
     lost = np.flatnonzero(sizes)

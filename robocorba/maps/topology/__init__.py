@@ -1,10 +1,9 @@
-"""RoadmapGraph for a floor that was drawn without any, and by way of the places that it names.
+"""Generation of the topological map of a floor, with optional given nodes.
 
 The medial axis of the free space, from the Voronoi diagram of points along all
-obstacles, keeps as far from everything as one can and has the same connections and
-loops as the free space itself. It is pruned, straightened and thinned until it reads
-like a road map. Every move of a node is made only where the strip that its edges sweep
-is free, so a road never jumps to the other side of an obstacle.
+obstacles, maximises the clearance and has the same connections and loops as the free
+space. It is pruned, straightened and simplified. A node is moved only if the area that
+its edges sweep is free, so an edge never jumps to the other side of an obstacle.
 """
 
 from __future__ import annotations
@@ -30,36 +29,36 @@ from robocorba.maps.topology.straightening import straighten
 
 __all__ = ["topological_map"]
 
-#: No robot is larger, and no geometry overflows below it, m.
-LARGEST_RADIUS_M = 1000.0
+#: Maximum radius of a robot [m]. No robot is larger, and no geometry overflows below it.
+MAX_RADIUS_M = 1000.0
 
 
 def topological_map(
     building: Building, floor: str, radius_m: float = 0.40, places: Sequence[PathNode] = ()
 ) -> TopologicalMap:
-    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` alone.
+    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` only.
 
-    Every edge keeps `radius_m` from every obstacle of the floor. Two nodes are connected
-    exactly when their places are connected in the free space, and every part of it has a
-    node. A node stands in the cabin of each elevator that serves the floor (`cabin-E1`)
-    if the robot fits, and one in front of it; the others are n1, n2, ... in reading order.
-    All `places` are nodes of the map under their own names; one where the robot does not fit, or
-    that is at the same place as another or as a cabin's node, has no edge. The same map gives the same result.
+    Every edge has a clearance of `radius_m`. Two nodes are connected exactly if their positions are
+    connected in the free space, and every component of the free space has a node. If the robot fits,
+    there is a node in the cabin of each elevator that serves the floor (`cabin-E1`), and one in front
+    of it. The others are n1, n2, ... in reading order. All `places` are nodes under their own names.
+    A place has no edge if the robot does not fit there, or if another place or a cabin's node has the
+    same position. The result is deterministic.
 
-    Raises UnknownElement for an unknown floor, InvalidElement where the radius is not
-    between 0 and LARGEST_RADIUS_M or nowhere on the floor is room for the robot.
+    Raises UnknownElement for an unknown floor, InvalidElement if the radius is not between 0 and
+    MAX_RADIUS_M, or if the floor has no free space for the robot.
     """
     if floor not in building.floors:
         raise UnknownElement("floor", "", floor)
-    if not 0 < radius_m <= LARGEST_RADIUS_M:
-        reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {LARGEST_RADIUS_M:g} m"
+    if not 0 < radius_m <= MAX_RADIUS_M:
+        reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {MAX_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
     building = _with_places_only(building, floor, places)
-    space = _places(building, floor, radius_m)
+    space = _free_space(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
     roadmap = RoadmapGraph(space, radius_m)
-    draw_axis(roadmap, _outlines(building, floor, radius_m))
+    draw_axis(roadmap, _obstacle_lines(building, floor, radius_m))
     for elevator in building.elevators.values():
         if floor in elevator.floors():
             add_cabin_nodes(roadmap, elevator, floor, places)
@@ -80,14 +79,14 @@ def topological_map(
 
 
 def _with_places_only(building: Building, floor: str, places: Sequence[PathNode]) -> Building:
-    """The building without the floor's present roadmap, so that they have no influence on new ones."""
+    """The building with `places` as the only nodes of the floor: its old roadmap must not affect the new one."""
     topology = TopologicalMap({place.name: place for place in places})
     bare = msgspec.structs.replace(building.floors[floor], topological=topology)
     return msgspec.structs.replace(building, floors={**building.floors, floor: bare})
 
 
-def _places(building: Building, floor: str, radius_m: float) -> BaseGeometry:
-    """Free space without the shafts that have no door here."""
+def _free_space(building: Building, floor: str, radius_m: float) -> BaseGeometry:
+    """The free space of a floor, without the shafts that do not serve it."""
     space = geometry.free_space(building, floor, radius_m)
     closed = [geometry.shaft_polygon(e) for e in building.elevators.values() if floor not in e.floors()]
     if closed:
@@ -96,8 +95,8 @@ def _places(building: Building, floor: str, radius_m: float) -> BaseGeometry:
     return space
 
 
-def _outlines(building: Building, floor: str, radius_m: float) -> list[BaseGeometry]:
-    """What the roadmap keep their distance from, as lines; the rim of the drawn region where there is no outline."""
+def _obstacle_lines(building: Building, floor: str, radius_m: float) -> list[BaseGeometry]:
+    """The obstacles as lines, with the border of the mapped region if the floor has no outline."""
     lines = [item.geometry for item in geometry.obstacles(building, floor)]
     lines = [line.exterior if isinstance(line, Polygon) else line for line in lines]
     if not building.floors[floor].floor.outline:

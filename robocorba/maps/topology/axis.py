@@ -1,4 +1,4 @@
-"""The medial axis of the free space, and the bridges where it is broken."""
+"""The medial axis of the free space, and bridges between its components."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps.topology.roadmap import RoadmapGraph, midpoint
 from robocorba.spatial.pose import XY
 
-#: Points along the obstacles are at most this many radii apart, while there are fewer than MAX_SITES.
+#: Maximum distance of sample points along the obstacles [radii], unless that takes more than MAX_SITES.
 SITE_SPACING_RADII = 0.4
 MAX_SITES = 200_000
-#: An axis piece between two sites closer than this many radii leads into a gap or away from one wall: no road.
-#: Anything below 2 keeps every connection of the free space (the lambda medial axis).
+#: Minimum distance of the two sites of an axis segment [radii]. Segments between closer sites lead into a gap or
+#: away from a single wall. Every value below 2 keeps the connectivity of the free space (lambda medial axis).
 MIN_SITE_DISTANCE_RADII = 1.5
 
-#: A stop on a bridge: a node of the roadmap, or the middle of a triangle's side.
+#: A node of a bridge: a node of the roadmap, or the midpoint of a triangle's side.
 BridgePoint: TypeAlias = int | XY
 
 
 def draw_axis(roadmap: RoadmapGraph, outlines: list[BaseGeometry]) -> None:
-    """Add the medial axis of the outlines, as far as it is free."""
+    """Add the free part of the medial axis of the outlines."""
     step = max(SITE_SPACING_RADII * roadmap.radius, float(shapely.length(outlines).sum()) / MAX_SITES)
     sites = shapely.get_coordinates(shapely.segmentize(outlines, step))
     sites = np.unique(np.round(sites, 7), axis=0)
-    centre = sites.mean(axis=0)  # near the origin qhull is exact
+    centre = sites.mean(axis=0)  # qhull is most precise near the origin
     if len(sites) < 5 or np.linalg.matrix_rank(sites - centre) < 2:
         return
     diagram = Voronoi(sites - centre)
@@ -52,58 +52,58 @@ def draw_axis(roadmap: RoadmapGraph, outlines: list[BaseGeometry]) -> None:
 
 
 def connect_components(roadmap: RoadmapGraph) -> None:
-    """Make each part of the free space hold exactly one connected piece of the graph.
+    """Give each component of the free space exactly one connected component of the graph.
 
-    The axis has its connections already, except where a passage is only just wide enough."""
-    for room, mine in zip(roadmap.rooms, _nodes_by_room(roadmap), strict=True):
-        if not mine:
+    The axis has its connectivity already, except in passages that are barely wide enough."""
+    for room, nodes_in_room in zip(roadmap.rooms, _nodes_by_room(roadmap), strict=True):
+        if not nodes_in_room:
             place = room.representative_point()
             roadmap.add((place.x, place.y))
             continue
-        pieces = list(nx.connected_components(roadmap.graph.subgraph(mine)))
+        pieces = list(nx.connected_components(roadmap.graph.subgraph(nodes_in_room)))
         if len(pieces) > 1:
-            _bridge(roadmap, room, [min(piece) for piece in pieces], mine)
+            _bridge(roadmap, room, [min(piece) for piece in pieces], nodes_in_room)
 
 
 def _nodes_by_room(roadmap: RoadmapGraph) -> list[list[int]]:
-    """The nodes that lie in each room."""
+    """The nodes in each room."""
     nodes = list(roadmap.graph)
     places = shapely.points(np.array([roadmap.at(node) for node in nodes]).reshape(-1, 2))
-    homes: list[list[int]] = [[] for _ in roadmap.rooms]
+    by_room: list[list[int]] = [[] for _ in roadmap.rooms]
     for room, i in STRtree(places).query(roadmap.rooms, predicate="intersects").T.tolist():
-        homes[room].append(nodes[i])
-    return homes
+        by_room[room].append(nodes[i])
+    return by_room
 
 
-def _bridge(roadmap: RoadmapGraph, room: Polygon, targets: list[int], mine: list[int]) -> None:
-    """Join pieces of the graph, each given by one node, over the triangles of a room."""
-    web = _bridge_graph(roadmap, room, mine)
+def _bridge(roadmap: RoadmapGraph, room: Polygon, targets: list[int], nodes_in_room: list[int]) -> None:
+    """Connect components of the graph, each given by one node, across the triangles of a room."""
+    graph = _bridge_graph(roadmap, room, nodes_in_room)
     added: dict[XY, int] = {}
     for target in targets[1:]:
         nodes = []
-        for stop in nx.shortest_path(web, targets[0], target, weight="weight"):
-            if not isinstance(stop, int) and stop not in added:
-                added[stop] = roadmap.add(stop)
-            nodes.append(stop if isinstance(stop, int) else added[stop])
+        for step in nx.shortest_path(graph, targets[0], target, weight="weight"):
+            if not isinstance(step, int) and step not in added:
+                added[step] = roadmap.add(step)
+            nodes.append(step if isinstance(step, int) else added[step])
         nx.add_path(roadmap.graph, nodes)
 
 
-def _bridge_graph(roadmap: RoadmapGraph, room: Polygon, mine: list[int]) -> nx.Graph[BridgePoint]:
-    """All ways in a room from triangle to triangle, from each node to its triangle's sides, and along its roadmap."""
-    web: nx.Graph[BridgePoint] = nx.Graph()
-    for a, b in roadmap.graph.subgraph(mine).edges:
-        web.add_edge(a, b, weight=0.01 * roadmap.length(a, b))  # roadmap that are there already come first
+def _bridge_graph(roadmap: RoadmapGraph, room: Polygon, nodes_in_room: list[int]) -> nx.Graph[BridgePoint]:
+    """All connections in a room: between triangles, from each node to the sides of its triangle, and roadmap edges."""
+    graph: nx.Graph[BridgePoint] = nx.Graph()
+    for a, b in roadmap.graph.subgraph(nodes_in_room).edges:
+        graph.add_edge(a, b, weight=0.01 * roadmap.length(a, b))  # prefers existing edges
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room)).tolist()
-    gates: list[list[XY]] = []
+    midpoints: list[list[XY]] = []
     for triangle in triangles:
         corners = sorted(triangle.exterior.coords[:3])
-        gates.append([midpoint(p, q) for p, q in ((corners[0], corners[1]), (corners[0], corners[2]), corners[1:])])
-        for i, p in enumerate(gates[-1]):
-            for q in gates[-1][:i]:
-                web.add_edge(p, q, weight=math.dist(p, q))
+        midpoints.append([midpoint(p, q) for p, q in ((corners[0], corners[1]), (corners[0], corners[2]), corners[1:])])
+        for i, p in enumerate(midpoints[-1]):
+            for q in midpoints[-1][:i]:
+                graph.add_edge(p, q, weight=math.dist(p, q))
     tree = STRtree(triangles)
-    for node in mine:
+    for node in nodes_in_room:
         for i in tree.query(Point(roadmap.at(node)), predicate="intersects").tolist():
-            for gate in gates[i]:
-                web.add_edge(node, gate, weight=math.dist(roadmap.at(node), gate))
-    return web
+            for point in midpoints[i]:
+                graph.add_edge(node, point, weight=math.dist(roadmap.at(node), point))
+    return graph

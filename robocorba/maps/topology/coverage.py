@@ -1,4 +1,4 @@
-"""More nodes on the edges, until every place of the floor sees one."""
+"""Additional nodes on the edges, so that nearly every free point has a node in line of sight."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.topology.roadmap import SAME_PLACE_M, Array, RoadmapGraph
 
-#: Nodes are added until all but this share of the free places see one in a straight line.
+#: Maximum share of sample points without a node in line of sight.
 MAX_UNSEEN_SHARE = 0.01
-#: So many places are looked from, about.
+#: Approximate number of sample points.
 MAX_SAMPLES = 2000
-#: Each looks for so many of the nearest nodes, and may get a new one on so many of the nearest edges.
+#: Nearest nodes whose visibility is tested, and nearest edges tried for a new node, for each sample point.
 NEAREST_NODES, NEAREST_EDGES = 16, 12
 
 
 def add_coverage_nodes(roadmap: RoadmapGraph) -> None:
-    """Add nodes on the edges until nearly every free place sees one."""
+    """Add nodes on the edges until nearly every free point sees one."""
     places = _grid(roadmap.space, MAX_SAMPLES)
     unseen = places[~_sees_any(roadmap, places, list(roadmap.graph))]
     edges, tree = roadmap.lines()
@@ -45,7 +45,7 @@ def add_coverage_nodes(roadmap: RoadmapGraph) -> None:
 
 
 def _grid(space: BaseGeometry, most: int) -> Array:
-    """Free places on a regular grid, about `most` of them and no more than four in a square metre."""
+    """Free points on a regular grid: about `most`, at most four per square metre."""
     pitch = max(0.5, math.sqrt(space.area / most))
     x0, y0, x1, y1 = space.bounds
     x, y = np.meshgrid(np.arange(x0 + pitch / 2, x1, pitch), np.arange(y0 + pitch / 2, y1, pitch))
@@ -54,13 +54,13 @@ def _grid(space: BaseGeometry, most: int) -> Array:
 
 
 def _nearest(tree: STRtree, here: Array) -> list[int]:
-    """The edges that are nearest to a place, the nearest first."""
+    """The edges nearest to a point, the nearest first."""
     off = shapely.distance(tree.geometries, Point(here))
     return np.argsort(off, kind="stable")[:NEAREST_EDGES].tolist()
 
 
 def _sees_any(roadmap: RoadmapGraph, places: Array, nodes: list[int]) -> NDArray[np.bool_]:
-    """Which of the places (n, 2) see one of the nodes that are nearest to them."""
+    """Which of the points (n, 2) see one of their nearest nodes."""
     seen = np.zeros(len(places), dtype=bool)
     if len(places) == 0 or not nodes:
         return seen

@@ -1,4 +1,4 @@
-"""Nodes that have a reason to be where they are: in cabins, in front of them, in doorways, and at places on the map."""
+"""Nodes with a fixed position: in cabins, in front of them, in doorways, and at given places."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from robocorba.maps.model import Elevator, ElevatorDoor, PathNode, Side
 from robocorba.maps.topology.roadmap import SAME_PLACE_M, RoadmapGraph
 from robocorba.spatial.pose import XY
 
-#: A node waits in front of an elevator, so many radii from its door; the first that is free.
+#: Candidate distances of the waiting node from an elevator's door [radii]; the first free one is used.
 WAITING_DISTANCES_RADII = (2.5, 2.0, 1.5, 1.1)
-#: A node that wants to join the roadmap looks at so many of the nearest nodes; further ones are out of sight.
+#: Nearest nodes tried to connect a node to the roadmap; farther ones are hardly ever visible.
 MAX_CANDIDATES = 200
 
 _TURN_OF = {Side.FRONT: -math.pi / 2, Side.BACK: math.pi / 2, Side.LEFT: math.pi, Side.RIGHT: 0.0}
 
 
 def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, places: Iterable[PathNode] = ()) -> None:
-    """A node in the cabin, one in front of each of its doors here, and a straight way between them.
+    """Add a node in the cabin, one in front of each of its doors on the floor, and straight edges between them.
 
-    A place in the cabin that is free becomes that node."""
+    A free place in the cabin becomes its node."""
     stop = next((place for place in places if place.elevator == elevator.name and roadmap.is_free(place.at)), None)
     middle = stop.at if stop else elevator.at
     if not roadmap.is_free(middle):
@@ -47,14 +47,14 @@ def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, place
             waiting = roadmap.add(front, fixed=True)
             _join(roadmap, waiting, outside)
             nx.add_path(graph, [waiting, roadmap.add(threshold), cabin])
-    if graph[cabin]:  # the axis inside is of no more use, unless it still leads out of another door
+    if graph[cabin]:  # removes the axis in the cabin, unless it leads through another door
         for piece in [piece for piece in nx.connected_components(graph) if piece <= set(inside)]:
             graph.remove_nodes_from(piece)
     _join(roadmap, cabin, [node for node in inside if node in graph])
 
 
 def _approach(elevator: Elevator, door: ElevatorDoor, doorway: LineString, radius_m: float) -> tuple[XY, list[XY]]:
-    """The middle of an elevator's doorway, and places in front of it, best first."""
+    """The middle of an elevator's doorway, and waiting positions in front of it, best first."""
     threshold = doorway.interpolate(0.5, normalized=True)
     out = elevator.heading + _TURN_OF[door.side]
     fronts = [
@@ -65,7 +65,7 @@ def _approach(elevator: Elevator, door: ElevatorDoor, doorway: LineString, radiu
 
 
 def _split(roadmap: RoadmapGraph, shape: Polygon, but: int) -> tuple[list[int], list[int]]:
-    """The nodes inside and outside of a shape."""
+    """The nodes inside and outside a shape."""
     nodes = [node for node in roadmap.graph if node != but]
     within = shapely.contains_xy(shape, np.array([roadmap.at(node) for node in nodes]).reshape(-1, 2))
     numbers = np.array(nodes, dtype=int)
@@ -73,7 +73,7 @@ def _split(roadmap: RoadmapGraph, shape: Polygon, but: int) -> tuple[list[int], 
 
 
 def _join(roadmap: RoadmapGraph, node: int, others: list[int]) -> None:
-    """Link a node to the nearest of others that it sees."""
+    """Connect a node to the nearest visible one of others."""
     places = np.array([roadmap.at(n) for n in others]).reshape(-1, 2)
     for i in np.argsort(np.hypot(*(places - roadmap.at(node)).T), kind="stable")[:MAX_CANDIDATES].tolist():
         if roadmap.is_free(roadmap.at(node), roadmap.at(others[i])):
@@ -82,7 +82,7 @@ def _join(roadmap: RoadmapGraph, node: int, others: list[int]) -> None:
 
 
 def add_doorway_nodes(roadmap: RoadmapGraph, doors: Iterable[LineString]) -> None:
-    """A fixed node where the axis passes a doorway, in its middle if it may be there."""
+    """Add a fixed node where the axis passes a doorway, in its middle if that is free."""
     edges, tree = roadmap.lines()
     for door in doors:
         centre = door.interpolate(0.5, normalized=True)
@@ -92,7 +92,7 @@ def add_doorway_nodes(roadmap: RoadmapGraph, doors: Iterable[LineString]) -> Non
         nearest = min(found.tolist(), key=lambda i: (tree.geometries[i].distance(centre), i))
         a, b = edges[nearest]
         if not roadmap.graph.has_edge(a, b):
-            continue  # split by another door at the same place
+            continue  # another door at the same place has split it
         crossing = shapely.shortest_line(tree.geometries[nearest].intersection(door), centre).coords[0]
         best: XY = (centre.x, centre.y)
         here = best if roadmap.is_free(roadmap.at(a), best) and roadmap.is_free(best, roadmap.at(b)) else crossing
@@ -101,7 +101,7 @@ def add_doorway_nodes(roadmap: RoadmapGraph, doors: Iterable[LineString]) -> Non
 
 
 def add_place_nodes(roadmap: RoadmapGraph, places: Iterable[PathNode]) -> None:
-    """A node at each place where the robot fits, unless it is one already or another is there."""
+    """Add a node at each place where the robot fits, unless the place has one or its position is taken."""
     special = [node for node in roadmap.graph if roadmap.place(node) or roadmap.elevator(node)]
     names, taken = {roadmap.place(node) for node in special}, [roadmap.at(node) for node in special]
     others = list(roadmap.graph)

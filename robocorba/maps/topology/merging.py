@@ -1,4 +1,4 @@
-"""Nodes that are close together become one, and roadmap that nearly run along x or y do."""
+"""Merges close nodes, and aligns edges that run nearly along x or y."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 from robocorba.maps.topology.roadmap import BEND_SHARE, SAME_PLACE_M, RoadmapGraph, distance_to_segment_m, midpoint
 from robocorba.spatial.pose import XY
 
-#: Nodes closer than this many radii, or this share of their clearance, become one.
+#: Nodes closer than this many radii, or this share of their clearance, are merged.
 MERGE_RADII, MERGE_SHARE = 3.0, 0.75
-#: A road whose ends differ by less than this share of its length along x (or y) is meant to run along y (or x).
+#: An edge is aligned with y (or x) if its extent along x (or y) is below this share of the other one.
 TILT_SHARE = 0.3
 
 
 def merge(roadmap: RoadmapGraph) -> None:
-    """Join nodes that are close together, and drop those that only lie between two others."""
+    """Merge close nodes, and remove those that only lie between two others."""
     changed = True
     while changed:
         changed = False
@@ -27,7 +27,7 @@ def merge(roadmap: RoadmapGraph) -> None:
 
 
 def _try_merge(roadmap: RoadmapGraph, a: int, b: int) -> bool:
-    """Whether two neighbours became one."""
+    """Merge two neighbours if allowed; whether they were merged."""
     if roadmap.length(a, b) > _merge_distance_m(roadmap, a, b) or (roadmap.elevator(a) and roadmap.elevator(b)):
         return False
     if _merge_priority(roadmap, b) > _merge_priority(roadmap, a):
@@ -35,7 +35,7 @@ def _try_merge(roadmap: RoadmapGraph, a: int, b: int) -> bool:
     if roadmap.place(b):
         return False
     if roadmap.is_fixed(a) and roadmap.length(a, b) > roadmap.radius:
-        return False  # a junction in front of a doorway stays there, and so does the node of a small room
+        return False  # keeps a junction in front of a doorway and the node of a small room
     one, other = roadmap.at(a), roadmap.at(b)
     for place in [one] if roadmap.is_fixed(a) else [one, midpoint(one, other), other]:
         if roadmap.can_move(a, place, but=b) and roadmap.can_move(b, place, but=a):
@@ -47,31 +47,28 @@ def _try_merge(roadmap: RoadmapGraph, a: int, b: int) -> bool:
 
 
 def _merge_distance_m(roadmap: RoadmapGraph, a: int, b: int) -> float:
-    """How close two neighbours must be to become one, m."""
+    """Maximum distance at which two neighbours are merged [m]."""
     if roadmap.is_fixed(a) and roadmap.is_fixed(b):
         return SAME_PLACE_M
     if 1 in (len(roadmap.graph[a]), len(roadmap.graph[b])):
-        return roadmap.radius  # what is left of the dead ends is meant to be there
+        return roadmap.radius  # keeps the dead ends that pruning left
     return max(MERGE_RADII * roadmap.radius, MERGE_SHARE * min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
 
 
 def _merge_priority(roadmap: RoadmapGraph, node: int) -> tuple[bool, bool, bool, int, float]:
-    """Of two nodes that merge, the one that stays has more of this."""
+    """The node with the higher priority remains when two nodes merge."""
     special = bool(roadmap.elevator(node)), bool(roadmap.place(node)), roadmap.is_fixed(node)
     return *special, len(roadmap.graph[node]), roadmap.clearance_m(node)
 
 
 def _try_skip(roadmap: RoadmapGraph, node: int) -> bool:
-    """Whether a node that only lay between two others is gone."""
+    """Remove a node that only lies between two others; whether it was removed."""
     if len(roadmap.graph[node]) != 2 or roadmap.is_fixed(node):
         return False
     a, b = roadmap.graph[node]
-    off = float(
-        distance_to_segment_m(np.array([roadmap.at(node)]), np.array(roadmap.at(a)), np.array(roadmap.at(b)))[0]
-    )
-    if off > BEND_SHARE * roadmap.clearance_m(node) or not roadmap.is_free(
-        roadmap.at(a), roadmap.at(node), roadmap.at(b)
-    ):
+    start, at, end = roadmap.at(a), roadmap.at(node), roadmap.at(b)
+    off_m = float(distance_to_segment_m(np.array([at]), np.array(start), np.array(end))[0])
+    if off_m > BEND_SHARE * roadmap.clearance_m(node) or not roadmap.is_free(start, at, end):
         return False
     roadmap.graph.remove_node(node)
     roadmap.graph.add_edge(a, b)
@@ -79,7 +76,7 @@ def _try_skip(roadmap: RoadmapGraph, node: int) -> bool:
 
 
 def align(roadmap: RoadmapGraph) -> None:
-    """Put nodes of a road that runs nearly along x or y on one line."""
+    """Put the nodes of edges that run nearly along x or y on one line."""
     for axis in (0, 1):
         along: nx.Graph[int] = nx.Graph()
         for a, b in roadmap.graph.edges:

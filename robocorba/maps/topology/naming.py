@@ -1,4 +1,4 @@
-"""From the graph to the map: round positions, and names in reading order."""
+"""Converts the graph to the topological map: round positions, names in reading order."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robocorba.maps.topology.roadmap import RoadmapGraph
 
 
 def round_positions(roadmap: RoadmapGraph) -> None:
-    """Move nodes to whole centimetres or millimetres where there is room to."""
+    """Round node positions to centimetres or millimetres where the space allows it."""
     for node in sorted(roadmap.graph):
         if roadmap.elevator(node) or roadmap.place(node):
             continue
@@ -23,7 +23,7 @@ def round_positions(roadmap: RoadmapGraph) -> None:
 
 
 def to_topological_map(roadmap: RoadmapGraph, places: Sequence[PathNode] = ()) -> TopologicalMap:
-    """The map: nodes from top to bottom and left to right, then the cabins; of `places`, those without roadmap last."""
+    """The topological map: nodes from top to bottom and left to right, then cabins, then `places` without edges."""
 
     def reading_order(node: int) -> tuple[bool, str, float, float, float]:
         x, y = roadmap.at(node)
@@ -47,6 +47,6 @@ def to_topological_map(roadmap: RoadmapGraph, places: Sequence[PathNode] = ()) -
 
 
 def _free_name(wanted: str, taken: Container[str]) -> str:
-    """The name, or the first of `name-2`, `name-3`... that is not taken."""
+    """`wanted`, or the first of `wanted-2`, `wanted-3`... that is not taken."""
     numbered = (f"{wanted}-{i}" for i in count(2))
     return next(name for name in chain([wanted], numbered) if name not in taken)

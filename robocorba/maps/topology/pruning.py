@@ -1,4 +1,4 @@
-"""Away with what leads nowhere new: dead ends, and rings around small map_objects."""
+"""Removes dead ends without use, and loops around small obstacles."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import shapely
 
 from robocorba.maps.topology.roadmap import RoadmapGraph
 
-#: A dead end is a road where it reaches this many radii beyond the free disc around its junction ...
+#: A dead end is kept if it reaches this far beyond the free disc around its junction [radii] ...
 SPUR_RADII = 3.0
-#: ... and this share of that disc's radius, which a mere corner of a room (0.41) never does.
+#: ... and this share of the disc's radius. A corner of a room reaches 0.41.
 SPUR_SHARE = 0.6
-#: Behind a doorway a shorter road counts, so that small rooms have a node.
+#: The same behind a doorway [radii]: shorter, so that small rooms have a node.
 SPUR_RADII_AT_DOOR = 1.0
-#: A ring shorter than this many radii squeezes past a small map_object on both sides: one is enough.
+#: Minimum length of a loop [radii]. A shorter one passes a small obstacle on both sides, where one is enough.
 MIN_LOOP_RADII = 12.0
 
 
 def prune(roadmap: RoadmapGraph) -> None:
-    """Take away dead ends that lead nowhere new, the shortest first."""
+    """Remove dead ends without use, the shortest first."""
     graph = roadmap.graph
     for piece in nx.connected_components(graph):
         if not any(roadmap.is_fixed(node) for node in piece):
-            # The widest place of a piece without fixed nodes is the last to go.
+            # A component without fixed nodes keeps its node with the largest clearance.
             roadmap.hubs.add(max(piece, key=lambda node: (roadmap.clearance_m(node), -node)))
     waiting = [(_gain(roadmap, end), end[0], end) for end in _dead_ends(roadmap, list(graph))]
     heapq.heapify(waiting)
@@ -53,25 +53,25 @@ def _dead_ends(roadmap: RoadmapGraph, nodes: list[int]) -> list[tuple[int, ...]]
 
 
 def _dead_end(roadmap: RoadmapGraph, tip: int) -> tuple[int, ...]:
-    """The nodes from a loose end to its junction; nothing where `tip` is no loose end or there is no junction."""
+    """The nodes from a loose end to its junction; empty if `tip` is no loose end or there is no junction."""
     graph = roadmap.graph
-    if len(graph[tip]) != 1 or _stays(roadmap, tip):
+    if len(graph[tip]) != 1 or _is_kept(roadmap, tip):
         return ()
     chain = [tip]
     (node,) = graph[tip]
-    while len(graph[node]) == 2 and not _stays(roadmap, node):
+    while len(graph[node]) == 2 and not _is_kept(roadmap, node):
         (onward,) = (n for n in graph[node] if n != chain[-1])
         chain.append(node)
         node = onward
-    return (*chain, node) if len(graph[node]) > 1 or _stays(roadmap, node) else ()
+    return (*chain, node) if len(graph[node]) > 1 or _is_kept(roadmap, node) else ()
 
 
-def _stays(roadmap: RoadmapGraph, node: int) -> bool:
+def _is_kept(roadmap: RoadmapGraph, node: int) -> bool:
     return node in roadmap.hubs or roadmap.is_fixed(node)
 
 
 def _gain(roadmap: RoadmapGraph, end: tuple[int, ...]) -> float:
-    """How far a dead end reaches beyond what its junction oversees, less what makes it a road, m."""
+    """How far a dead end reaches beyond the free disc around its junction, less the required length [m]."""
     tip, junction = end[0], end[-1]
     along = sum(roadmap.length(a, b) for a, b in pairwise(end))
     reach = along + roadmap.clearance_m(tip) - roadmap.clearance_m(junction)
@@ -81,19 +81,19 @@ def _gain(roadmap: RoadmapGraph, end: tuple[int, ...]) -> float:
 
 
 def _shorten(roadmap: RoadmapGraph, end: tuple[int, ...]) -> None:
-    """Cut a dead end back to the widest place that oversees the rest, as a room's middle does its corners."""
+    """Shorten a dead end to its widest node that sees the rest, e.g. the middle of a room, which sees the corners."""
     rest, last, widest = 0.0, 0, 0.0
     for i, (a, b) in enumerate(pairwise(end[:-1]), 1):
         rest += roadmap.length(a, b)
         here = roadmap.clearance_m(b)
-        oversees = rest + roadmap.clearance_m(end[0]) - here < max(SPUR_RADII * roadmap.radius, SPUR_SHARE * here)
-        if oversees and here >= widest:
+        covers_rest = rest + roadmap.clearance_m(end[0]) - here < max(SPUR_RADII * roadmap.radius, SPUR_SHARE * here)
+        if covers_rest and here >= widest:
             last, widest = i, here
     roadmap.graph.remove_nodes_from(end[:last])
 
 
 def cut_small_loops(roadmap: RoadmapGraph) -> None:
-    """Cut small rings at their narrowest edge."""
+    """Cut small loops at their narrowest edge."""
     graph = roadmap.graph
     edges, tree = roadmap.lines()
     lines = tree.geometries

@@ -1,4 +1,4 @@
-"""Winding ways between two junctions become a few straight edges."""
+"""Replaces winding chains of edges between two junctions by a few straight edges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robocorba.maps.topology.roadmap import BEND_SHARE, RoadmapGraph, distance_t
 
 
 def straighten(roadmap: RoadmapGraph) -> None:
-    """Replace every winding way between two junctions by as few straight edges as may be."""
+    """Replace every chain between two junctions by as few straight edges as possible."""
     for chain in list(_chains(roadmap)):
         kept = set(_bends(roadmap, chain))
         roadmap.graph.remove_edges_from(list(pairwise(chain)))
@@ -21,7 +21,7 @@ def straighten(roadmap: RoadmapGraph) -> None:
 
 
 def _chains(roadmap: RoadmapGraph) -> Iterator[list[int]]:
-    """Ways between junctions, loose ends and fixed nodes; a ring without any starts at its lowest node."""
+    """Chains between junctions, loose ends and fixed nodes. A loop without any starts at its lowest node."""
     graph = roadmap.graph
     ends = {n for n in graph if len(graph[n]) != 2 or roadmap.is_fixed(n)}
     for piece in nx.connected_components(graph):
@@ -41,11 +41,11 @@ def _chains(roadmap: RoadmapGraph) -> Iterator[list[int]]:
 
 
 def _bends(roadmap: RoadmapGraph, chain: list[int]) -> list[int]:
-    """Indices into a chain of the nodes that must stay (Douglas and Peucker, with clearance)."""
+    """Indices of the nodes of a chain to keep (Douglas-Peucker with clearance)."""
     at = np.array([roadmap.at(node) for node in chain])
     leeway = BEND_SHARE * np.array([roadmap.clearance_m(node) for node in chain])
     last = len(chain) - 1
-    # A ring needs three nodes for its edges to be straight and different.
+    # A loop needs three nodes, so that its edges are straight and different.
     stops = [0, last // 3, 2 * last // 3, last] if chain[0] == chain[-1] else [0, last]
     kept, todo = list(stops), list(pairwise(stops))
     while todo:
