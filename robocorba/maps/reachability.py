@@ -106,14 +106,14 @@ class Reachability:
         """What blocks the widest edge between a part and the others."""
         edges = self._building.floors[floor].topological.edges
         closed = [
-            (gap, name)
-            for name, gap in self._closed[floor].items()
+            (edge, name)
+            for name, edge in self._closed[floor].items()
             if (edges[name].a in part) != (edges[name].b in part)
         ]
         if not closed:
             return "no edge joins them"
-        gap, name = max(closed, key=lambda found: found[0].clearance_m)
-        return f"{describe('edge', '', name)} {gap.cause}"
+        edge, name = max(closed, key=lambda found: found[0].clearance_m)
+        return f"{describe('edge', '', name)} {edge.cause}"
 
     def _drives(self, floor: str) -> Links:
         """Links of the edges that are wide enough, in each permitted direction."""
@@ -140,11 +140,11 @@ class Reachability:
     def _rides(self) -> Links:
         """Links that connect all stops of each elevator between floors."""
         rides = [
-            (self._index[here], self._index[there])
+            (self._index[start], self._index[end])
             for stops in self._stops.values()
             if len({floor for floor, _ in stops}) > 1
             for a, b in pairwise(stops)
-            for here, there in ((a, b), (b, a))
+            for start, end in ((a, b), (b, a))
         ]
         return np.array(rides, int).reshape(-1, 2)
 

@@ -123,22 +123,22 @@ def _changed(after: Building, names: dict[str, TouchedNames], before: Building) 
         yield from _served_floor_violations(after, changed)
         yield from _shaft_overlaps(after, [elevator.name for elevator in changed])
     for floor, entry in after.floors.items():
-        here = names.get(floor, {})
-        if not (here or lifts or floor in floors):
+        on_floor = names.get(floor, {})
+        if not (on_floor or lifts or floor in floors):
             continue
-        yield from _changed_paths(after, floor, here, before)
+        yield from _changed_paths(after, floor, on_floor, before)
         if lifts:
             cabin_nodes = (node for node in _cabin_nodes(IdentityKey(entry.topological)) if node.elevator in lifts)
             yield from _cabin_node_violations(after, floor, cabin_nodes)
         if floor in floors:
             yield from _nodes_outside_outline(entry, all_paths(entry.topological))
-        found = _changed_obstacles(after, floor, here, lifts, floor in floors, before)
+        found = _changed_obstacles(after, floor, on_floor, lifts, floor in floors, before)
         yield from (collision.error() for collision in found if collision.is_structural)
         known = _blocked_before(before, floor, found)
         yield from (collision for collision in found if collision.pair not in known)
 
 
-def _changed_paths(after: Building, floor: str, here: TouchedNames, before: Building) -> Iterator[InvalidElement]:
+def _changed_paths(after: Building, floor: str, on_floor: TouchedNames, before: Building) -> Iterator[InvalidElement]:
     """Check new and changed nodes and edges, and the edges whose nodes moved or disappeared, on the whole floor.
 
     New, moved and reconnected ones must be free of obstacles. An edge that only follows its
@@ -146,9 +146,9 @@ def _changed_paths(after: Building, floor: str, here: TouchedNames, before: Buil
     entry = after.floors[floor]
     old = before.floors[floor].topological if floor in before.floors else TopologicalMap()
     nodes, edges = entry.topological.nodes, entry.topological.edges
-    touched = here.get(ElementKind.NODE, set())
+    touched = on_floor.get(ElementKind.NODE, set())
     some_nodes = {name: nodes[name] for name in touched if name in nodes}
-    some_edges = {name: edges[name] for name in here.get(ElementKind.EDGE, ()) if name in edges}
+    some_edges = {name: edges[name] for name in on_floor.get(ElementKind.EDGE, ()) if name in edges}
     placed = {name: node for name, node in some_nodes.items() if name not in old.nodes or old.nodes[name].at != node.at}
     drawn = {
         name: edge
@@ -182,25 +182,25 @@ def _blocked_before(before: Building, floor: str, found: Sequence[Collision]) ->
 
 
 def _changed_obstacles(
-    after: Building, floor: str, here: TouchedNames, lifts: set[str], outline: bool, before: Building
+    after: Building, floor: str, on_floor: TouchedNames, lifts: set[str], outline: bool, before: Building
 ) -> list[Collision]:
     """Collisions of all nodes and edges of a floor with new obstacles. Walls that lost a door count as new."""
     plan = after.floors[floor].geometrical
-    suspects = {(kind.value, name) for kind, names in here.items() for name in names}
+    suspects = {(kind.value, name) for kind, names in on_floor.items() for name in names}
     suspects |= {("elevator", name) for name in lifts} | ({("floor", floor)} if outline else set())
     openings = [elevator_box(before.elevators[name]) for name in lifts if name in before.elevators]
     if floor in before.floors:
         doors = before.floors[floor].geometrical.doors
         openings += [
-            line_box(doors[name], 2 * DOOR_REACH_M) for name in here.get(ElementKind.DOOR, ()) if name in doors
+            line_box(doors[name], 2 * DOOR_REACH_M) for name in on_floor.get(ElementKind.DOOR, ()) if name in doors
         ]
     reopened = set(walls_cut_by(after, floor, openings))
     suspects |= {("wall", name) for name in reopened}
 
-    walls = reopened | here.get(ElementKind.WALL, set())
+    walls = reopened | on_floor.get(ElementKind.WALL, set())
     boxes = [line_box(plan.walls[name]) for name in walls if name in plan.walls]
-    boxes += [line_box(plan.doors[name]) for name in here.get(ElementKind.DOOR, ()) if name in plan.doors]
-    boxes += [object_box(plan.objects[name]) for name in here.get(ElementKind.OBJECT, ()) if name in plan.objects]
+    boxes += [line_box(plan.doors[name]) for name in on_floor.get(ElementKind.DOOR, ()) if name in plan.doors]
+    boxes += [object_box(plan.objects[name]) for name in on_floor.get(ElementKind.OBJECT, ()) if name in plan.objects]
     boxes += [elevator_box(after.elevators[name]) for name in lifts if name in after.elevators]
     if outline:
         boxes += [point_box(point, TOUCH_M) for point in after.floors[floor].floor.outline]

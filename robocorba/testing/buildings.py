@@ -76,7 +76,7 @@ def two_floors() -> Building:
 
 
 def grid(side: int, walls: int, floors: int = 1, doors: int = 0) -> Building:
-    """`side`² nodes per floor, 1 m apart, each connected to the next four, beside `walls` walls, `doors` of which have a door."""
+    """`side`² nodes per floor, 1 m apart, each connected to the next four. `doors` of the `walls` walls have a door."""
     storeys = {}
     for level in range(floors):
         nodes = {

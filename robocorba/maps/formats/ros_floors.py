@@ -134,14 +134,16 @@ def _floor_map(
     if not ros_map.is_ros_map(map_file.data):
         raise named.error("not a map_server file: it has no image: and resolution:")
     root = Item(map_file, "$", map_file.data)
-    here = Losses()
+    floor_losses = Losses()
     settings = read_settings(root)
-    cells = read_cells(root, settings, options.unknown == "free", here)
+    cells = read_cells(root, settings, options.unknown == "free", floor_losses)
     for i, elevator in enumerate(elevators.values()):
         if floor.name in elevator.floors():
-            _clear_shaft(Item(file, f"$.elevators[{i}]", elevator.name), elevator, floor.name, cells, settings, here)
-    found = ros_map.floor_map(floor, cells, settings, options, root.need("image"), here)
-    for sentence in here.sentences():
+            _clear_shaft(
+                Item(file, f"$.elevators[{i}]", elevator.name), elevator, floor.name, cells, settings, floor_losses
+            )
+    found = ros_map.floor_map(floor, cells, settings, options, root.need("image"), floor_losses)
+    for sentence in floor_losses.sentences():
         losses.add(f"{floor.name}: {sentence}")
     return found
 

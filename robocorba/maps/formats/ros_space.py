@@ -53,12 +53,12 @@ def remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, l
         beside = np.zeros(count + 1, bool)
         beside[labels[ndimage.binary_dilation(larger, EIGHT_NEIGHBOURS, iterations=gap + 1)]] = True
         removed = small & beside
-    taken = removed[labels]
-    if taken.any():
+    removed_cells = removed[labels]
+    if removed_cells.any():
         where = " beside walls" if specks == "walls" else ""
         losses.add(
             f"specks: {np.count_nonzero(removed)} of at most {MAX_SPECK_M:g} m{where}, "
-            f"{settings.area_m2(int(np.count_nonzero(taken))):.3g} m2, are removed as noise; "
+            f"{settings.area_m2(int(np.count_nonzero(removed_cells))):.3g} m2, are removed as noise; "
             f"--specks keep keeps them"
         )
     if left := int(np.count_nonzero(small & ~removed)):
@@ -66,7 +66,7 @@ def remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, l
             f"specks: {left} of at most {MAX_SPECK_M:g} m away from walls are kept, as table legs; "
             f"--specks all removes them"
         )
-    return np.where(taken, np.uint8(FREE), cells)
+    return np.where(removed_cells, np.uint8(FREE), cells)
 
 
 def crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losses) -> FloorCells:

@@ -29,12 +29,12 @@ def add_coverage_nodes(roadmap: RoadmapGraph) -> None:
     edges, tree = roadmap.lines()
     added: dict[tuple[int, int], list[int]] = {}
     while len(unseen) > MAX_UNSEEN_SHARE * len(places) and edges:
-        here, unseen = unseen[0], unseen[1:]
-        for i in _nearest(tree, here):
+        sample, unseen = unseen[0], unseen[1:]
+        for i in _nearest(tree, sample):
             line = tree.geometries[i]
-            foot = line.interpolate(line.project(Point(here)))
+            foot = line.interpolate(line.project(Point(sample)))
             apart = min(math.dist((foot.x, foot.y), roadmap.at(end)) for end in edges[i])
-            if apart > SAME_PLACE_M and roadmap.is_free((foot.x, foot.y), tuple(here)):
+            if apart > SAME_PLACE_M and roadmap.is_free((foot.x, foot.y), tuple(sample)):
                 node = roadmap.add((foot.x, foot.y))
                 added.setdefault(edges[i], []).append(node)
                 unseen = unseen[~_sees_any(roadmap, unseen, [node])]
@@ -53,9 +53,9 @@ def _grid(space: BaseGeometry, most: int) -> Array:
     return places[shapely.contains_xy(space, places)]
 
 
-def _nearest(tree: STRtree, here: Array) -> list[int]:
+def _nearest(tree: STRtree, sample: Array) -> list[int]:
     """The edges nearest to a point, the nearest first."""
-    off = shapely.distance(tree.geometries, Point(here))
+    off = shapely.distance(tree.geometries, Point(sample))
     return np.argsort(off, kind="stable")[:NEAREST_EDGES].tolist()
 
 
@@ -65,9 +65,9 @@ def _sees_any(roadmap: RoadmapGraph, places: Array, nodes: list[int]) -> NDArray
     if len(places) == 0 or not nodes:
         return seen
     at = np.array([roadmap.at(node) for node in nodes])
-    many = min(len(at), NEAREST_NODES)
-    _, nearest = cKDTree(at).query(places, k=[*range(1, many + 1)])
-    for rank in range(many):
+    count = min(len(at), NEAREST_NODES)
+    _, nearest = cKDTree(at).query(places, k=[*range(1, count + 1)])
+    for rank in range(count):
         todo = np.flatnonzero(~seen)
         lines = shapely.linestrings(np.stack([places[todo], at[nearest[todo, rank]]], axis=1))
         seen[todo] = shapely.covers(roadmap.space, lines)

@@ -95,9 +95,9 @@ def add_doorway_nodes(roadmap: RoadmapGraph, doors: Iterable[LineString]) -> Non
             continue  # another door at the same place has split it
         crossing = shapely.shortest_line(tree.geometries[nearest].intersection(door), centre).coords[0]
         best: XY = (centre.x, centre.y)
-        here = best if roadmap.is_free(roadmap.at(a), best) and roadmap.is_free(best, roadmap.at(b)) else crossing
+        at = best if roadmap.is_free(roadmap.at(a), best) and roadmap.is_free(best, roadmap.at(b)) else crossing
         roadmap.graph.remove_edge(a, b)
-        nx.add_path(roadmap.graph, [a, roadmap.add(here, door.length / 2, fixed=True), b])
+        nx.add_path(roadmap.graph, [a, roadmap.add(at, door.length / 2, fixed=True), b])
 
 
 def add_place_nodes(roadmap: RoadmapGraph, places: Iterable[PathNode]) -> None:

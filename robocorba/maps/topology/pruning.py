@@ -85,10 +85,10 @@ def _shorten(roadmap: RoadmapGraph, end: tuple[int, ...]) -> None:
     rest, last, widest = 0.0, 0, 0.0
     for i, (a, b) in enumerate(pairwise(end[:-1]), 1):
         rest += roadmap.length(a, b)
-        here = roadmap.clearance_m(b)
-        covers_rest = rest + roadmap.clearance_m(end[0]) - here < max(SPUR_RADII * roadmap.radius, SPUR_SHARE * here)
-        if covers_rest and here >= widest:
-            last, widest = i, here
+        clearance_m = roadmap.clearance_m(b)
+        reach_m = max(SPUR_RADII * roadmap.radius, SPUR_SHARE * clearance_m)
+        if rest + roadmap.clearance_m(end[0]) - clearance_m < reach_m and clearance_m >= widest:
+            last, widest = i, clearance_m
     roadmap.graph.remove_nodes_from(end[:last])
 
 
