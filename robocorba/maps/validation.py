@@ -156,12 +156,12 @@ def _changed_paths(after: Building, floor: str, on_floor: TouchedNames, before: 
         if name not in old.edges or {old.edges[name].a, old.edges[name].b} != {edge.a, edge.b}
     }
     moved = (touched & old.nodes.keys()) - (some_nodes.keys() - placed.keys())
-    dragged = {name: edge for name, edge in edges.items() if edge.a in moved or edge.b in moved} if moved else {}
+    reshaped = {name: edge for name, edge in edges.items() if edge.a in moved or edge.b in moved} if moved else {}
     yield from _cabin_node_violations(after, floor, some_nodes.values())
-    yield from _edge_end_violations(floor, nodes, {**dragged, **some_edges}.values())
-    if not (placed or drawn or dragged):
+    yield from _edge_end_violations(floor, nodes, {**reshaped, **some_edges}.values())
+    if not (placed or drawn or reshaped):
         return
-    paths = PathArrays(placed.values(), {**dragged, **drawn}.values(), nodes)
+    paths = PathArrays(placed.values(), {**reshaped, **drawn}.values(), nodes)
     yield from _nodes_outside_outline(entry, paths)
     found = list(collisions(floor, paths, obstacles_near(after, floor, paths.box())))
     followers = [item for item in found if item.element.name not in drawn and isinstance(item.element, PathEdge)]

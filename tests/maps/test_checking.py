@@ -167,7 +167,7 @@ def test_floors_and_elevators_out_of_reach() -> None:
     )
     cabin = PathNode(name="cabin", at=(17.0, 2.0), elevator="E2")
     building = building.with_element("L1", cabin)
-    assert told(building, 0.35)[-1].endswith("E2 (no edge that leads into its cabin is free and wide enough)")
+    assert told(building, 0.35)[-1].endswith("E2 (no edge into its cabin is free and wide enough)")
     entrance = PathEdge(name="x", a="east", b="cabin")
     building = building.with_element("L1", PathNode(name="east", at=(13.0, 2.0))).with_element("L1", entrance)
     assert not any("enter (" in line for line in told(building, 0.35))

@@ -140,7 +140,7 @@ def named_file(item: Item, folder: Path, what: str) -> Path:
         raise item.error(f"expected the name of {what}")
     named = Path(item.text())
     if ".." in named.parts:
-        raise item.error(f"{what} must be in the folder of the file or below, or have an absolute path")
+        raise item.error(f"{what} must lie in the folder of the file or below, or have an absolute path")
     return folder / named
 
 

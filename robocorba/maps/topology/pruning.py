@@ -34,15 +34,15 @@ def prune(roadmap: RoadmapGraph) -> None:
         gain, tip, end = heapq.heappop(waiting)
         if tip not in graph or gain >= 0:
             continue
-        now = _dead_end(roadmap, tip)
-        if now != end:
-            if now:
-                heapq.heappush(waiting, (_gain(roadmap, now), tip, now))
+        current = _dead_end(roadmap, tip)
+        if current != end:
+            if current:
+                heapq.heappush(waiting, (_gain(roadmap, current), tip, current))
             continue
         graph.remove_nodes_from(end[:-1])
-        again = _dead_end(roadmap, end[-1])
-        if again:
-            heapq.heappush(waiting, (_gain(roadmap, again), end[-1], again))
+        shortened = _dead_end(roadmap, end[-1])
+        if shortened:
+            heapq.heappush(waiting, (_gain(roadmap, shortened), end[-1], shortened))
 
     for end in _dead_ends(roadmap, sorted(graph)):
         _shorten(roadmap, end)
