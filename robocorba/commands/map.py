@@ -1,7 +1,7 @@
 """robocorba map: read, write, check and show map files.
 
-What reads, writes and draws them is imported where it is used: it takes most of a second
-to load, and every other subcommand would wait for it."""
+Readers, writers and drawing are imported where they are used: they take most of a second to
+load, which would delay every other subcommand."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _FILE = typer.Argument(
 
 
 class Unknown(str, Enum):
-    """What unknown cells of ROS maps become."""
+    """Interpretation of unknown cells of ROS maps."""
 
     BLOCKED = "blocked"
     FREE = "free"
 
 
 class Specks(str, Enum):
-    """What happens to specks of ROS maps."""
+    """Which specks of ROS maps are kept or removed."""
 
     KEEP = "keep"
     WALLS = "walls"
@@ -44,7 +44,7 @@ class Specks(str, Enum):
 
 
 class Format(str, Enum):
-    """What `export` writes."""
+    """Formats of `export`."""
 
     NATIVE = "native"
     OPENRMF = "openrmf"
@@ -57,11 +57,11 @@ def import_(
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
     topology: Annotated[
-        bool, typer.Option("--topology", help="Draw roads on every floor without edges, by way of its nodes.")
+        bool, typer.Option("--topology", help="Generate the roadmap of every floor without edges, using its nodes.")
     ] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = 0.40,
     unknown: Annotated[
-        Unknown, typer.Option("--unknown", help="What unknown cells of ROS maps become.")
+        Unknown, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
     ] = Unknown.BLOCKED,
     specks: Annotated[
         Specks,
@@ -71,17 +71,17 @@ def import_(
         ),
     ] = Specks.WALLS,
 ) -> None:
-    """Turn a foreign map into a native map file and list what was lost on the way."""
+    """Convert a map of any readable format to a native map file and list the losses."""
     from robocorba.maps import checking, native
 
-    with _telling("map import"):
+    with _reporting_errors("map import"):
         imported = _read(file, unknown, specks)
         building = imported.building
-        _tell_losses(imported.losses)
+        _print_losses(imported.losses)
         if topology:
             for name in building.floors:
-                building = _with_roads(building, name, radius)
-        _warn(checking.blocked(building))
+                building = _with_roadmap(building, name, radius)
+        _print_warnings(checking.blocked(building))
         native.save(building, output)
         typer.echo(f"wrote {output}: {_summary(building)}")
 
@@ -90,17 +90,17 @@ def import_(
 def export(
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The file to write.")],
-    format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")],
+    format: Annotated[Format, typer.Option("--format", "-f", help="Format to write.")],
     resolution: Annotated[float, typer.Option(metavar="M", help="Side of a cell, for ros.")] = 0.05,
     image: Annotated[str, typer.Option(metavar="KIND", help="pgm or png, for ros.")] = "pgm",
 ) -> None:
-    """Write a map in another format and list what that format can't hold."""
+    """Write a map in another format and list the losses."""
     from robocorba.maps.formats import write_map
 
-    with _telling("map export"):
+    with _reporting_errors("map export"):
         building = _read(file).building
         exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
-        _tell_losses(exported.losses)
+        _print_losses(exported.losses)
         for written in exported.files:
             typer.echo(f"wrote {written}")
 
@@ -115,7 +115,7 @@ def show(
     """Draw the floors of a map as a picture."""
     from robocorba.maps.drawing import draw_building, draw_floor
 
-    with _telling("map show"):
+    with _reporting_errors("map show"):
         building = _read(file).building
         if floor and floor not in building.floors:
             raise typer.BadParameter(f"there is no floor {floor!r}; there are {', '.join(building.floors)}")
@@ -128,17 +128,17 @@ def show(
 def check(
     file: Annotated[str, _FILE],
     radius: Annotated[
-        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should get everywhere.")
+        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should reach every node.")
     ] = 0.40,
 ) -> None:
-    """Check a map: exit code 0 if it can be served as it is, 1 with the file, line and key that is wrong.
+    """Check a map: exit code 0 if it can be served, else 1 and the file, line and key of the error.
 
-    Warnings say what is blocked, and what no robot of the radius reaches."""
+    Warnings list what is blocked and what a robot of the radius can't reach."""
     from robocorba.maps.checking import findings
 
-    with _telling("map check"):
+    with _reporting_errors("map check"):
         imported = _read(file)
-        _tell_losses(imported.losses)
+        _print_losses(imported.losses)
         building = imported.building
         for name, elevator in building.elevators.items():
             if len(elevator.floors()) < 2:
@@ -146,36 +146,38 @@ def check(
         for name, entry in building.floors.items():
             if not entry.topological.edges:
                 missing = "edges" if entry.topological.nodes else "topological map"
-                typer.echo(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` draws roads")
-        warnings = _warn(findings(building, radius))
+                typer.echo(
+                    f"note: floor {name!r} has no {missing}; `robocorba map import --topology` generates a roadmap"
+                )
+        warnings = _print_warnings(findings(building, radius))
         verdict = f"can be served: {warnings} warning{'s' * (warnings > 1)}" if warnings else "is sound"
         typer.echo(f"{file} {verdict}: {_summary(building)}")
 
 
-def _with_roads(building: Building, floor: str, radius_m: float) -> Building:
-    """The building with roads on a floor that has none, by way of its nodes; says what was drawn."""
+def _with_roadmap(building: Building, floor: str, radius_m: float) -> Building:
+    """The building with a generated roadmap on a floor without edges, using its nodes. Prints the result."""
     from robocorba.maps.losses import listed
     from robocorba.maps.topology import topological_map
 
     entry = building.floors[floor]
     places, edges = entry.topological.nodes, entry.topological.edges
     if edges:
-        typer.echo(f"{floor}: nothing drawn, it has {len(edges)} edges")
+        typer.echo(f"{floor}: roadmap kept, it has {len(edges)} edges")
         return building
     drawn = topological_map(building, floor, radius_m, tuple(places.values()))
     joined = {name for edge in drawn.edges.values() for name in (edge.a, edge.b)}
-    out_of_reach = [name for name in places if name not in joined]
+    unreachable = [name for name in places if name not in joined]
     typer.echo(
-        f"{floor}: drew {len(drawn.nodes) - len(places)} nodes and {len(drawn.edges)} edges"
-        + (f", joined {len(places) - len(out_of_reach)} of {len(places)} nodes" if places else "")
-        + (f"; not in reach of a robot of radius {radius_m:g} m: {listed(out_of_reach)}" if out_of_reach else "")
+        f"{floor}: added {len(drawn.nodes) - len(places)} nodes and {len(drawn.edges)} edges"
+        + (f", connected {len(places) - len(unreachable)} of {len(places)} nodes" if places else "")
+        + (f"; unreachable for a robot of radius {radius_m:g} m: {listed(unreachable)}" if unreachable else "")
     )
     floors = {**building.floors, floor: msgspec.structs.replace(entry, topological=drawn)}
     return msgspec.structs.replace(building, floors=floors)
 
 
-def _warn(found: Iterable[Finding]) -> int:
-    """Print findings, a line for each kind; returns the number of lines."""
+def _print_warnings(found: Iterable[Finding]) -> int:
+    """Print findings, one line for each kind. Returns the number of lines."""
     from robocorba.maps.checking import summaries
 
     lines = summaries(found)
@@ -184,8 +186,8 @@ def _warn(found: Iterable[Finding]) -> int:
     return len(lines)
 
 
-class _telling:
-    """Turns our errors into one line on stderr and exit code 1."""
+class _reporting_errors:
+    """Reports errors of RoboCorba and OSError in one line on stderr, with exit code 1."""
 
     def __init__(self, command: str) -> None:
         self.command = command
@@ -207,7 +209,7 @@ def _read(file: str, unknown: Unknown = Unknown.BLOCKED, specks: Specks = Specks
     return read_map(path, unknown=unknown.value, specks=specks.value)
 
 
-def _tell_losses(losses: tuple[str, ...]) -> None:
+def _print_losses(losses: tuple[str, ...]) -> None:
     for loss in losses:
         typer.echo(f"lost: {loss}")
 

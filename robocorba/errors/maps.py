@@ -6,11 +6,11 @@ from robocorba.errors.base import RoboCorbaError
 
 
 class MapError(RoboCorbaError):
-    """The map building agent refuses something."""
+    """The map building agent rejects a request or a file."""
 
 
 class InvalidElement(MapError):
-    """An element breaks a rule: `kind`, `floor` and `name` say which, `reason` says why."""
+    """The element `kind`, `floor`, `name` breaks a rule; `reason` describes it."""
 
     def __init__(self, kind: str, floor: str, name: str, reason: str) -> None:
         self.kind, self.floor, self.name, self.reason = kind, floor, name, reason
@@ -18,7 +18,7 @@ class InvalidElement(MapError):
 
 
 class UnknownElement(MapError):
-    """Nothing has this kind, floor and name."""
+    """There is no element of this kind, floor and name."""
 
     def __init__(self, kind: str, floor: str, name: str) -> None:
         self.kind, self.floor, self.name = kind, floor, name
@@ -26,7 +26,7 @@ class UnknownElement(MapError):
 
 
 class DuplicateElement(MapError):
-    """Something has this kind, floor and name already."""
+    """An element of this kind, floor and name exists already."""
 
     def __init__(self, kind: str, floor: str, name: str) -> None:
         self.kind, self.floor, self.name = kind, floor, name
@@ -34,7 +34,7 @@ class DuplicateElement(MapError):
 
 
 class StaleEdit(MapError):
-    """The element is at version `current`, the edit was made for version `expected`."""
+    """The element has version `current`, but the edit was made for version `expected`."""
 
     def __init__(self, kind: str, floor: str, name: str, expected: int, current: int) -> None:
         self.kind, self.floor, self.name = kind, floor, name
@@ -45,7 +45,7 @@ class StaleEdit(MapError):
 
 
 class StaleVersion(MapError):
-    """The building is at version `current`, the caller saw version `expected`."""
+    """The building has version `current`, but the request was made for version `expected`."""
 
     def __init__(self, expected: int, current: int) -> None:
         self.expected, self.current = expected, current
@@ -53,15 +53,15 @@ class StaleVersion(MapError):
 
 
 class NothingToUndo(MapError):
-    """No edit is left to take back."""
+    """There is no edit to undo."""
 
 
 class NothingToRedo(MapError):
-    """No edit that was taken back is left to repeat."""
+    """There is no undone edit to redo."""
 
 
 class VersionUnavailable(MapError):
-    """The kept history covers `oldest` to `current`; `version` lies outside."""
+    """`version` is outside the kept history from `oldest` to `current`."""
 
     def __init__(self, version: int, oldest: int, current: int) -> None:
         self.version, self.oldest, self.current = version, oldest, current
@@ -73,7 +73,7 @@ class TransactionClosed(MapError):
 
 
 class TooManyTransactions(MapError):
-    """`limit` transactions are open already."""
+    """The maximum number of transactions, `limit`, is open."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -81,7 +81,7 @@ class TooManyTransactions(MapError):
 
 
 class MapFileError(MapError):
-    """A map file is wrong. `line` is 1-based, 0 where no line can be named; `key` is a path such as floors[0].name."""
+    """A map file is invalid. `line` is 1-based, 0 if unknown; `key` is a path such as floors[0].name."""
 
     def __init__(self, file: str, line: int, key: str, reason: str) -> None:
         self.file, self.line, self.key, self.reason = file, line, key, reason
@@ -90,7 +90,7 @@ class MapFileError(MapError):
 
 
 def describe(kind: str, floor: str, name: str) -> str:
-    """'wall w1 on L2', 'elevator E1': how messages name an element."""
+    """The name of an element in messages, such as "wall 'w1' on L2"."""
     subject = f"{kind} {_short(name)!r}" if name else kind
     return f"{subject} on {_short(floor)}" if floor else subject
 

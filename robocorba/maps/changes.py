@@ -1,7 +1,7 @@
-"""What an edit does to a building: a list of changes that can be applied, taken back and kept.
+"""The changes that an edit makes to a building: they can be applied, reverted and stored.
 
-A commit's changes stand in an order in which they can be made one by one: what goes
-leaves before the floor that it is on, and a floor comes before what is on it.
+The changes of a commit are in an order in which they can be made one by one: elements are
+removed before their floor, and a floor is created before its elements.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from robocorba.maps.model import KIND_OF, PLACE, Building, Element, ElementKind,
 
 
 class Key(NamedTuple):
-    """Names one element; `floor` is empty for floors and elevators."""
+    """Identifies an element. `floor` is empty for floors and elevators."""
 
     kind: ElementKind
     floor: str
@@ -24,12 +24,12 @@ class Key(NamedTuple):
 
     @property
     def words(self) -> tuple[str, str, str]:
-        """Kind, floor and name as plain text, as errors and files have them."""
+        """Kind, floor and name as strings, as in errors and files."""
         return self.kind.value, self.floor, self.name
 
 
 def key_of(floor: str, element: Element) -> Key:
-    """The key of an element that is, or will be, on `floor`."""
+    """The key of an element on `floor`."""
     return key(KIND_OF[type(element)], floor, element.name)
 
 
@@ -39,7 +39,7 @@ def key(kind: ElementKind, floor: str, name: str) -> Key:
 
 
 class ChangeKind(str, Enum):
-    """What became of an element."""
+    """What a change does to an element."""
 
     CREATED = "created"
     CHANGED = "changed"
@@ -47,7 +47,7 @@ class ChangeKind(str, Enum):
 
 
 class Change(msgspec.Struct, frozen=True):
-    """One element before and after the building came to `version`; None where there was none, or is none any more."""
+    """An element before and after the change to `version`; None if it did not exist before, or was removed."""
 
     version: int
     key: Key
@@ -63,12 +63,12 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def floor(self) -> str:
-        """The floor it is on, empty for floors and elevators."""
+        """The floor of the element, empty for floors and elevators."""
         return self.key.floor
 
     @property
     def element(self) -> Element:
-        """What there is now; where it was removed, what was removed."""
+        """The element after the change, or the removed element."""
         element = self.before if self.after is None else self.after
         assert element is not None
         return element
@@ -79,17 +79,17 @@ class Change(msgspec.Struct, frozen=True):
 
 
 def ordered(changes: Iterable[Change]) -> list[Change]:
-    """Changes of one commit, of different elements, in an order in which they can be made."""
+    """The changes of a commit, of different elements, in an order in which they can be made."""
     return sorted(changes, key=Change._rank)
 
 
 def inverse(changes: Iterable[Change], version: int) -> list[Change]:
-    """The changes that take a commit back, as those of `version`."""
+    """The changes of `version` that revert a commit."""
     return ordered(Change(version, change.key, change.after, change.before) for change in changes)
 
 
 def difference(before: Building, after: Building) -> dict[Key, Element | None]:
-    """The elements in which two buildings differ, as they are in `after`; None for what is not there any more."""
+    """The elements that differ between two buildings, as in `after`; None for those that `after` does not have."""
     old, new = dict(elements_of(before)), dict(elements_of(after))
     found: dict[Key, Element | None] = {key: None for key in old if key not in new}
     found.update((key, element) for key, element in new.items() if old.get(key) != element)
@@ -97,7 +97,7 @@ def difference(before: Building, after: Building) -> dict[Key, Element | None]:
 
 
 def elements_of(building: Building) -> Iterator[tuple[Key, Element]]:
-    """Every element of a building with its key, each floor before what is on it."""
+    """Every element of a building with its key, each floor before its elements."""
     for name, elevator in building.elevators.items():
         yield Key(ElementKind.ELEVATOR, "", name), elevator
     for floor, entry in building.floors.items():
@@ -108,10 +108,10 @@ def elements_of(building: Building) -> Iterator[tuple[Key, Element]]:
 
 
 def apply(building: Building, changes: Iterable[Change]) -> Building:
-    """The building after changes that stand in order; what they don't touch is shared.
+    """The building after `ordered` changes. It shares all unchanged parts.
 
     Each dictionary is copied once, however many of its elements change.
-    Raises KeyError where a change is on a floor that does not exist."""
+    Raises KeyError if the floor of a change does not exist."""
     elevators: dict[str, Element] | None = None
     floors = dict(building.floors)
     copies: dict[tuple[str, ElementKind], dict[str, Element]] = {}

@@ -1,6 +1,6 @@
-"""What a building that can be served does not let robots do, for whoever maintains its map.
+"""Findings for the maintainer of a map: what robots can't do in a valid building.
 
-A finding is no broken rule: the building is served with it, and it goes when its cause has gone.
+A finding is not a broken rule: the building can be served, and the finding disappears with its cause.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import NamedTuple
 from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
-from robocorba.maps.reach import Reach
+from robocorba.maps.reachability import Reachability
 
-#: Radius of the robot that has to get everywhere, m; SmartPal's.
+#: Radius of the robot that should reach every node [m]: SmartPal's.
 DEFAULT_RADIUS_M = 0.40
 
 
 class Finding(NamedTuple):
-    """What is the matter with one element, and where: a floor, x and y in m.
+    """A finding about one element, and its place: floor, x and y [m].
 
-    `reason` is complete by itself. `summary` is the sentence for all findings of one kind, with
-    {n} for how many they are and {names} for their `subject`s."""
+    `reason` describes this finding alone. `summary` is the sentence for all findings of the same kind, with
+    {n} for their number and {names} for their `subject`s."""
 
     kind: ElementKind
     floor: str
@@ -33,8 +33,8 @@ class Finding(NamedTuple):
 
 
 def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[Finding]:
-    """Blocked nodes and edges, and what a robot of `radius_m` does not reach, floor by floor."""
-    reach = Reach(building, radius_m)
+    """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
+    reach = Reachability(building, radius_m)
     found = list(blocked(building))
     for floor in building.floors:
         found += _nodes(building, floor, reach)
@@ -42,7 +42,7 @@ def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[Fin
 
 
 def blocked(building: Building) -> Iterator[Finding]:
-    """The nodes and edges on which a wall, an object or a locked door stands."""
+    """The nodes and edges that a wall, an object or a locked door blocks."""
     for floor in building.floors:
         by_element: dict[tuple[ElementKind, str], list[Collision]] = {}
         for collision in blockages(building, floor):
@@ -58,13 +58,13 @@ def blocked(building: Building) -> Iterator[Finding]:
                 (floor, x, y),
                 "blocked: " + "; ".join(collision.reason for collision in collisions),
                 f"blocked {kind.value}s of {floor} ({{n}}): {{names}}",
-                f"{name} ({causes} {_near(x, y)})",
+                f"{name} ({causes} {_position(x, y)})",
             )
 
 
 def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
-    """One sentence for each kind of finding on a floor, which counts and names what it is about."""
-    # Here, because the formats take a third of a second to load, and a server must be back at once.
+    """One sentence for each kind of finding on a floor, with the number and names of its subjects."""
+    # Imported here: the formats take 0.3 s to load, and a server must restart quickly.
     from robocorba.maps.losses import Losses
 
     kinds = Losses()
@@ -73,39 +73,39 @@ def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
     return kinds.sentences()
 
 
-def _nodes(building: Building, floor: str, reach: Reach) -> Iterator[Finding]:
-    """Nodes of a floor that a robot does not get to, or not away from."""
+def _nodes(building: Building, floor: str, reach: Reachability) -> Iterator[Finding]:
+    """Nodes of a floor that a robot can't reach or can't leave."""
     nodes, robot = building.floors[floor].topological.nodes, _robot(reach)
 
     def finding(name: str, reason: str, kind: str, subject: str = "") -> Finding:
         where, summary = (floor, *nodes[name].at), f"nodes of {floor} {kind} ({{n}}): {{names}}"
         return Finding(ElementKind.NODE, floor, name, where, reason, summary, subject or name)
 
-    for name, cause in reach.too_near(floor).items():
+    for name, cause in reach.too_close(floor).items():
         yield finding(name, f"{robot} does not fit: {cause}", f"where {robot} does not fit", f"{name} ({cause})")
     for name in reach.walled_in(floor):
         yield finding(name, f"it is walled in for {robot}", f"that are walled in for {robot}")
-    for name in reach.lone(floor):
+    for name in reach.isolated(floor):
         yield finding(name, "it has no edge", "without an edge")
     for (first, *more), cause in reach.separate_parts(floor):
-        reason = f"{robot} can't drive between it{_and(more)} and the rest of {floor}: {cause}"
-        subject = f"{first}{_and(more)} {_near(*nodes[first].at)} ({cause})"
+        reason = f"{robot} can't drive between it{_count_of(more)} and the rest of {floor}: {cause}"
+        subject = f"{first}{_count_of(more)} {_position(*nodes[first].at)} ({cause})"
         yield finding(first, reason, f"not connected with the rest of it for {robot}", subject)
     for direction, names in reach.one_way(floor).items():
         for name in names:
             yield finding(name, f"it can be {direction}", f"that can be {direction}")
 
 
-def _near(x: float, y: float) -> str:
+def _position(x: float, y: float) -> str:
     return f"near {round(x, 2):g}, {round(y, 2):g}"
 
 
-def _and(more: list[str]) -> str:
+def _count_of(more: list[str]) -> str:
     return f" with {len(more)} more" if more else ""
 
 
-def _floors(building: Building, reach: Reach) -> Iterator[Finding]:
-    """Floors that are cut off from the others."""
+def _floors(building: Building, reach: Reachability) -> Iterator[Finding]:
+    """Floors without a connection to the others."""
     if len(building.floors) < 2:
         return
     between = (elevator.floors() for elevator in building.elevators.values())
@@ -118,13 +118,13 @@ def _floors(building: Building, reach: Reach) -> Iterator[Finding]:
             reason = "no elevator leads from it to another floor"
             yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
         elif reach.is_cut_off(floor):
-            reason = f"no elevator connects its road map with other floors for {_robot(reach)}"
+            reason = f"no elevator connects its roadmap with other floors for {_robot(reach)}"
             summary = f"floors that no elevator connects with the others for {_robot(reach)} ({{n}}): {{names}}"
             yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
 
 
-def _elevators(building: Building, reach: Reach) -> Iterator[Finding]:
-    """Elevators that a robot can enter on no floor."""
+def _elevators(building: Building, reach: Reachability) -> Iterator[Finding]:
+    """Elevators that a robot can't enter on any floor."""
     for name, elevator in building.elevators.items():
         cause = _closed(elevator, building, reach)
         if cause:
@@ -134,17 +134,17 @@ def _elevators(building: Building, reach: Reach) -> Iterator[Finding]:
             yield Finding(ElementKind.ELEVATOR, "", name, where, reason, summary, f"{name} ({cause})")
 
 
-def _closed(elevator: Elevator, building: Building, reach: Reach) -> str:
-    """Why a robot can't enter an elevator; empty where it can, and where no floor that it serves has a road map."""
+def _closed(elevator: Elevator, building: Building, reach: Reachability) -> str:
+    """Why a robot can't enter an elevator. Empty if it can, or if no served floor has a roadmap."""
     if reach.enters(elevator.name) or not any(building.floors[floor].topological.edges for floor in elevator.floors()):
         return ""
     widest = max(door.width for door in elevator.doors)
     if widest < 2 * (reach.radius_m - TOUCH_M):
-        return f"its widest door has {widest:.2f} m, {2 * reach.radius_m:.2f} m needed"
+        return f"its widest door is {widest:.2f} m wide, {2 * reach.radius_m:.2f} m needed"
     if not reach.stops(elevator.name):
         return "no path node stands in its cabin"
-    return "no edge that leads into its cabin is free and wide enough"
+    return "no edge into its cabin is free and wide enough"
 
 
-def _robot(reach: Reach) -> str:
+def _robot(reach: Reachability) -> str:
     return f"a robot of radius {reach.radius_m:.2f} m"

@@ -1,7 +1,7 @@
-"""Where path nodes and edges of a floor lie on obstacles.
+"""Collisions of path nodes and path edges with obstacles.
 
-Walls, objects and locked doors come and go: a node or an edge on one of them is blocked until the
-cause has gone. Shafts and outlines are the structure of the building, which no path crosses.
+Walls, objects and locked doors can change: they block nodes and edges until they are removed.
+Shafts and outlines are the structure of the building, which no path crosses.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from shapely import LineString, STRtree
 from robocorba.errors.maps import InvalidElement, describe
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import KIND_OF, Building, PathEdge, PathNode, TopologicalMap
-from robocorba.maps.vicinity import Box, Same
+from robocorba.maps.vicinity import Box, IdentityKey
 from robocorba.spatial.pose import XY
 
-#: A node nearer than this to an obstacle stands on it, m.
+#: A node closer than this to an obstacle collides with it [m].
 TOUCH_M = 1e-3
-#: Kinds of obstacles that are the structure of the building.
-STRUCTURE = ("elevator", "floor")
+#: Obstacle kinds of the building's structure.
+STRUCTURAL_KINDS = ("elevator", "floor")
 
-#: A node's or an edge's type and name, an obstacle's kind and name.
+#: Type and name of a node or edge, kind and name of an obstacle.
 Pair = tuple[type, str, str, str]
 
 
-class Paths:
-    """Nodes and edges as arrays: `at` (n, 2) and `ends` (m, 2, 2), m. Edges without both nodes are left out."""
+class PathArrays:
+    """Nodes and edges as arrays: `at` (n, 2) and `ends` (m, 2, 2) [m]. Edges with an unknown node are omitted."""
 
     def __init__(self, nodes: Iterable[PathNode], edges: Iterable[PathEdge], known: dict[str, PathNode]) -> None:
         self.nodes = list(nodes)
@@ -43,34 +43,34 @@ class Paths:
         self._low, self._high = np.ascontiguousarray(np.minimum(a, b)), np.ascontiguousarray(np.maximum(a, b))
 
     def box(self) -> Box:
-        """The box around all, grown by TOUCH_M. There must be a node or an edge."""
+        """The bounding box, grown by TOUCH_M. Requires a node or an edge."""
         points = np.concatenate([self.at, self.ends.reshape(-1, 2)])
         low, high = points.min(axis=0) - TOUCH_M, points.max(axis=0) + TOUCH_M
         return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
     def within(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the nodes and of the edges that can reach into `box`."""
-        nodes = _meeting(self._node_columns, self._node_columns, box)
-        return nodes, _meeting(self._low, self._high, box)
+        nodes = _overlapping(self._node_columns, self._node_columns, box)
+        return nodes, _overlapping(self._low, self._high, box)
 
 
-def _meeting(low: np.ndarray, high: np.ndarray, box: Box) -> np.ndarray:
+def _overlapping(low: np.ndarray, high: np.ndarray, box: Box) -> np.ndarray:
     return np.flatnonzero((high[0] >= box.x0) & (low[0] <= box.x1) & (high[1] >= box.y0) & (low[1] <= box.y1))
 
 
-def all_paths(topology: TopologicalMap) -> Paths:
-    """All nodes and edges of a floor; remembered for the topological maps asked for last."""
-    return _all_paths(Same(topology))
+def all_paths(topology: TopologicalMap) -> PathArrays:
+    """All nodes and edges of a floor. The last 16 results are cached."""
+    return _all_paths(IdentityKey(topology))
 
 
 @lru_cache(maxsize=16)
-def _all_paths(topology: Same[TopologicalMap]) -> Paths:
+def _all_paths(topology: IdentityKey[TopologicalMap]) -> PathArrays:
     nodes = topology.value.nodes
-    return Paths(nodes.values(), topology.value.edges.values(), nodes)
+    return PathArrays(nodes.values(), topology.value.edges.values(), nodes)
 
 
-def called(obstacle: Obstacle) -> str:
-    """An obstacle in words."""
+def obstacle_label(obstacle: Obstacle) -> str:
+    """The name of an obstacle in messages."""
     kind, name, _ = obstacle
     if kind == "elevator":
         return f"the shaft of {describe('elevator', '', name)}"
@@ -80,7 +80,7 @@ def called(obstacle: Obstacle) -> str:
 
 
 class Collision(NamedTuple):
-    """A node or an edge of `floor` that lies on an obstacle; `line` is the edge from end to end, m."""
+    """A node or an edge of `floor` that lies on an obstacle. `line` holds the ends of the edge [m]."""
 
     floor: str
     element: PathNode | PathEdge
@@ -89,21 +89,21 @@ class Collision(NamedTuple):
 
     @property
     def is_structural(self) -> bool:
-        """Whether it breaks a rule of the building, and does not only block the way for now."""
-        return self.obstacle.kind in STRUCTURE
+        """Whether it breaks a rule of the building, rather than being a temporary blockage."""
+        return self.obstacle.kind in STRUCTURAL_KINDS
 
     @property
     def pair(self) -> Pair:
-        """What collides with what, whatever their present shapes."""
+        """The identity of both sides, independent of their shapes."""
         return type(self.element), self.element.name, self.obstacle.kind, self.obstacle.name
 
     @property
     def cause(self) -> str:
-        """The obstacle in words."""
-        return called(self.obstacle)
+        """The name of the obstacle in messages."""
+        return obstacle_label(self.obstacle)
 
     def at(self) -> XY:
-        """A point where the two meet."""
+        """A common point of both [m]."""
         if isinstance(self.element, PathNode):
             return self.element.at
         spot = self.obstacle.geometry.intersection(LineString(self.line)).representative_point()
@@ -111,7 +111,7 @@ class Collision(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the node or edge, and where."""
+        """How the node or edge collides, and where."""
         if isinstance(self.element, PathNode):
             inside = self.obstacle.geometry.geom_type == "Polygon"
             return f"it stands {'inside' if inside else 'on'} {self.cause}"
@@ -123,8 +123,8 @@ class Collision(NamedTuple):
         return InvalidElement(KIND_OF[type(self.element)].value, self.floor, self.element.name, self.reason)
 
 
-def collisions(floor: str, paths: Paths, found: Sequence[Obstacle]) -> Iterator[Collision]:
-    """The nodes that stand and the edges that lead on an obstacle in `found`."""
+def collisions(floor: str, paths: PathArrays, found: Sequence[Obstacle]) -> Iterator[Collision]:
+    """The collisions of nodes and edges with the obstacles in `found`."""
     if not found:
         return
     tree = STRtree([item.geometry for item in found])
@@ -140,6 +140,6 @@ def collisions(floor: str, paths: Paths, found: Sequence[Obstacle]) -> Iterator[
 
 
 def blockages(building: Building, floor: str) -> list[Collision]:
-    """The nodes and edges of a floor that walls, objects and locked doors block. Raises KeyError."""
-    found = [item for item in obstacles(building, floor) if item.kind not in STRUCTURE]
+    """The nodes and edges of a floor that walls, objects and locked doors block. Raises KeyError if it is unknown."""
+    found = [item for item in obstacles(building, floor) if item.kind not in STRUCTURAL_KINDS]
     return list(collisions(floor, all_paths(building.floors[floor].topological), found))

@@ -1,7 +1,7 @@
-"""Edits that are gathered but not made: what they would leave of the elements they touch.
+"""Pending edits of a transaction.
 
-A draft lies over the building as it stands, not over a copy. Each element it touches is
-remembered with the version it had then, so that nobody's work is overwritten unseen.
+A draft overlays the current building, not a copy. It records the version of each element
+that it touches, so that it never overwrites a concurrent edit.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import PLACE, Building, Element, ElementKind
 from robocorba.maps.validation import check_element
 
-#: The names of one kind on one floor with the versions that last changed them; never changed in place.
+#: By kind and floor: the version that last changed each element, by name. Never changed in place.
 Versions = dict[tuple[ElementKind, str], dict[str, int]]
 
 
-class State(NamedTuple):
+class EditorState(NamedTuple):
     """A building at a version, and the version that last changed each element. Never changed in place.
 
-    `size` is what it counts towards the limit, see size_of."""
+    `size` is the sum of size_of over its elements."""
 
     building: Building
     version: int
@@ -29,22 +29,22 @@ class State(NamedTuple):
     size: int
 
     def version_of(self, key: Key) -> int:
-        """The version that last changed an element, 0 where there is none."""
+        """The version that last changed an element, 0 if it does not exist."""
         return self.versions.get((key.kind, key.floor), {}).get(key.name, 0)
 
 
 class Draft:
-    """Edits on top of a state. The version of an element does not rise within a draft: it is the one
-    that the element had when the draft first touched it, and 0 for one that the draft itself made."""
+    """Edits on top of a state. The version of an element does not rise within a draft: it is the version
+    at which the draft first touched the element, and 0 for an element that the draft created."""
 
     def __init__(self) -> None:
         self._after: dict[Key, Element | None] = {}
         self._read: dict[Key, int] = {}
-        self._cleared: set[str] = set()
+        self._removed_floors: set[str] = set()
         self.size = 0
 
-    def create(self, state: State, floor: str, element: Element) -> None:
-        """Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
+    def create(self, state: EditorState, floor: str, element: Element) -> None:
+        """Add an element. Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
         new = key_of(floor, element)
         if new.kind in PLACE and not self._exists(state, _floor_key(new.floor)):
             raise UnknownElement(*_floor_key(new.floor).words)
@@ -53,33 +53,33 @@ class Draft:
         check_element(new.floor, element)
         self._put(state, new, element)
 
-    def change(self, state: State, floor: str, element: Element, expected: int) -> None:
-        """Raises UnknownElement, StaleEdit, InvalidElement."""
+    def change(self, state: EditorState, floor: str, element: Element, expected: int) -> None:
+        """Replace an element. Raises UnknownElement, StaleEdit, InvalidElement."""
         changed = key_of(floor, element)
-        self._claim(state, changed, expected)
+        self._check_version(state, changed, expected)
         check_element(changed.floor, element)
         self._put(state, changed, element)
 
-    def remove(self, state: State, kind: ElementKind, floor: str, name: str, expected: int) -> None:
-        """Raises UnknownElement, StaleEdit. With a floor goes all that is on it."""
-        gone = key(kind, floor, name)
-        self._claim(state, gone, expected)
+    def remove(self, state: EditorState, kind: ElementKind, floor: str, name: str, expected: int) -> None:
+        """Remove an element, a floor with all its elements. Raises UnknownElement, StaleEdit."""
+        removed = key(kind, floor, name)
+        self._check_version(state, removed, expected)
         if kind is ElementKind.FLOOR:
             for on_it in [other for other in self._after if other.floor == name]:
                 self._drop(on_it)
-        self._put(state, gone, None)
-        if not self._read[gone]:
-            self._drop(gone)
+        self._put(state, removed, None)
+        if not self._read[removed]:
+            self._drop(removed)
         elif kind is ElementKind.FLOOR:
-            self._cleared.add(name)
+            self._removed_floors.add(name)
 
-    def changes(self, state: State, version: int) -> list[Change]:
-        """What the draft makes of `state`, as the changes of `version`.
+    def changes(self, state: EditorState, version: int) -> list[Change]:
+        """The edits as changes of `state` to `version`.
 
-        Raises StaleEdit, DuplicateElement or UnknownElement where a touched element is not what it was."""
+        Raises StaleEdit, DuplicateElement or UnknownElement if another edit changed a touched element."""
         for touched, read in self._read.items():
             current = state.version_of(touched)
-            if current == read or touched.floor in self._cleared:
+            if current == read or touched.floor in self._removed_floors:
                 continue
             if not read:
                 raise DuplicateElement(*touched.words)
@@ -87,7 +87,7 @@ class Draft:
                 raise UnknownElement(*touched.words)
             raise StaleEdit(*touched.words, read, current)
         after = dict(self._after)
-        for floor in self._cleared & state.building.floors.keys():
+        for floor in self._removed_floors & state.building.floors.keys():
             for kind in PLACE:
                 for name in state.building.elements(kind, floor):
                     after.setdefault(Key(kind, floor, name), None)
@@ -101,20 +101,20 @@ class Draft:
             if before is not None or element is not None
         )
 
-    def _exists(self, state: State, wanted: Key) -> bool:
+    def _exists(self, state: EditorState, wanted: Key) -> bool:
         if wanted in self._after:
             return self._after[wanted] is not None
-        return wanted.floor not in self._cleared and state.version_of(wanted) > 0
+        return wanted.floor not in self._removed_floors and state.version_of(wanted) > 0
 
-    def _claim(self, state: State, wanted: Key, expected: int) -> None:
+    def _check_version(self, state: EditorState, wanted: Key, expected: int) -> None:
         if not self._exists(state, wanted):
             raise UnknownElement(*wanted.words)
         current = self._read.get(wanted, state.version_of(wanted))
         if expected != current:
             raise StaleEdit(*wanted.words, expected, current)
 
-    def _put(self, state: State, touched: Key, element: Element | None) -> None:
-        fresh = touched.floor in self._cleared
+    def _put(self, state: EditorState, touched: Key, element: Element | None) -> None:
+        fresh = touched.floor in self._removed_floors
         self._read.setdefault(touched, 0 if fresh else state.version_of(touched))
         self.size += size_of(element) - size_of(self._after.get(touched))
         self._after[touched] = element

@@ -1,6 +1,6 @@
-"""Pictures of floors: walls, doors, objects, areas, roads, elevators, and a path over them.
+"""Pictures of floors: walls, doors, objects, areas, path edges, elevators and a path.
 
-Several threads may draw at once.
+Several threads may draw simultaneously.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NODE, EDGE, ONE_WAY = "#6b5ca5", "#a99fd0", "#d07a1f"
 CABIN, CLOSED_SHAFT = "#f2c14e", "#d9d9d9"
 PATH = "#d6176e"
 TINTS = ("#eaf2fb", "#eef7ea", "#fdf3e3", "#f7ecf5", "#e8f6f5", "#f6f3e6")
-#: Colour and words; ~ marks what is drawn as a thin line.
+#: Colour and text of each legend entry; ~ marks those drawn as a thin line.
 LEGEND = (
     (FIXED, "object"),
     (MOVABLE, "movable object"),
@@ -45,10 +45,10 @@ LEGEND = (
 
 
 class PathMark(NamedTuple):
-    """A point of a path on the floor drawn: metres, what it is, and what to write beside it.
+    """A point of a path on a drawn floor [m], its kind, and the label to write beside it.
 
-    `kind` is start, node, waypoint, elevator_entry, elevator_exit or goal. The line is
-    broken between an elevator_entry and the next mark: the robot leaves the floor there."""
+    `kind` is start, node, waypoint, elevator_entry, elevator_exit or goal. No line is drawn
+    from an elevator_entry to an elevator_exit: the robot leaves the floor there."""
 
     x: float
     y: float
@@ -56,7 +56,7 @@ class PathMark(NamedTuple):
     label: str = ""
 
 
-#: Marker, colour and size of the marks that show; other kinds only bend the line.
+#: Marker, colour and size [pixels] by kind. Other kinds have no marker.
 _MARKS: dict[str, tuple[str, str, float]] = {
     "start": ("o", "#12805c", 13),
     "goal": ("*", PATH, 20),
@@ -64,7 +64,7 @@ _MARKS: dict[str, tuple[str, str, float]] = {
     "elevator_exit": ("v", "#b36b00", 13),
     "node": ("o", PATH, 5),
 }
-_SAYS = {"start": "start", "goal": "goal", "elevator_entry": "enters", "elevator_exit": "leaves"}
+_MARK_TEXTS = {"start": "start", "goal": "goal", "elevator_entry": "enters", "elevator_exit": "leaves"}
 
 
 def draw_floor(
@@ -75,17 +75,17 @@ def draw_floor(
     width_px: int = 1200,
     title: str | None = None,
 ) -> Image.Image:
-    """A floor as an RGB picture `width_px` wide, +y up, as high as the floor's shape asks for (at most MAX_PIXELS).
+    """A floor as an RGB picture `width_px` wide, +y up; its height follows from the floor (at most MAX_PIXELS).
 
-    `path` holds the marks of a path that lie on this floor, in order. The title is the
-    building's and the floor's name unless one is given; an empty one is left out.
+    `path` holds the marks of a path on this floor, in order. The default title is the
+    building's and the floor's name; an empty title is omitted.
     Raises UnknownFloor, and ValueError for a width outside 200 to MAX_PIXELS."""
     if floor not in building.floors:
         raise UnknownFloor("picture", floor, list(building.floors))
     if not 200 <= width_px <= MAX_PIXELS:
         raise ValueError(f"width_px must be 200 to {MAX_PIXELS}, not {width_px}")
     title = f"{building.name} · {floor}" if title is None else title
-    return _drawn(Sheet(Frame(building, floor, width_px, bool(title))), building, floor, path or (), title)
+    return _draw_layers(Sheet(Frame(building, floor, width_px, bool(title))), building, floor, path or (), title)
 
 
 def draw_building(
@@ -95,10 +95,10 @@ def draw_building(
     width_px: int = 1200,
     columns: int = 1,
 ) -> Image.Image:
-    """All floors in one RGB picture, the highest first, in rows of `columns`; `paths` holds marks by floor.
+    """All floors in one RGB picture, the highest first, in rows of `columns`. `paths` holds marks by floor.
 
-    `width_px` is the width of the whole picture. Raises UnknownFloor for a path on a floor
-    that isn't there, and ValueError as draw_floor does for each column."""
+    `width_px` is the width of the whole picture. Raises UnknownFloor for a path on an
+    unknown floor, and ValueError as draw_floor does for each column."""
     for floor in paths or {}:
         if floor not in building.floors:
             raise UnknownFloor("path", floor, list(building.floors))
@@ -124,13 +124,13 @@ def png_bytes(picture: Image.Image) -> bytes:
 
 
 def to_pixel(building: Building, floor: str, point: XY, width_px: int = 1200, titled: bool = True) -> tuple[int, int]:
-    """Column and row, from the top left, where draw_floor of that width puts a point (m) of the floor."""
+    """Pixel column and row, from the top left, of a point [m] in the picture of draw_floor."""
     frame = Frame(building, floor, width_px, titled)
     return int((point[0] - frame.x0) * frame.scale), int((frame.y1 - point[1]) * frame.scale)
 
 
 def draw_standing(sheet: Sheet, building: Building, floor: str) -> None:
-    """Areas, walls, objects, doors and elevators, without their names."""
+    """Draw areas, walls, objects, doors and elevators without names."""
     plan = building.floors[floor].geometrical
     _draw_areas(sheet, [(area.polygon, area.subnet) for area in plan.areas.values()])
     _draw_obstacles(sheet, building, floor)
@@ -140,13 +140,13 @@ def draw_standing(sheet: Sheet, building: Building, floor: str) -> None:
         _draw_elevator(sheet, elevator, floor)
 
 
-def _drawn(sheet: Sheet, building: Building, floor: str, path: Sequence[PathMark], title: str) -> Image.Image:
-    """The layers from the ground up, names last and never over one another."""
+def _draw_layers(sheet: Sheet, building: Building, floor: str, path: Sequence[PathMark], title: str) -> Image.Image:
+    """Draw the layers from bottom to top. Names come last and never overlap."""
     entry = building.floors[floor]
-    roads = entry.topological
+    topology = entry.topological
     draw_standing(sheet, building, floor)
-    places = {name: node.at for name, node in roads.nodes.items()}
-    _draw_roads(sheet, places, [edge for edge in roads.edges.values() if {edge.a, edge.b} <= places.keys()])
+    places = {name: node.at for name, node in topology.nodes.items()}
+    _draw_edges(sheet, places, [edge for edge in topology.edges.values() if {edge.a, edge.b} <= places.keys()])
     _draw_path(sheet, path)
     draw_furniture(sheet, title)
     for place in [*places.values(), *((mark.x, mark.y) for mark in path)]:
@@ -156,18 +156,18 @@ def _drawn(sheet: Sheet, building: Building, floor: str, path: Sequence[PathMark
 
 
 def write_names(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], path: Sequence[PathMark]) -> None:
-    """The names that matter most first: those that find no room are left out."""
+    """Write names, the most important first. Names without room are omitted."""
     plan = entry.geometrical
     for mark in path:
-        text = " ".join(filter(None, [_SAYS.get(mark.kind, ""), mark.label]))
-        sheet.label(text, (mark.x, mark.y), colour=PATH, bold=True, apart=10, must=mark.kind in _SAYS)
+        text = " ".join(filter(None, [_MARK_TEXTS.get(mark.kind, ""), mark.label]))
+        sheet.label(text, (mark.x, mark.y), colour=PATH, bold=True, apart=10, must=mark.kind in _MARK_TEXTS)
     for elevator in elevators:
         sheet.label(elevator.name, elevator.at, bold=True, apart=9)
     for area in plan.areas.values():
         name = f"{area.name} ({area.subnet})" if area.subnet else area.name
-        sheet.label(name, _inside(area.polygon), bold=True, apart=0, scale=1.15, colour="#5c6675")
-    for thing in plan.objects.values():
-        sheet.label(thing.name, thing.at, apart=0, within=geometry.object_geometry(thing).bounds)
+        sheet.label(name, _label_position(area.polygon), bold=True, apart=0, scale=1.15, colour="#5c6675")
+    for map_object in plan.objects.values():
+        sheet.label(map_object.name, map_object.at, apart=0, within=geometry.object_geometry(map_object).bounds)
     for node in entry.topological.nodes.values():
         if node.name not in plan.areas and not node.elevator:
             sheet.label(node.name, node.at, colour=NODE, apart=5, scale=0.9)
@@ -227,7 +227,7 @@ def _draw_elevator(sheet: Sheet, elevator: Elevator, floor: str) -> None:
             sheet.lines([line], DOOR, sheet.px(0.09, 2, 4), zorder=7)
 
 
-def _draw_roads(sheet: Sheet, places: Mapping[str, XY], edges: Sequence[PathEdge]) -> None:
+def _draw_edges(sheet: Sheet, places: Mapping[str, XY], edges: Sequence[PathEdge]) -> None:
     for one_way in (False, True):
         lines = [(places[edge.a], places[edge.b]) for edge in edges if edge.one_way is one_way]
         sheet.lines(lines, ONE_WAY if one_way else EDGE, sheet.px(0.05, 1.2, 2.2), zorder=8)
@@ -273,8 +273,8 @@ def draw_furniture(sheet: Sheet, title: str, legend: Sequence[tuple[str, str]] =
         x += (44 + 6.2 * len(text)) * px
 
 
-def _inside(polygon: Sequence[XY]) -> XY:
-    """A place in a polygon to write its name: the upper middle, so that roads and furniture stay readable."""
+def _label_position(polygon: Sequence[XY]) -> XY:
+    """Where to write a polygon's name: above its middle, so that edges and objects stay readable."""
     area = Polygon(polygon)
     x0, y0, x1, y1 = area.bounds
     x, y = (x0 + x1) / 2, y0 + 0.62 * (y1 - y0)

@@ -1,11 +1,11 @@
-"""The map building agent: a building that several editors change at the same time.
+"""The map building agent: a building that several clients edit concurrently.
 
-Every accepted edit is on disk before anybody sees it, raises the version by one and is
-told to the listeners before the call returns. One lock orders the edits; who reads takes
-the snapshot that is there and never waits.
+Every accepted edit is on disk before anyone can read it, raises the version by one and
+reaches the listeners before the call returns. One lock orders the edits. Readers take the
+current snapshot and never wait.
 
-An edit names the version that last changed the element, as its editor read it: when the
-element has changed since, StaleEdit is raised. Edits of different elements never conflict.
+An edit names the version of the element that its author read. If the element has changed
+since, the edit raises StaleEdit. Edits of different elements never conflict.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ from robocorba.errors.maps import (
 )
 from robocorba.maps.changes import Change, Key, apply, difference, elements_of, inverse, key, key_of, ordered
 from robocorba.maps.collisions import Collision
-from robocorba.maps.draft import Draft, State, Versions
+from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import PLACE, Building, Element, ElementKind, TopologicalMap
-from robocorba.maps.storage import MapStore, Step, Stored
+from robocorba.maps.storage import CommitKind, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
-#: Most elements, points of polygons and the like in a building (see size_of): keeps memory bounded.
+#: Maximum size of a building (see size_of). Bounds memory.
 MAX_BUILDING_SIZE = 2_000_000
-#: The same for all open transactions together.
+#: Maximum size of all open transactions together (see size_of).
 MAX_PENDING_SIZE = 500_000
-#: Blocked nodes and edges that the log names for one edit; the rest is counted.
-BLOCKED_NAMED = 5
+#: Blocked nodes and edges that the log lists for one edit; it counts the others.
+MAX_BLOCKED_LOGGED = 5
 
 _log = logging.getLogger(__name__)
 
-#: Called inside each edit with the new building, its version and what changed, in the order of versions.
+#: Called within each edit with the new building, its version and the changes, in order of versions.
 Listener = Callable[[Building, int, Sequence[Change]], None]
 
 
 class BuildingEditor:
     """Edits the building of a store. Safe from any thread.
 
-    `history_limit` commits are kept for undo and changes_since. At most `transaction_limit`
-    transactions are open; one left alone for `transaction_timeout_s` by `clock` is rolled back.
-    Where the store fails, the edit raises MapFileError and nothing has changed."""
+    It keeps `history_limit` commits for undo and changes_since, and at most `transaction_limit` open
+    transactions. A transaction without a call for `transaction_timeout_s` by `clock` is rolled back.
+    If the store fails, the edit raises MapFileError and changes nothing."""
 
     def __init__(
         self,
@@ -67,21 +67,21 @@ class BuildingEditor:
         self._lock = threading.Lock()
         self._listeners: list[Listener] = []
         self._open: set[Transaction] = set()
-        self._state = _state(store.load())
+        self._state = _editor_state(store.load())
 
     @property
     def building(self) -> Building:
-        """The building as it stands; it never changes, the next edit makes another one."""
+        """The current building. It is immutable; the next edit replaces it."""
         return self._state.building
 
     @property
     def version(self) -> int:
-        """The building's version; rises by one with each accepted edit, never falls."""
+        """The building's version. Each accepted edit raises it by one; it never falls."""
         return self._state.version
 
     @property
     def snapshot(self) -> tuple[Building, int]:
-        """The building and its version, of the same moment."""
+        """The building and its version, consistent with each other."""
         state = self._state
         return state.building, state.version
 
@@ -104,7 +104,7 @@ class BuildingEditor:
         return [(element, versions[name]) for name, element in state.building.elements(kind, floor).items()]
 
     def create(self, floor: str, element: Element) -> int:
-        """Add an element, `floor` being ignored for floors and elevators. Returns the new version.
+        """Add an element. `floor` is ignored for floors and elevators. Returns the new version.
 
         Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
         return self._edit(lambda draft, state: draft.create(state, floor, element))
@@ -116,9 +116,9 @@ class BuildingEditor:
         return self._edit(lambda draft, state: draft.change(state, floor, element, expected))
 
     def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
-        """Remove an element, a floor with all that is on it. Returns the new version.
+        """Remove an element, a floor with all its elements. Returns the new version.
 
-        Raises UnknownElement, StaleEdit, InvalidElement where something left needs it."""
+        Raises UnknownElement, StaleEdit, InvalidElement if a remaining element refers to it."""
         return self._edit(lambda draft, state: draft.remove(state, kind, floor, name, expected))
 
     def begin(self) -> Transaction:
@@ -132,18 +132,18 @@ class BuildingEditor:
             return transaction
 
     def undo(self, expected: int) -> int:
-        """Take back the last edit, transaction or replacement; `expected` is the building's version as the caller
-        saw it. Returns the new version. Raises StaleVersion, NothingToUndo."""
+        """Revert the last edit, transaction or replacement. `expected` is the building's version that the caller
+        read. Returns the new version. Raises StaleVersion, NothingToUndo."""
         with self._lock:
             self._expect(expected)
             commit = self._store.undoable()
             if commit is None:
                 raise NothingToUndo("there is nothing to undo")
             changes = inverse(commit.changes, self.version + 1)
-            return self._commit(changes, commit.name_before, Step.UNDO, commit.version)
+            return self._commit(changes, commit.name_before, CommitKind.UNDO, commit.version)
 
     def redo(self, expected: int) -> int:
-        """Repeat the edit that was taken back last, while no other was made since. Returns the new version.
+        """Repeat the edit that undo reverted last, unless another edit followed. Returns the new version.
 
         Raises StaleVersion, NothingToRedo."""
         with self._lock:
@@ -152,19 +152,19 @@ class BuildingEditor:
             if commit is None:
                 raise NothingToRedo("there is nothing to redo")
             changes = [msgspec.structs.replace(change, version=self.version + 1) for change in commit.changes]
-            return self._commit(changes, commit.name_after, Step.REDO, commit.version)
+            return self._commit(changes, commit.name_after, CommitKind.REDO, commit.version)
 
     def changes_since(self, version: int) -> list[Change]:
-        """What happened after `version`, in order. Raises VersionUnavailable, MapFileError."""
+        """The changes after `version`, in order. Raises VersionUnavailable, MapFileError."""
         state = self._state
         if version == state.version:
             return []
         return self._store.changes_since(version, state.version)
 
     def replace(self, building: Building, expected: int) -> int:
-        """Put another building in place of this one, as one edit; what is equal in both stays untouched.
+        """Replace the building by another one, as one edit of the elements that differ.
 
-        Returns the new version, the old one where nothing differs. Raises StaleVersion, InvalidElement."""
+        Returns the new version, the current one if nothing differs. Raises StaleVersion, InvalidElement."""
         for wrong in problems(building, limit=1):
             raise wrong
         with self._lock:
@@ -172,9 +172,9 @@ class BuildingEditor:
             return self._put(difference(self.building, building), building.name)
 
     def replace_topology(self, floor: str, topology: TopologicalMap) -> int:
-        """Put another topological map in place of a floor's, as one edit.
+        """Replace a floor's topological map, as one edit.
 
-        Returns the new version, the old one where nothing differs. Raises UnknownElement, InvalidElement."""
+        Returns the new version, the current one if nothing differs. Raises UnknownElement, InvalidElement."""
         with self._lock:
             building = self.building
             if floor not in building.floors:
@@ -184,17 +184,17 @@ class BuildingEditor:
             return self._put(difference(building, drawn), building.name, check=True)
 
     def subscribe(self, listener: Listener) -> tuple[Building, int]:
-        """Have `listener` called for each edit after the returned building and version.
+        """Call `listener` for each edit after the returned building and version.
 
-        It is called inside the edit, which waits for it: it must be quick, not raise and not edit."""
+        The edit waits for the call: `listener` must be quick, and must neither raise nor edit."""
         with self._lock:
             self._listeners.append(listener)
             return self.snapshot
 
-    def _edit(self, step: Callable[[Draft, State], None]) -> int:
+    def _edit(self, operation: Callable[[Draft, EditorState], None]) -> int:
         with self._lock:
             draft = Draft()
-            step(draft, self._state)
+            operation(draft, self._state)
             return self._finish(draft)
 
     def _finish(self, draft: Draft) -> int:
@@ -214,9 +214,14 @@ class BuildingEditor:
             raise StaleVersion(version, self.version)
 
     def _commit(
-        self, changes: Sequence[Change], name: str, step: Step = Step.EDIT, source: int = 0, check: bool = False
+        self,
+        changes: Sequence[Change],
+        name: str,
+        kind: CommitKind = CommitKind.EDIT,
+        source: int = 0,
+        check: bool = False,
     ) -> int:
-        """Check, store, show and tell, in this order. With the lock held."""
+        """Check and store changes, then publish them to readers and listeners. Requires the lock."""
         before = self._state
         building = apply(before.building, changes)
         if name != building.name:
@@ -228,34 +233,36 @@ class BuildingEditor:
         blocked = check_change(building, [change.key for change in changes], before.building) if check else []
         version = before.version + 1
         names = (before.building.name, name)
-        self._store.commit(changes, version, names, step, source, self._history_limit)
-        self._state = State(building, version, _stamped(before.versions, changes), size)
+        self._store.commit(changes, version, names, kind, source, self._history_limit)
+        self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
         if blocked:
-            _log.warning("version %d blocks %s", version, _named(blocked))
+            _log.warning("version %d blocks %s", version, _describe_blocked(blocked))
         for listener in self._listeners:
             listener(building, version, changes)
         self._expire()
         return version
 
     def _expire(self) -> None:
-        """Roll back what was left alone. With the lock held."""
+        """Roll back the transactions that have timed out. Requires the lock."""
         oldest = self._clock() - self._transaction_timeout_s
         for transaction in [each for each in self._open if each._used_at < oldest]:
             self._drop(transaction)
 
     def _drop(self, transaction: Transaction) -> Draft:
-        """Close a transaction, which lets go of its draft: a caller may keep it for long. With the lock held."""
+        """Close a transaction and take its draft, since a caller may keep the closed transaction. Requires the lock."""
         self._open.discard(transaction)
         draft, transaction._draft = transaction._draft, Draft()
         return draft
 
-    def _step(self, transaction: Transaction, step: Callable[[Draft, State], None], adds: Element | None) -> None:
+    def _add_edit(
+        self, transaction: Transaction, operation: Callable[[Draft, EditorState], None], added: Element | None
+    ) -> None:
         with self._lock:
             self._use(transaction)
-            if adds and size_of(adds) + sum(other._draft.size for other in self._open) > MAX_PENDING_SIZE:
+            if added and size_of(added) + sum(other._draft.size for other in self._open) > MAX_PENDING_SIZE:
                 reason = f"open transactions would hold more than {MAX_PENDING_SIZE} elements and points"
-                raise InvalidElement(*key_of("", adds).words, reason)
-            step(transaction._draft, self._state)
+                raise InvalidElement(*key_of("", added).words, reason)
+            operation(transaction._draft, self._state)
 
     def _use(self, transaction: Transaction) -> None:
         self._expire()
@@ -273,10 +280,10 @@ class BuildingEditor:
 class Transaction:
     """Several edits that take effect together or not at all. Nobody else sees them before `commit`.
 
-    The version of an element does not rise within a transaction: a second change of the same
-    element expects the same version as the first, and 0 for an element that the transaction made.
-    Rules of an element by itself are checked at each step, those between elements by `commit`.
-    Every operation raises TransactionClosed once it is closed or has timed out."""
+    The version of an element does not rise within a transaction: a second change of an element
+    expects the same version as the first, and 0 for an element that the transaction created.
+    Each edit checks the rules of its element alone; `commit` checks those between elements.
+    Every operation raises TransactionClosed if the transaction is closed or has timed out."""
 
     def __init__(self, editor: BuildingEditor, now: float) -> None:
         self._editor, self._used_at = editor, now
@@ -284,48 +291,48 @@ class Transaction:
 
     @property
     def is_open(self) -> bool:
-        """Whether it was neither committed nor rolled back, nor has been found to have timed out."""
+        """Whether it was neither committed nor rolled back, also not by its timeout."""
         return self in self._editor._open
 
     def create(self, floor: str, element: Element) -> None:
         """As BuildingEditor.create."""
-        self._editor._step(self, lambda draft, state: draft.create(state, floor, element), element)
+        self._editor._add_edit(self, lambda draft, state: draft.create(state, floor, element), element)
 
     def change(self, floor: str, element: Element, expected: int) -> None:
         """As BuildingEditor.change."""
-        self._editor._step(self, lambda draft, state: draft.change(state, floor, element, expected), element)
+        self._editor._add_edit(self, lambda draft, state: draft.change(state, floor, element, expected), element)
 
     def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> None:
         """As BuildingEditor.remove."""
-        self._editor._step(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
+        self._editor._add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
 
     def commit(self) -> int:
-        """Make all edits as one. Returns the building's version, a new one unless nothing was edited.
+        """Make all edits as one, and close the transaction. Returns the building's version, new if anything was edited.
 
-        Raises StaleEdit, DuplicateElement or UnknownElement where somebody else touched what it touches,
-        InvalidElement where the result breaks a rule; nothing has changed then. It is closed either way."""
+        Raises StaleEdit, DuplicateElement or UnknownElement if another client changed a touched element,
+        InvalidElement if the result breaks a rule. The building is unchanged then."""
         return self._editor._close(self, commit=True)
 
     def roll_back(self) -> None:
-        """Forget all edits."""
+        """Discard all edits."""
         self._editor._close(self, commit=False)
 
 
-def _named(blocked: Sequence[Collision]) -> str:
-    named = "; ".join(str(collision.error()) for collision in blocked[:BLOCKED_NAMED])
-    rest = len(blocked) - BLOCKED_NAMED
+def _describe_blocked(blocked: Sequence[Collision]) -> str:
+    named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
+    rest = len(blocked) - MAX_BLOCKED_LOGGED
     return named + (f"; and {rest} more" if rest > 0 else "")
 
 
-def _state(stored: Stored) -> State:
+def _editor_state(stored: StoredBuilding) -> EditorState:
     versions: Versions = {}
     for (kind, floor, name), version in stored.versions.items():
         versions.setdefault((kind, floor), {})[name] = version
     size = sum(size_of(element) for _, element in elements_of(stored.building))
-    return State(stored.building, stored.version, versions, size)
+    return EditorState(stored.building, stored.version, versions, size)
 
 
-def _stamped(versions: Versions, changes: Iterable[Change]) -> Versions:
+def _updated_versions(versions: Versions, changes: Iterable[Change]) -> Versions:
     stamped, copied = dict(versions), set()
     for change in changes:
         place = change.key.kind, change.key.floor

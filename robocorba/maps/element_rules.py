@@ -1,6 +1,6 @@
-"""What can be wrong with an element by itself, in plain words. Rules between elements: validation.py.
+"""The rules of a single element. Rules between elements: validation.py.
 
-Nothing here computes with a number before it is known to be finite and of sensible size.
+Every number is checked to be finite and of sensible size before it is used.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ from robocorba.maps.model import (
 )
 from robocorba.spatial.pose import XY
 
-#: Longest name, characters.
+#: Longest name [characters].
 MAX_NAME = 200
-#: Largest coordinate, length, speed or time: m, m/s, s.
+#: Largest coordinate, length [m], speed [m/s] or time [s].
 MAX_NUMBER = 1e6
-#: Smallest length (m) or speed (m/s): below it two points are one, and times of travel lose all meaning.
+#: Smallest length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
 MIN_LENGTH = 1e-3
-#: Most points of a polygon, doors of an elevator, graphs of an edge.
+#: Maximum number of points of a polygon, doors of an elevator, graphs of an edge.
 MAX_POINTS, MAX_DOORS, MAX_GRAPHS = 10_000, 1_000, 100
-#: Lengths that differ by less are equal, m.
-SLACK_M = 1e-9
+#: Tolerance of comparisons of lengths [m].
+TOLERANCE_M = 1e-9
 _INT32 = 2**31
 
 
-def faults(element: Element) -> Iterator[str]:
-    """Every reason why `element` is not acceptable, whatever else is in the building."""
-    yield from name_faults("the name", element.name)
+def violations(element: Element) -> Iterator[str]:
+    """Every rule that `element` alone breaks."""
+    yield from name_violations("the name", element.name)
     yield from _RULES[type(element)](element)
 
 
-def name_faults(what: str, text: str) -> Iterator[str]:
-    """Reasons why `text` is no name: 1 to MAX_NAME printable characters are."""
+def name_violations(what: str, text: str) -> Iterator[str]:
+    """Why `text` is not a valid name (1 to MAX_NAME printable characters). `what` names it in messages."""
     if not text:
         yield f"{what} is empty"
     elif len(text) > MAX_NAME:
@@ -78,11 +78,11 @@ def _wall(wall: Wall) -> Iterator[str]:
     yield from _size("height", wall.height)
 
 
-def _object(thing: MapObject) -> Iterator[str]:
-    yield from _point("at", thing.at)
-    yield from _number("heading", thing.heading)
-    yield from _size("height", thing.height)
-    shape = thing.shape
+def _object(map_object: MapObject) -> Iterator[str]:
+    yield from _point("at", map_object.at)
+    yield from _number("heading", map_object.heading)
+    yield from _size("height", map_object.height)
+    shape = map_object.shape
     if isinstance(shape, SegmentShape):
         yield from _size("length", shape.length)
     elif isinstance(shape, BoxShape):
@@ -101,18 +101,18 @@ def _door(door: Door) -> Iterator[str]:
 def _area(area: Area) -> Iterator[str]:
     yield from _polygon("the polygon", area.polygon)
     if area.subnet:
-        yield from name_faults("subnet", area.subnet)
+        yield from name_violations("subnet", area.subnet)
 
 
 def _node(node: PathNode) -> Iterator[str]:
     yield from _point("at", node.at)
     if node.elevator:
-        yield from name_faults("elevator", node.elevator)
+        yield from name_violations("elevator", node.elevator)
 
 
 def _edge(edge: PathEdge) -> Iterator[str]:
-    yield from name_faults("from", edge.a)
-    yield from name_faults("to", edge.b)
+    yield from name_violations("from", edge.a)
+    yield from name_violations("to", edge.b)
     if edge.a == edge.b:
         yield "it leads from a node to the same node"
     if edge.speed_limit:
@@ -122,7 +122,7 @@ def _edge(edge: PathEdge) -> Iterator[str]:
         yield f"it belongs to {len(edge.graphs)} graphs, at most {MAX_GRAPHS} are allowed"
     else:
         for graph in edge.graphs:
-            yield from name_faults("the name of a graph", graph)
+            yield from name_violations("the name of a graph", graph)
 
 
 def _elevator(elevator: Elevator) -> Iterator[str]:
@@ -141,26 +141,26 @@ def _elevator(elevator: Elevator) -> Iterator[str]:
 
 
 def _elevator_doors(elevator: Elevator) -> Iterator[str]:
-    sound: dict[tuple[str, Side], list[ElevatorDoor]] = {}
+    valid: dict[tuple[str, Side], list[ElevatorDoor]] = {}
     for door in elevator.doors:
         wrong = [
-            *name_faults("the floor of a door", door.floor),
+            *name_violations("the floor of a door", door.floor),
             *_size("the width of a door", door.width),
             *_number("the offset of a door", door.offset),
         ]
         yield from wrong
         if not wrong:
-            sound.setdefault((door.floor, door.side), []).append(door)
-    for (floor, side), doors in sound.items():
+            valid.setdefault((door.floor, door.side), []).append(door)
+    for (floor, side), doors in valid.items():
         room = elevator.size[0 if side in (Side.FRONT, Side.BACK) else 1]
         for door in doors:
-            if door.width > room + SLACK_M:
+            if door.width > room + TOLERANCE_M:
                 yield f"its {side.value} door on {floor!r} is {door.width:g} m wide, the side {room:g} m"
-            elif abs(door.offset) + door.width / 2 > room / 2 + SLACK_M:
+            elif abs(door.offset) + door.width / 2 > room / 2 + TOLERANCE_M:
                 yield f"its {side.value} door on {floor!r} reaches beyond the side"
         doors.sort(key=lambda door: door.offset - door.width / 2)
         for left, right in pairwise(doors):
-            if left.offset + left.width / 2 > right.offset - right.width / 2 + SLACK_M:
+            if left.offset + left.width / 2 > right.offset - right.width / 2 + TOLERANCE_M:
                 yield f"two of its {side.value} doors on {floor!r} overlap"
 
 
@@ -224,7 +224,7 @@ _RULES: dict[type, Callable[[Any], Iterator[str]]] = {
 
 
 def size_of(element: Element | None) -> int:
-    """What an element counts where memory is bounded: one, and one for each point, door or graph it lists."""
+    """The size of an element in limits: 1, and 1 for each point, door or graph in it. 0 for None."""
     if isinstance(element, PathNode | Wall | Door):
         return 1
     if isinstance(element, PathEdge):

@@ -1,8 +1,7 @@
-"""What blocks a robot on a floor, as shapely geometry.
+"""The obstacles of a floor as shapely geometry.
 
-This is the one place that says how walls, doors, objects, elevator shafts and the
-outline turn into obstacles; validation, planning, drawing and the automatic
-topological map all read it from here.
+Only this module converts walls, doors, objects, elevator shafts and the outline into
+obstacles. Validation, planning, drawing and the automatic topological map use it.
 """
 
 from __future__ import annotations
@@ -36,23 +35,23 @@ from robocorba.maps.model import (
 )
 from robocorba.spatial.pose import XY
 
-#: A door cuts the walls along it that lie within this distance, m.
+#: Maximum distance between a door and a parallel wall into which it cuts an opening [m].
 DOOR_REACH_M = 0.15
-#: The landing door of an elevator also cuts building walls drawn in front of the shaft, m.
+#: The same for the landing door of an elevator [m]: it also cuts building walls drawn in front of the shaft.
 LANDING_REACH_M = 0.35
-#: A wall runs along a door where the two directions differ by no more than this; one that meets it at an angle stays.
-ALONG_RAD = math.radians(15)
-#: A circle counts as a regular polygon around it with this many sides (0.5 % of its radius outside).
+#: Maximum angle between a door and a wall into which it cuts an opening [rad].
+PARALLEL_TOLERANCE_RAD = math.radians(15)
+#: Sides of the regular polygon circumscribed about a circle (exceeds the radius by 0.5 % at most).
 CIRCLE_SIDES = 32
 
 Array = NDArray[np.float64]
-_TURNS = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
-#: The polygon around the circle of radius 1.
-_DISC: Array = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)]) / math.cos(math.pi / CIRCLE_SIDES)
+_ANGLES = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
+#: The polygon circumscribed about the unit circle.
+_DISC: Array = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / math.cos(math.pi / CIRCLE_SIDES)
 
 
 class Obstacle(NamedTuple):
-    """A thing that blocks: kind and name as in the map, geometry a line or a polygon (solid)."""
+    """An obstacle: kind and name as in the map, geometry a line or a (solid) polygon."""
 
     kind: str
     name: str
@@ -60,16 +59,16 @@ class Obstacle(NamedTuple):
 
 
 def obstacles(building: Building, floor: str) -> tuple[Obstacle, ...]:
-    """Everything that blocks on a floor, walls already cut open where doors are.
+    """All obstacles of a floor, with openings cut into the walls at doors.
 
-    As long as nothing on the floor changes the answer is the very same tuple, while the
-    floor is among the last 64 asked for. Raises KeyError for an unknown floor."""
+    The last 64 results are cached: an unchanged floor gives the identical tuple.
+    Raises KeyError if the floor is unknown."""
     entry = building.floors[floor]
-    return _obstacles(_Key(entry.geometrical, entry.floor, tuple(building.elevators.values())))
+    return _obstacles(_CacheKey(entry.geometrical, entry.floor, tuple(building.elevators.values())))
 
 
-class _Key:
-    """Equal for maps that are the very same objects: what an edit did not touch is shared, so identity tells."""
+class _CacheKey:
+    """Compares maps by object identity, since buildings share what an edit did not change."""
 
     def __init__(self, geometrical: GeometricalMap, floor: Floor, elevators: tuple[Elevator, ...]) -> None:
         self.geometrical, self.floor, self.elevators = geometrical, floor, elevators
@@ -80,26 +79,26 @@ class _Key:
         return hash(self.ids)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self.ids == other.ids
+        return isinstance(other, _CacheKey) and self.ids == other.ids
 
 
 @lru_cache(maxsize=64)
-def _obstacles(key: _Key) -> tuple[Obstacle, ...]:
+def _obstacles(key: _CacheKey) -> tuple[Obstacle, ...]:
     return blocking(key.geometrical, key.floor, key.elevators)
 
 
 def blocking(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
-    """What `obstacles` says, computed anew and not remembered: for a map that is asked for once."""
-    doors = _ends(plan.doors.values())
+    """The result of `obstacles`, not cached: for a map that is used once."""
+    doors = _end_points(plan.doors.values())
     landings = [
         [landing_line(elevator, door) for door in elevator.doors if door.floor == floor.name] for elevator in elevators
     ]
     fronts = shapely.get_coordinates(list(chain.from_iterable(landings))).reshape(-1, 2, 2)
     reaches = np.repeat([DOOR_REACH_M, LANDING_REACH_M], [len(doors), len(fronts)])
-    walls = _cut_open(_ends(plan.walls.values()), np.concatenate([doors, fronts]), reaches)
+    walls = _cut_open(_end_points(plan.walls.values()), np.concatenate([doors, fronts]), reaches)
 
     found = [Obstacle("wall", name, left) for name, left in zip(plan.walls, walls, strict=True) if not left.is_empty]
-    found += [Obstacle("object", thing.name, object_geometry(thing)) for thing in plan.objects.values()]
+    found += [Obstacle("object", map_object.name, object_geometry(map_object)) for map_object in plan.objects.values()]
     found += [Obstacle("door", door.name, LineString([door.a, door.b])) for door in plan.doors.values() if door.locked]
     for elevator, lines in zip(elevators, landings, strict=True):
         shaft: BaseGeometry = shaft_polygon(elevator).exterior
@@ -111,28 +110,28 @@ def blocking(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) 
     return tuple(found)
 
 
-def _ends(lines: Iterable[Wall | Door]) -> Array:
+def _end_points(lines: Iterable[Wall | Door]) -> Array:
     return np.array([(line.a, line.b) for line in lines], dtype=float).reshape(-1, 2, 2)
 
 
 def _cut_open(walls: Array, openings: Array, reaches: Array) -> list[BaseGeometry]:
-    """What openings (m, 2, 2) that reach so far (m,) leave of walls (n, 2, 2), each a line or several, maybe empty."""
+    """Walls (n, 2, 2) less the openings (m, 2, 2) that reach `reaches` (m,): (multi)lines, possibly empty."""
     left = shapely.linestrings(walls)
     strips = shapely.buffer(shapely.linestrings(openings), reaches, cap_style="flat")
     by, which = STRtree(left).query(strips, predicate="intersects")
     along, across = (walls[:, 1] - walls[:, 0])[which], (openings[:, 1] - openings[:, 0])[by]
     sine = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
     cosine = (along * across).sum(axis=1)
-    parallel = np.abs(sine) <= math.tan(ALONG_RAD) * np.abs(cosine)
+    parallel = np.abs(sine) <= math.tan(PARALLEL_TOLERANCE_RAD) * np.abs(cosine)
     for wall, strip in zip(which[parallel], by[parallel], strict=True):
         left[wall] = shapely.difference(left[wall], strips[strip])
     return left.tolist()
 
 
-def object_geometry(thing: MapObject) -> BaseGeometry:
+def object_geometry(map_object: MapObject) -> BaseGeometry:
     """An object's footprint in the floor's frame: a line for a segment, else a polygon."""
-    corners = _placed(_corners(thing.shape), thing.at, thing.heading)
-    return shapely.linestrings(corners) if isinstance(thing.shape, SegmentShape) else shapely.polygons(corners)
+    corners = _to_floor_frame(_corners(map_object.shape), map_object.at, map_object.heading)
+    return shapely.linestrings(corners) if isinstance(map_object.shape, SegmentShape) else shapely.polygons(corners)
 
 
 def _corners(shape: Shape) -> Sequence[XY] | Array:
@@ -151,8 +150,8 @@ def _rectangle(size: XY) -> Sequence[XY]:
     return (-x, -y), (x, -y), (x, y), (-x, y)
 
 
-def _placed(points: Sequence[XY] | Array, at: XY, heading: float) -> Array:
-    """Points (n, 2) of the frame that stands at `at`, turned by `heading`, in the floor's frame."""
+def _to_floor_frame(points: Sequence[XY] | Array, at: XY, heading: float) -> Array:
+    """Points (n, 2) of the frame at pose (`at`, `heading`), in the floor's frame."""
     cos, sin = math.cos(heading), math.sin(heading)
     x, y = np.asarray(points, dtype=float).T
     return np.column_stack([at[0] + cos * x - sin * y, at[1] + sin * x + cos * y])
@@ -160,11 +159,11 @@ def _placed(points: Sequence[XY] | Array, at: XY, heading: float) -> Array:
 
 def shaft_polygon(elevator: Elevator) -> Polygon:
     """The shaft's footprint in the floor's frame."""
-    return shapely.polygons(_placed(_rectangle(elevator.size), elevator.at, elevator.heading))
+    return shapely.polygons(_to_floor_frame(_rectangle(elevator.size), elevator.at, elevator.heading))
 
 
 def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
-    """The doorway of an elevator on a floor, as a line on the shaft's side."""
+    """The doorway of an elevator door, as a line on the shaft's side."""
     x, y, half = elevator.size[0] / 2, elevator.size[1] / 2, door.width / 2
     low, high = door.offset - half, door.offset + half
     ends: dict[Side, tuple[XY, XY]] = {
@@ -173,11 +172,11 @@ def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
         Side.LEFT: ((-x, low), (-x, high)),
         Side.RIGHT: ((x, low), (x, high)),
     }
-    return shapely.linestrings(_placed(ends[door.side], elevator.at, elevator.heading))
+    return shapely.linestrings(_to_floor_frame(ends[door.side], elevator.at, elevator.heading))
 
 
 def bounds(building: Building, floor: str, margin_m: float = 1.0) -> tuple[float, float, float, float]:
-    """(min x, min y, max x, max y) of everything on a floor, nodes included; a square metre where it is empty."""
+    """(min x, min y, max x, max y) of all obstacles and nodes of a floor; a unit square if it is empty."""
     entry = building.floors[floor]
     points = [node.at for node in entry.topological.nodes.values()]
     shapes = [obstacle.geometry for obstacle in obstacles(building, floor)]
@@ -190,14 +189,14 @@ def bounds(building: Building, floor: str, margin_m: float = 1.0) -> tuple[float
 
 
 def free_space(building: Building, floor: str, radius_m: float, arc_sides: int = 8) -> BaseGeometry:
-    """Where the centre of a round robot may be: a polygon or multipolygon, never too large.
+    """The free configuration space of a round robot's centre: a (multi)polygon, on the safe side.
 
-    Obstacles grow by `radius_m`, and by a little more where an arc is drawn as chords:
-    1.1 % of the radius with 8 sides a quarter (`arc_sides`), 0.5 % with 12."""
+    Obstacles are inflated by `radius_m`, and by slightly more where chords approximate an arc:
+    1.1 % of the radius with 8 sides per quarter circle (`arc_sides`), 0.5 % with 12."""
     found = obstacles(building, floor)
     outline = building.floors[floor].floor.outline
     space: BaseGeometry = Polygon(outline) if outline else shapely.box(*bounds(building, floor))
-    # A chord spans up to one and a half sides: the number of sides on an arc is rounded to the nearest.
+    # shapely rounds the number of sides of an arc, so a chord spans up to 1.5 sides.
     grown = radius_m / math.cos(1.5 * math.pi / (4 * arc_sides))
     solids = [item.geometry for item in found if item.geometry.geom_type == "Polygon"]
     if grown:

@@ -1,4 +1,4 @@
-"""What a conversion between formats could not keep: one sentence for each kind of loss."""
+"""Losses of a conversion between formats: one sentence for each kind."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from robocorba.maps import validation
 from robocorba.maps.model import Building, ElementKind, Elevator
 from robocorba.maps.yaml_file import YamlFile
 
-#: Names listed in one sentence; the rest is counted.
-NAMES_SHOWN = 12
-#: Broken rules dealt with between two looks at the whole building.
-MOST_PROBLEMS = 100_000
+#: Names listed in one sentence; the others are counted.
+MAX_NAMES_LISTED = 12
+#: Broken rules handled between two complete checks of the building.
+PROBLEMS_PER_PASS = 100_000
 TYPE_NAMES = {kind.value for kind in ElementKind}
-#: Where an edge meets an obstacle, at the end of a reason: it differs from edge to edge.
+#: The position of a collision at the end of a reason: removed, since it differs from edge to edge.
 _POSITION = re.compile(r" near \S+, \S+$")
 
 
 class Imported(msgspec.Struct, frozen=True):
-    """A building that was read, the name of the format, and a sentence for everything that was lost."""
+    """An imported building, the name of its format, and a sentence for each kind of loss."""
 
     building: Building
     format: str
@@ -32,24 +32,24 @@ class Imported(msgspec.Struct, frozen=True):
 
 
 class Exported(msgspec.Struct, frozen=True):
-    """The files that were written, and a sentence for everything that was lost."""
+    """The written files, and a sentence for each kind of loss."""
 
     files: tuple[Path, ...]
     losses: tuple[str, ...] = ()
 
 
 class Losses:
-    """Collects losses; equal ones become one sentence that counts and names what they befell."""
+    """Collects losses. Equal ones become one sentence with the number and names of their subjects."""
 
     def __init__(self) -> None:
         self._subjects: dict[str, list[str]] = {}
 
     def add(self, sentence: str, subject: str = "") -> None:
-        """`sentence` may hold {n} and {names}: how many subjects it befell, and which."""
+        """Add a loss. {n} and {names} in `sentence` are replaced by the number and names of its subjects."""
         self._subjects.setdefault(sentence, []).append(subject)
 
     def sentences(self) -> tuple[str, ...]:
-        """All losses, in the order in which their kinds first occurred."""
+        """One sentence for each kind of loss, in the order of their first occurrence."""
         return tuple(
             sentence.replace("{n}", str(len(subjects))).replace("{names}", listed(subjects))
             for sentence, subjects in self._subjects.items()
@@ -57,31 +57,31 @@ class Losses:
 
 
 def listed(subjects: Iterable[str]) -> str:
-    """The first NAMES_SHOWN different names, and how many more there are."""
+    """The first MAX_NAMES_LISTED different names, and the number of the others."""
     counted = Counter(subjects)
-    shown = [f"{name} (x{n})" if n > 1 else name for name, n in list(counted.items())[:NAMES_SHOWN]]
+    shown = [f"{name} (x{n})" if n > 1 else name for name, n in list(counted.items())[:MAX_NAMES_LISTED]]
     rest = len(counted) - len(shown)
     return ", ".join(shown) + (f" and {rest} more" if rest else "")
 
 
-def settle(building: Building, losses: Losses, file: YamlFile) -> Building:
-    """Leave out, and report, every element that breaks a rule, until none does.
+def remove_invalid_elements(building: Building, losses: Losses, file: YamlFile) -> Building:
+    """Remove, and report, every element that breaks a rule, until none does.
 
-    A floor with a wrong outline loses the outline, and a node takes its edges with it. Raises
-    MapFileError where the fault lies in something that can't be left out."""
-    while problems := validation.problems(building, limit=MOST_PROBLEMS):
+    A floor with an invalid outline loses the outline; a removed node loses its edges. Raises
+    MapFileError if a rule is broken by something that can't be removed."""
+    while problems := validation.problems(building, limit=PROBLEMS_PER_PASS):
         before = building
         of_edges = [wrong for wrong in problems if wrong.kind == ElementKind.EDGE.value]
         others = [wrong for wrong in problems if wrong.kind != ElementKind.EDGE.value]
-        building = _without_wrong(building, others, losses)
+        building = _without_invalid(building, others, losses)
         building = _without_loose_edges(building, losses)
-        building = _without_wrong(building, of_edges, losses)
+        building = _without_invalid(building, of_edges, losses)
         if building is before:
             raise file.error("$", str(problems[0]))
     return building
 
 
-def _without_wrong(building: Building, problems: Iterable[InvalidElement], losses: Losses) -> Building:
+def _without_invalid(building: Building, problems: Iterable[InvalidElement], losses: Losses) -> Building:
     for wrong in problems:
         reduced = _without(building, wrong.kind, wrong.floor, wrong.name)
         if reduced is not building:
@@ -103,7 +103,7 @@ def _without_loose_edges(building: Building, losses: Losses) -> Building:
 
 
 def _without(building: Building, what: str, floor: str, name: str) -> Building:
-    """The building without that element; the same building where there is nothing to leave out."""
+    """The building without that element; the identical building if there is nothing to remove."""
     if what not in TYPE_NAMES:
         return building
     kind = ElementKind(what)
@@ -120,7 +120,7 @@ def _without(building: Building, what: str, floor: str, name: str) -> Building:
 
 
 def _without_elevator(building: Building, elevator: Elevator) -> Building:
-    """The building without an elevator; nodes in its cabin become ordinary ones."""
+    """The building without an elevator. Nodes in its cabin become ordinary nodes."""
     for entry in building.floors.values():
         for node in entry.topological.nodes.values():
             if node.elevator == elevator.name:

@@ -4,9 +4,9 @@ Each floor has two maps: a geometrical map (outline, walls, objects, doors, area
 and a topological map (path nodes and edges). Elevators tie the floors together.
 
 Units: metres, seconds, radians counter-clockwise from +x. All values are immutable;
-an edit makes a new building that shares everything it did not touch, so a reader
-keeps a consistent building for as long as it holds one. The dictionaries are keyed by
-element name and must never be changed in place.
+an edit returns a new building that shares all unchanged parts, so the building that a
+reader holds stays consistent. The dictionaries are keyed by element name and must
+never be changed in place.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from robocorba.spatial.pose import XY
 
 
 class ElementKind(str, Enum):
-    """What an edit can create, change or remove."""
+    """The kinds of elements that an edit creates, changes or removes."""
 
     FLOOR = "floor"
     WALL = "wall"
@@ -33,7 +33,7 @@ class ElementKind(str, Enum):
 
 
 class DoorKind(str, Enum):
-    """How a door moves; an opening has no leaf."""
+    """How a door moves. An opening is a doorway without a leaf."""
 
     OPENING = "opening"
     HINGED = "hinged"
@@ -56,8 +56,8 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defa
 
 
 class Floor(_Struct, frozen=True):
-    """A storey. `level` orders the floors, `elevation` is the height of its ground in m,
-    `outline` is a simple polygon that a robot never leaves (empty: unbounded)."""
+    """A storey. `level` orders the floors, `elevation` is the height of its ground [m],
+    `outline` is the simple polygon that bounds it (empty: unbounded)."""
 
     name: str
     level: int
@@ -67,7 +67,7 @@ class Floor(_Struct, frozen=True):
 
 
 class Wall(_Struct, frozen=True):
-    """A straight wall from a to b, without thickness."""
+    """A straight wall from a to b, without thickness. `height` in m."""
 
     name: str
     a: XY = msgspec.field(name="from")
@@ -76,19 +76,19 @@ class Wall(_Struct, frozen=True):
 
 
 class SegmentShape(_Struct, frozen=True, tag_field="kind", tag="segment"):
-    """A line of `length` m along the object's x axis, centred on its pose."""
+    """A line segment along the object's x axis, centred on its pose. `length` in m."""
 
     length: float
 
 
 class BoxShape(_Struct, frozen=True, tag_field="kind", tag="box"):
-    """A rectangle, `size` m along the object's x and y axis, centred on its pose."""
+    """A rectangle centred on the object's pose. `size` [m] is along the object's x and y axes."""
 
     size: XY
 
 
 class CircleShape(_Struct, frozen=True, tag_field="kind", tag="circle"):
-    """A disc of `radius` m around the object's pose."""
+    """A disc around the object's pose. `radius` in m."""
 
     radius: float
 
@@ -103,7 +103,7 @@ Shape: TypeAlias = SegmentShape | BoxShape | CircleShape | PolygonShape
 
 
 class MapObject(_Struct, frozen=True):
-    """A thing that stands on the floor: table, shelf, column. Movable ones can be pushed or carried."""
+    """An object on the floor: table, shelf, column. Robots can push or carry movable objects."""
 
     name: str
     shape: Shape
@@ -114,7 +114,7 @@ class MapObject(_Struct, frozen=True):
 
 
 class Door(_Struct, frozen=True):
-    """A doorway from a to b. Where it lies on a wall it cuts an opening into it; locked, it blocks like a wall."""
+    """A doorway from a to b. It cuts an opening into a wall on which it lies. A locked door blocks like a wall."""
 
     name: str
     a: XY = msgspec.field(name="from")
@@ -132,7 +132,7 @@ class Area(_Struct, frozen=True):
 
 
 class PathNode(_Struct, frozen=True):
-    """A node of the topological map. One that stands in an elevator's cabin names the elevator."""
+    """A node of the topological map. `elevator` names the elevator whose cabin holds the node, if any."""
 
     name: str
     at: XY
@@ -140,11 +140,11 @@ class PathNode(_Struct, frozen=True):
 
 
 class PathEdge(_Struct, frozen=True, kw_only=True):
-    """A straight line that robots drive between two nodes of one floor, named from-to where a file gives no name.
+    """A straight line that robots drive between two nodes of one floor. Its default name is from-to.
 
     `one_way`: only from a to b. `speed_limit` in m/s, 0 for none. `clearance` is the
-    largest robot radius in m that may use it, 0 for whatever the walls allow.
-    `graphs` names the navigation graphs it belongs to, none for all."""
+    largest robot radius [m] that may use the edge, 0 for no limit beyond the obstacles.
+    `graphs` names the navigation graphs of the edge (empty: all)."""
 
     name: str = ""
     a: str = msgspec.field(name="from")
@@ -156,7 +156,7 @@ class PathEdge(_Struct, frozen=True, kw_only=True):
 
 
 class ElevatorDoor(_Struct, frozen=True):
-    """A door of an elevator on one floor, `width` m wide, `offset` m off the middle of its side."""
+    """A door of an elevator on one floor: its `width` [m] and its `offset` [m] from the middle of its side."""
 
     floor: str
     side: Side = Side.FRONT
@@ -168,7 +168,7 @@ class Elevator(_Struct, frozen=True):
     """An elevator: a rectangular shaft, and a door for each floor served.
 
     `size` is width (own x) and depth (own y) of the shaft in m, `speed` in m/s,
-    `door_time` the seconds that its doors take to open or to close."""
+    `door_time` [s] is the time that its doors take to open or to close."""
 
     name: str
     at: XY
@@ -179,7 +179,7 @@ class Elevator(_Struct, frozen=True):
     door_time: float = 3.0
 
     def floors(self) -> tuple[str, ...]:
-        """Names of the floors served, each once."""
+        """Names of the served floors, without duplicates."""
         return tuple(dict.fromkeys(door.floor for door in self.doors))
 
 
@@ -199,7 +199,7 @@ TYPE_OF: dict[ElementKind, type] = {kind: struct for struct, kind in KIND_OF.ite
 
 
 class GeometricalMap(msgspec.Struct, frozen=True):
-    """What is where on a floor."""
+    """The geometrical map of a floor: walls, objects, doors and areas by name."""
 
     walls: dict[str, Wall] = {}
     objects: dict[str, MapObject] = {}
@@ -208,7 +208,7 @@ class GeometricalMap(msgspec.Struct, frozen=True):
 
 
 class TopologicalMap(msgspec.Struct, frozen=True):
-    """How robots get about on a floor."""
+    """The topological map of a floor: path nodes and path edges by name."""
 
     nodes: dict[str, PathNode] = {}
     edges: dict[str, PathEdge] = {}
@@ -222,7 +222,7 @@ class FloorMap(msgspec.Struct, frozen=True):
     topological: TopologicalMap = TopologicalMap()
 
 
-#: Where each kind that belongs to a floor is kept: attribute of FloorMap, attribute of that map.
+#: Where a floor stores each kind of element: attribute of FloorMap, attribute of that map.
 PLACE: dict[ElementKind, tuple[str, str]] = {
     ElementKind.WALL: ("geometrical", "walls"),
     ElementKind.OBJECT: ("geometrical", "objects"),
@@ -241,7 +241,7 @@ class Building(msgspec.Struct, frozen=True):
     elevators: dict[str, Elevator] = {}
 
     def elements(self, kind: ElementKind, floor: str = "") -> dict[str, Element]:
-        """All elements of a kind by name; `floor` is ignored for floors and elevators. Unknown floors have none."""
+        """All elements of a kind by name, empty for an unknown floor. `floor` is ignored for floors and elevators."""
         if kind is ElementKind.FLOOR:
             return {name: entry.floor for name, entry in self.floors.items()}
         if kind is ElementKind.ELEVATOR:
@@ -257,9 +257,9 @@ class Building(msgspec.Struct, frozen=True):
         return self.elements(kind, floor).get(name)
 
     def with_element(self, floor: str, element: Element) -> Building:
-        """A building in which `element` is new or replaces the one of its kind and name.
+        """A building with `element` added, or replaced if its kind and name exist.
 
-        Raises KeyError where the floor does not exist."""
+        Raises KeyError if the floor does not exist."""
         if isinstance(element, Floor):
             entry = self.floors.get(element.name, FloorMap(element))
             floors = {**self.floors, element.name: msgspec.structs.replace(entry, floor=element)}
@@ -271,7 +271,7 @@ class Building(msgspec.Struct, frozen=True):
         return self._with_collection(kind, floor, {**self.elements(kind, floor), element.name: element})
 
     def without(self, kind: ElementKind, floor: str, name: str) -> Building:
-        """A building without that element. Raises KeyError where there is none."""
+        """A building without that element. Raises KeyError if it does not exist."""
         remaining = dict(self.floors if kind is ElementKind.FLOOR else self.elements(kind, floor))
         del remaining[name]
         if kind is ElementKind.FLOOR:

@@ -1,4 +1,4 @@
-"""What of a floor stands, and what of it can be moved."""
+"""Fixed obstacles and movable objects of a floor."""
 
 from __future__ import annotations
 
@@ -14,41 +14,42 @@ from robocorba.maps.model import Building, MapObject, SegmentShape
 
 
 def standing(building: Building, floor: str) -> list[BaseGeometry]:
-    """What blocks on a floor and does not move; without the landing doors of elevators."""
-    things = building.floors[floor].geometrical.objects
+    """The obstacles of a floor that do not move, without the landing doors of elevators."""
+    map_objects = building.floors[floor].geometrical.objects
     return [
         item.geometry
         for item in obstacles(building, floor)
-        if item.kind != "object" or not _is_movable(things[item.name])
+        if item.kind != "object" or not _is_movable(map_objects[item.name])
     ]
 
 
 def movables(building: Building) -> dict[str, tuple[MapObject, str]]:
-    """Objects that can be pushed and carried, and the floor where the map has them, by a name that is theirs alone:
-    that on the map, or FLOOR/NAME where several floors have one of this name."""
+    """Objects that can be pushed and carried, with their floor on the map, by a unique name: the name on the map,
+    or FLOOR/NAME if several floors have an object of this name."""
     found = [
-        (thing, floor)
+        (map_object, floor)
         for floor, entry in building.floors.items()
-        for thing in entry.geometrical.objects.values()
-        if _is_movable(thing)
+        for map_object in entry.geometrical.objects.values()
+        if _is_movable(map_object)
     ]
-    many = Counter(thing.name for thing, _ in found)
+    many = Counter(map_object.name for map_object, _ in found)
     return {
-        (thing.name if many[thing.name] == 1 else f"{floor}/{thing.name}"): (thing, floor) for thing, floor in found
+        (map_object.name if many[map_object.name] == 1 else f"{floor}/{map_object.name}"): (map_object, floor)
+        for map_object, floor in found
     }
 
 
-def outline(thing: MapObject) -> Polygon:
-    """In the object's own frame."""
-    turned = shapely.affinity.translate(object_geometry(thing), -thing.at[0], -thing.at[1])
-    return shapely.affinity.rotate(turned, -thing.heading, (0, 0), use_radians=True)
+def outline(map_object: MapObject) -> Polygon:
+    """The footprint of an object in its own frame."""
+    turned = shapely.affinity.translate(object_geometry(map_object), -map_object.at[0], -map_object.at[1])
+    return shapely.affinity.rotate(turned, -map_object.heading, (0, 0), use_radians=True)
 
 
 def landing_doors(building: Building, elevator: str, floor: str) -> BaseGeometry:
-    """Where the doors of an elevator stand on a floor while they are shut."""
+    """The lines of an elevator's closed doors on a floor."""
     shape = building.elevators[elevator]
     return shapely.multilinestrings([landing_line(shape, door) for door in shape.doors if door.floor == floor])
 
 
-def _is_movable(thing: MapObject) -> bool:
-    return thing.movable and not isinstance(thing.shape, SegmentShape)  # a line has no mass
+def _is_movable(map_object: MapObject) -> bool:
+    return map_object.movable and not isinstance(map_object.shape, SegmentShape)  # a line has no mass

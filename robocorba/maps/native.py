@@ -1,4 +1,4 @@
-"""The native map file: YAML, versioned, one element a line. docs/map-file.md is its manual."""
+"""The native map file: versioned YAML, one element per line. docs/map-file.md is its manual."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from robocorba.spatial.pose import XY
 
 FORMAT_VERSION = 1
 
-#: Keys of a floor's lists in the file, in the order in which they are written, and the kind each holds.
+#: Keys of a floor's lists in the order of the file, and the element kind of each.
 _LISTS = {
     "walls": "wall",
     "objects": "object",
@@ -73,7 +73,7 @@ def load(path: str | Path) -> Building:
 
 
 def loads(text: str | bytes, name: str = "map") -> Building:
-    """The same from text; `name` is what errors call it."""
+    """Read and check a native map from text. Errors use `name` as the file name. Raises MapFileError."""
     return _checked(parse_yaml(text.encode() if isinstance(text, str) else text, name))
 
 
@@ -83,7 +83,7 @@ def is_native(data: Any) -> bool:
 
 
 def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
-    """The first `limit` things that are wrong with a file; none where `load` accepts it."""
+    """The first `limit` errors of a file, empty if `load` accepts it."""
     try:
         file = read_yaml(path)
         return [_located(file, wrong) for wrong in validation.problems(parse(file), limit)]
@@ -103,7 +103,7 @@ def _located(file: YamlFile, wrong: InvalidElement) -> MapFileError:
 
 
 def parse(file: YamlFile) -> Building:
-    """The building that a file spells, its rules not yet checked. Raises MapFileError."""
+    """The building of a file, before its rules are checked. Raises MapFileError."""
     if not is_native(file.data):
         raise file.error("$", "not a RoboCorba map: the key `robocorba: 1` is missing")
     version = file.data["robocorba"]
@@ -173,7 +173,7 @@ def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:
 
 
 def dumps(building: Building) -> str:
-    """A building as the text of a native map file; loading it gives an equal building."""
+    """A building as the text of a native map file. Loading the text gives an equal building."""
     out = [
         f"robocorba: {FORMAT_VERSION}",
         f"name: {_flow(building.name)}",
@@ -211,7 +211,7 @@ _NOT_TEXT = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
 
 
 def _flow(value: Any) -> str:
-    """A value on one line, about fifty times as fast as a general YAML writer."""
+    """A value as YAML on one line, about 50 times faster than a general YAML writer."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -219,7 +219,7 @@ def _flow(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        # YAML wants a point in the mantissa.
+        # YAML requires a point in the mantissa.
         text = repr(value)
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
     if isinstance(value, str) and not (_PLAIN.fullmatch(value) and value.lower() not in _NOT_TEXT):
@@ -228,7 +228,7 @@ def _flow(value: Any) -> str:
 
 
 def save(building: Building, path: str | Path) -> None:
-    """Write a native map file, whole or not at all. Raises MapFileError where it can't be written."""
+    """Write a native map file atomically. Raises MapFileError if that fails."""
     target = Path(path)
     try:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")

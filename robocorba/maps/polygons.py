@@ -1,4 +1,4 @@
-"""Polygons that somebody asks with, and what they have to be."""
+"""Polygons in requests, and their validation."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ import shapely
 
 from robocorba.spatial.pose import XY
 
+#: Maximum number of corners.
 MOST_CORNERS = 1000
-#: No coordinate is farther from 0, m.
+#: Maximum absolute value of a coordinate [m].
 FARTHEST_M = 1e6
 
-#: A floor, and the corners of a polygon on it, m.
+#: A floor, and the corners of a polygon on it [m].
 FloorArea = tuple[str, tuple[XY, ...]]
 
 
-def check_polygon(field: str, polygon: Sequence[XY], refuse: Callable[[str, str], Exception]) -> None:
-    """Raise what `refuse` makes of a field and a reason unless it is a simple polygon; corners in m."""
+def check_polygon(field: str, polygon: Sequence[XY], make_error: Callable[[str, str], Exception]) -> None:
+    """Raise `make_error(field, reason)` unless `polygon` (corners in m) is a simple polygon within the limits."""
     if not 3 <= len(polygon) <= MOST_CORNERS:
-        raise refuse(field, f"{len(polygon)} corners are not between 3 and {MOST_CORNERS}")
+        raise make_error(field, f"{len(polygon)} corners are not between 3 and {MOST_CORNERS}")
     for i, corner in enumerate(polygon):
         if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in corner):
-            raise refuse(f"{field}[{i}]", f"{corner} is not a point within {FARTHEST_M:g} m")
+            raise make_error(f"{field}[{i}]", f"{corner} is not a point within {FARTHEST_M:g} m")
     shape = shapely.Polygon(polygon)
     if not shape.is_valid or shape.area == 0:
-        raise refuse(field, f"not a simple polygon: {shapely.is_valid_reason(shape)}")
+        raise make_error(field, f"not a simple polygon: {shapely.is_valid_reason(shape)}")

@@ -14,12 +14,12 @@ SAMPLES = ("five-floors", "paper-scene")
 
 
 def sample_path(name: str) -> Path:
-    """The native map file of a sample. Raises MapFileError, which lists the samples, for an unknown name."""
+    """The native map file of a sample. Raises MapFileError, which lists the samples, if the name is unknown."""
     if name not in SAMPLES:
-        raise MapFileError(name, 0, "", f"there is no such sample building; there are {', '.join(SAMPLES)}")
+        raise MapFileError(name, 0, "", f"unknown sample building; known are {', '.join(SAMPLES)}")
     return Path(str(files("robocorba") / "samples" / f"{name}.yaml"))
 
 
 def load_sample(name: str) -> Building:
-    """A sample building, read and checked. Raises MapFileError, which lists the samples, for an unknown name."""
+    """A sample building, read and checked. Raises MapFileError, which lists the samples, if the name is unknown."""
     return native.load(sample_path(name))

@@ -1,6 +1,6 @@
-"""A picture in the making: the part of the plane it shows, strokes in metres and pixels, and names that keep apart.
+"""Drawing surface for pictures of floors: the visible rectangle, shapes in metres and pixels, labels without overlap.
 
-matplotlib's objects are used without pyplot, so that several threads may draw at once.
+It uses matplotlib without pyplot, so that several threads may draw simultaneously.
 """
 
 from __future__ import annotations
@@ -25,21 +25,22 @@ from robocorba.maps.model import Building
 from robocorba.spatial.pose import XY
 
 INK, GROUND = "#1f2430", "#ffffff"
-#: Longest side of a picture, least height, room for title and scale, pixels.
+#: Limits of a picture [pixels]: longest side, smallest height, height of the title and of the legend.
 MAX_PIXELS, MIN_HEIGHT_PX, HEAD_PX, FOOT_PX = 8000, 160, 36, 34
+#: Resolution of pictures [pixels per inch].
 DPI = 100
-#: Longer names are cut.
+#: Longer names are truncated [characters].
 MAX_LETTERS = 28
-#: What the font can write; anything else is drawn as an empty box.
+#: Characters of the font; a box replaces all others.
 _LETTERS = frozenset(get_font(findfont("DejaVu Sans")).get_charmap())
 
-#: Left, low, right and high, pixels.
-Place: TypeAlias = tuple[float, float, float, float]
+#: Left, lower, right and upper limit [pixels].
+PixelBox: TypeAlias = tuple[float, float, float, float]
 
 
 class Frame:
-    """The part of the plane that a picture shows: `x0`, `y0`, `x1`, `y1` in m, `width` and `height` in pixels,
-    and `scale` in pixels a metre."""
+    """The rectangle that a picture shows: `x0`, `y0`, `x1`, `y1` in m, `width` and `height` in pixels,
+    and `scale` in pixels per metre."""
 
     def __init__(self, building: Building, floor: str, width_px: int, titled: bool) -> None:
         x0, y0, x1, y1 = geometry.bounds(building, floor, margin_m=0.0)
@@ -48,19 +49,19 @@ class Frame:
         wide, high = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
         self.scale = min(width_px / wide, (MAX_PIXELS - head - foot) / high)
         self.width, self.height = width_px, max(MIN_HEIGHT_PX, head + foot + math.ceil(high * self.scale))
-        self.x0 = (x0 + x1) / 2 - width_px / self.scale / 2  # a slim floor stands in the middle
+        self.x0 = (x0 + x1) / 2 - width_px / self.scale / 2  # centres a narrow floor
         self.y0 = y0 - margin - foot / self.scale
         self.x1, self.y1 = self.x0 + self.width / self.scale, self.y0 + self.height / self.scale
 
     def pixel(self, point: XY) -> XY:
-        """Pixels to the right of the left side, and above the lower one."""
+        """Pixel coordinates of a point [m], from the lower left corner."""
         return (point[0] - self.x0) * self.scale, (point[1] - self.y0) * self.scale
 
 
 class Sheet:
-    """An empty picture of a frame, and what can be drawn on it.
+    """A picture of a frame to draw on.
 
-    Places are in m on the floor, widths and sizes in pixels; a higher `zorder` covers a lower one."""
+    Positions are in m on the floor, widths and sizes in pixels. A higher `zorder` covers a lower one."""
 
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
@@ -68,20 +69,20 @@ class Sheet:
         self._canvas = FigureCanvasAgg(figure)
         self.axes: Axes = figure.add_axes((0, 0, 1, 1), frameon=False)
         self.axes.set(xlim=(frame.x0, frame.x1), ylim=(frame.y0, frame.y1), xticks=[], yticks=[])
-        self._taken: list[Place] = []
+        self._taken: list[PixelBox] = []
         self._letter_size = min(11.0, max(6.5, 0.26 * frame.scale))
 
     def image(self) -> Image.Image:
-        """The picture as it is now."""
+        """The picture so far."""
         self._canvas.draw()
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[..., :3].copy(), "RGB")
 
     def px(self, metres: float, least: float, most: float) -> float:
-        """A width that grows with the scale, in pixels."""
+        """The width of `metres` in pixels, limited to `least` and `most`."""
         return min(most, max(least, metres * self.frame.scale))
 
     def lines(self, lines: Sequence[Any], colour: str, width_px: float, zorder: float, **style: Any) -> None:
-        """Polylines, each a sequence of points."""
+        """Draw polylines, each a sequence of points."""
         self.axes.add_collection(
             LineCollection(
                 [np.asarray(line) for line in lines],
@@ -94,13 +95,13 @@ class Sheet:
         )
 
     def fill(self, corners: Any, colour: str, edge: str, width_px: float, zorder: float) -> None:
-        """A polygon with an edge of another colour."""
+        """Draw a filled polygon with an edge of another colour."""
         patch = PolygonPatch(np.asarray(corners), facecolor=colour, edgecolor=edge, linewidth=width_px * 72 / DPI)
         patch.set_zorder(zorder)
         self.axes.add_patch(patch)
 
     def arrow(self, a: XY, b: XY, colour: str, size_px: float, zorder: float) -> None:
-        """An arrow head in the middle of a line."""
+        """Draw an arrow head in the middle of a line."""
         length = math.dist(a, b)
         if length == 0:
             return
@@ -112,7 +113,7 @@ class Sheet:
         self.fill([tip, *sides], colour, edge=GROUND, width_px=0.5, zorder=zorder + 0.5)
 
     def text(self, text: str, x: float, y: float, size: float, ha: str = "center", **style: Any) -> Text:
-        """Words around a place, over everything else; `size` in points."""
+        """Write text at a point, above all layers. `size` in typographic points."""
         style = {"color": INK, "family": "DejaVu Sans"} | style
         halo = [withStroke(linewidth=2.2, foreground=GROUND)]
         style |= {"va": "center_baseline", "path_effects": halo, "zorder": 13, "parse_math": False}
@@ -120,7 +121,7 @@ class Sheet:
         return self.axes.text(x, y, text, fontsize=size, ha=ha, **style)
 
     def keep_clear(self, point: XY, reach_px: float = 3.0) -> None:
-        """No name is written over this point from now on."""
+        """Keep later labels off this point."""
         x, y = self.frame.pixel(point)
         self._taken.append((x - reach_px, y - reach_px, x + reach_px, y + reach_px))
 
@@ -136,8 +137,8 @@ class Sheet:
         must: bool = False,
         within: Sequence[float] | None = None,
     ) -> None:
-        """Write a name `apart` pixels from a point, on the first side where nothing is written yet; else, unless it
-        `must` be there, nowhere. `within` is a box (m) that it has to fit into."""
+        """Write a label `apart` pixels from a point, on the first free side. Without a free side it is omitted, unless
+        it `must` be written. `within` is a box [m] that it has to fit into."""
         if not text:
             return
         shown = text if len(text) <= MAX_LETTERS else f"{text[: MAX_LETTERS - 2]}…"
@@ -158,22 +159,22 @@ class Sheet:
         label.set_position((at[0] + dx / self.frame.scale, at[1] + dy / self.frame.scale))
         self._taken.append(places[chosen])
 
-    def _is_free(self, place: Place) -> bool:
+    def _is_free(self, place: PixelBox) -> bool:
         inside = place[0] >= 0 and place[2] <= self.frame.width
         return inside and not any(_overlap(place, other) for other in self._taken)
 
 
 def _sides(apart: float, width: float, height: float, fixed: bool) -> list[XY]:
-    """How far, in pixels, the middle of a name may be from its point, best first."""
+    """Offsets of a label's centre from its point [pixels], best first."""
     if apart == 0:
         return [(0.0, 0.0)] if fixed else [(0.0, 0.0), *((0.0, k * height) for k in (1.2, -1.2, 2.4, -2.4))]
     dx, dy = apart + width / 2, apart + height / 2
     return [(dx, dy), (dx, -dy), (-dx, dy), (-dx, -dy), (0.0, dy), (0.0, -dy), (dx, 0.0), (-dx, 0.0)]
 
 
-def _around(x: float, y: float, width: float, height: float) -> Place:
+def _around(x: float, y: float, width: float, height: float) -> PixelBox:
     return x - width / 2, y - height / 2, x + width / 2, y + height / 2
 
 
-def _overlap(one: Place, other: Place) -> bool:
+def _overlap(one: PixelBox, other: PixelBox) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -1,10 +1,10 @@
 """A building on disk: one SQLite file, one durable transaction for each accepted edit.
 
-Kept are every element with the version that last changed it, and a journal of commits
-from which undo, redo and the list of changes are answered, also after a crash.
-The order of rows is the order of the building's dictionaries.
+The file stores every element with the version that last changed it, and a journal of
+commits that serves undo, redo and the list of changes, also after a crash. The row order
+is the order of the building's dictionaries.
 
-What goes wrong with the file, a full disk included, is a MapFileError.
+Every failure of the file, a full disk included, raises MapFileError.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from robocorba.maps.model import (
     TopologicalMap,
 )
 
-#: "RoCo": tells our files from those of others.
+#: SQLite application id, "RoCo": identifies RoboCorba's map stores.
 APPLICATION_ID = 0x526F436F
 SCHEMA_VERSION = 1
-#: The version of a building that was just put into a fresh store.
+#: Version of the building in a new store.
 FIRST_VERSION = 1
-#: The journal keeps at most so many changed elements, whatever number of commits they make up.
+#: Maximum number of changed elements in the journal, over all commits.
 MAX_JOURNAL_CHANGES = 1_000_000
 
 _SCHEMA = (
@@ -68,24 +68,24 @@ _decoders: dict[ElementKind, msgspec.json.Decoder[Any]] = {
 _KINDS = {kind.value: kind for kind in ElementKind}
 
 
-class Step(str, Enum):
-    """What a commit does with the history."""
+class CommitKind(str, Enum):
+    """How a commit came about."""
 
     EDIT = "edit"
     UNDO = "undo"
     REDO = "redo"
 
 
-class _State(IntEnum):
-    """What can become of a commit: undo takes the newest DONE one, redo the oldest UNDONE one."""
+class _CommitState(IntEnum):
+    """State of a commit in the history: undo reverts the newest DONE one, redo repeats the oldest UNDONE one."""
 
     PAST = 0
     DONE = 1
     UNDONE = 2
 
 
-class Stored(NamedTuple):
-    """A building as loaded: `versions` has the version that last changed each element."""
+class StoredBuilding(NamedTuple):
+    """A loaded building. `versions` holds the version that last changed each element."""
 
     building: Building
     version: int
@@ -93,7 +93,7 @@ class Stored(NamedTuple):
 
 
 class Commit(NamedTuple):
-    """A commit of the journal; the names are those of the building."""
+    """A commit of the journal, with the building's name before and after it."""
 
     version: int
     name_before: str
@@ -102,10 +102,10 @@ class Commit(NamedTuple):
 
 
 class MapStore:
-    """A building's file, opened by one process at a time. One thread writes; any thread reads the journal.
+    """The file of a building. One process opens it at a time; one thread writes, any thread reads the journal.
 
-    Raises AlreadyRunning where another process has it open, MapFileError where there is no
-    such file or it isn't a sound map store of this release."""
+    Raises AlreadyRunning if another process has it open, MapFileError if the file is missing, damaged
+    or not a map store of this release."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -127,14 +127,14 @@ class MapStore:
 
     @staticmethod
     def exists(path: str | Path) -> bool:
-        """Whether there is such a file; a store appears under its name only once it is filled."""
+        """Whether the store exists. A new store gets its name only once it is complete."""
         return Path(path).exists()
 
     @classmethod
     def create(cls, path: str | Path, building: Building) -> MapStore:
-        """A fresh store with `building` at FIRST_VERSION, there as a whole or not at all.
+        """Create a store with `building` at FIRST_VERSION, atomically.
 
-        Raises MapFileError where there is such a file already, AlreadyRunning as the constructor."""
+        Raises MapFileError if the file exists, AlreadyRunning as the constructor does."""
         file = Path(path)
         fresh = Path(f"{file}.new")
         with _guarded(file):
@@ -142,9 +142,9 @@ class MapStore:
             try:
                 if file.exists():
                     raise MapFileError(str(file), 0, "", "there is such a file already")
-                # A log left from a store that was deleted would be read into the new one.
-                for left in (fresh, Path(f"{fresh}-journal"), Path(f"{file}-wal"), Path(f"{file}-shm")):
-                    left.unlink(missing_ok=True)
+                # SQLite would apply the leftover log of a deleted store to the new one.
+                for leftover in (fresh, Path(f"{fresh}-journal"), Path(f"{file}-wal"), Path(f"{file}-shm")):
+                    leftover.unlink(missing_ok=True)
                 with closing(_connect(fresh, "rwc")) as connection:
                     connection.execute("PRAGMA synchronous = FULL")
                     with _transaction(connection):
@@ -168,7 +168,7 @@ class MapStore:
                 raise MapFileError(str(self.path), 0, "", f"damaged: {found}")
 
     def close(self) -> None:
-        """Let go of the file. Nothing is lost without it."""
+        """Close the file. Commits are durable without it."""
         with self._reading:
             self._reader.close()
         self._writer.close()
@@ -180,7 +180,7 @@ class MapStore:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def load(self) -> Stored:
+    def load(self) -> StoredBuilding:
         """The building as of the last commit."""
         with _guarded(self.path):
             row = self._writer.execute("SELECT name, version FROM building").fetchone()
@@ -199,33 +199,33 @@ class MapStore:
         if lost is not None:
             raise MapFileError(str(self.path), 0, "", f"damaged: it has elements on {lost!r}, which is no floor")
         entries = {floor.name: _floor_map(floor, layers) for floor in floors}
-        return Stored(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
+        return StoredBuilding(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
 
     def commit(
         self,
         changes: Sequence[Change],
         version: int,
         names: tuple[str, str],
-        step: Step = Step.EDIT,
+        kind: CommitKind = CommitKind.EDIT,
         source: int = 0,
         keep: int = 10_000,
     ) -> None:
-        """Make the changes of `version`, the next one, durable; all of them or, when this raises, none.
+        """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
 
-        `names` is the building's name before and after. UNDO and REDO name in `source` the
-        commit that they take back or repeat. The journal keeps the newest `keep` commits."""
+        `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
+        commit that they revert or repeat. The journal keeps the newest `keep` commits."""
         with _guarded(self.path), _transaction(self._writer) as writer:
             current = writer.execute("SELECT version FROM building").fetchone()[0]
             assert version == current + 1, (version, current)
             writer.execute("UPDATE building SET name = ?, version = ?", (names[1], version))
             _write_elements(writer, changes)
-            if step is Step.EDIT:
-                writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_State.PAST, _State.UNDONE))
+            if kind is CommitKind.EDIT:
+                writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_CommitState.PAST, _CommitState.UNDONE))
             else:
-                state = _State.UNDONE if step is Step.UNDO else _State.DONE
+                state = _CommitState.UNDONE if kind is CommitKind.UNDO else _CommitState.DONE
                 writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
-            forgotten = self._forget(version - keep, len(changes))
-            state = _State.DONE if step is Step.EDIT else _State.PAST
+            dropped = self._drop_commits(version - keep, len(changes))
+            state = _CommitState.DONE if kind is CommitKind.EDIT else _CommitState.PAST
             writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
             writer.executemany(
                 "INSERT INTO changes VALUES (?, ?, ?, ?, ?, ?, ?)",
@@ -234,34 +234,36 @@ class MapStore:
                     for place, change in enumerate(changes)
                 ),
             )
-        self._journaled += len(changes) - forgotten
+        self._journaled += len(changes) - dropped
 
-    def _forget(self, up_to: int, added: int) -> int:
-        """Drop the commits up to a version, and more while the journal is too large; returns the changes dropped."""
-        forgotten = 0
+    def _drop_commits(self, up_to: int, added: int) -> int:
+        """Drop the commits up to a version, and more while the journal is too large. Returns the dropped changes."""
+        dropped = 0
         query = "SELECT version, size, state FROM commits ORDER BY version"
         last, redo_lost = 0, False
         for version, size, state in self._writer.execute(query):
-            if version > up_to and self._journaled + added - forgotten <= MAX_JOURNAL_CHANGES:
+            if version > up_to and self._journaled + added - dropped <= MAX_JOURNAL_CHANGES:
                 break
-            last, forgotten, redo_lost = version, forgotten + size, redo_lost or state == _State.UNDONE
+            last, dropped, redo_lost = version, dropped + size, redo_lost or state == _CommitState.UNDONE
         if last:
             self._writer.execute("DELETE FROM changes WHERE version <= ?", (last,))
             self._writer.execute("DELETE FROM commits WHERE version <= ?", (last,))
         if redo_lost:
-            # A later redo stands on the one that is lost.
-            self._writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_State.PAST, _State.UNDONE))
-        return forgotten
+            # Later redos depend on the dropped one.
+            self._writer.execute(
+                "UPDATE commits SET state = ? WHERE state = ?", (_CommitState.PAST, _CommitState.UNDONE)
+            )
+        return dropped
 
     def undoable(self) -> Commit | None:
-        """The commit that undo takes back."""
-        return self._commit("DESC", _State.DONE)
+        """The commit that undo reverts, None if there is none."""
+        return self._commit("DESC", _CommitState.DONE)
 
     def redoable(self) -> Commit | None:
-        """The commit that redo repeats."""
-        return self._commit("ASC", _State.UNDONE)
+        """The commit that redo repeats, None if there is none."""
+        return self._commit("ASC", _CommitState.UNDONE)
 
-    def _commit(self, order: str, state: _State) -> Commit | None:
+    def _commit(self, order: str, state: _CommitState) -> Commit | None:
         query = f"SELECT version, name_before, name_after FROM commits WHERE state = ? ORDER BY version {order} LIMIT 1"
         with _guarded(self.path):
             row = self._writer.execute(query, (state,)).fetchone()
@@ -271,9 +273,9 @@ class MapStore:
             return Commit(row[0], row[1], row[2], _changes(self._writer.execute(query, (row[0],))))
 
     def changes_since(self, since: int, current: int) -> list[Change]:
-        """What happened after version `since` up to `current`, in order.
+        """The changes after version `since` up to `current`, in order.
 
-        Raises VersionUnavailable where the journal does not reach back to `since`, or `since` is after `current`."""
+        Raises VersionUnavailable if the journal does not reach back to `since`, or `since` is after `current`."""
         with _guarded(self.path), self._reading, _transaction(self._reader, "DEFERRED") as reader:
             first = reader.execute("SELECT min(version) FROM commits").fetchone()[0]
             oldest = current if first is None else min(first - 1, current)
@@ -286,7 +288,7 @@ class MapStore:
 
 
 def _lock(path: Path) -> int:
-    """Hold a lock file beside the store for as long as the returned descriptor is open, and not beyond a crash."""
+    """Lock the store by a file beside it. The lock ends when the returned descriptor or the process is closed."""
     descriptor = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -344,7 +346,7 @@ def _write_elements(connection: sqlite3.Connection, changes: Sequence[Change]) -
         "DELETE FROM elements WHERE kind = ? AND floor = ? AND name = ?",
         (change.key.words for change in changes if change.after is None),
     )
-    # An update keeps the row's id, as a dictionary keeps the place of a key.
+    # An update keeps the row's id, as a dictionary keeps the position of a key.
     connection.executemany(
         f"INSERT INTO elements ({_ELEMENT_COLUMNS}) VALUES (?, ?, ?, ?, ?) ON CONFLICT (kind, floor, name) "
         "DO UPDATE SET version = excluded.version, value = excluded.value",

@@ -1,12 +1,11 @@
-"""The rules of a building, each stated once: checked in full on load, and where an edit can have broken them.
+"""The rules of a building, each defined once: checked completely on load, and partially for an edit.
 
-`problems` looks at everything. `check_change` trusts that the building was in order
-before and looks only at what the touched elements can affect; both go through the
-same rules, so they agree.
+`problems` checks everything. `check_change` requires a valid building before the edit and
+checks only what the touched elements can affect. Both use the same rules.
 
-A wall, an object or a locked door may stand on nodes and edges that were there before: these are
-blocked as long as it does (see checking.py), which is no broken rule. Only who draws a node or an
-edge onto such an obstacle makes a mistake, and `check_change` says so.
+A wall, an object or a locked door may be placed on existing nodes and edges. It blocks them
+(see checking.py), which breaks no rule. Placing a node or an edge on such an obstacle does
+break a rule, and `check_change` reports it.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ import shapely
 from shapely import Polygon
 
 from robocorba.errors.maps import InvalidElement, describe
-from robocorba.maps.collisions import STRUCTURE, TOUCH_M, Collision, Pair, Paths, all_paths, collisions
-from robocorba.maps.element_rules import MIN_LENGTH, SLACK_M, faults, name_faults
+from robocorba.maps.collisions import STRUCTURAL_KINDS, TOUCH_M, Collision, Pair, PathArrays, all_paths, collisions
+from robocorba.maps.element_rules import MIN_LENGTH, TOLERANCE_M, name_violations, violations
 from robocorba.maps.geometry import DOOR_REACH_M, obstacles, shaft_polygon
 from robocorba.maps.model import (
     KIND_OF,
@@ -36,40 +35,40 @@ from robocorba.maps.model import (
     TopologicalMap,
 )
 from robocorba.maps.vicinity import (
-    Same,
-    around,
+    IdentityKey,
+    bounding_box,
     elevator_box,
-    enclose,
     line_box,
     named_obstacles,
     object_box,
+    obstacles_near,
     point_box,
     walls_cut_by,
 )
 
-#: Shafts that share less than this touch but don't overlap, m².
-SHARED_M2 = 1e-6
+#: Largest common area of two shafts that touch but don't overlap [m²].
+MAX_SHAFT_OVERLAP_M2 = 1e-6
 
 
 def problems(building: Building, limit: int = 100) -> list[InvalidElement]:
-    """The first `limit` broken rules of a building, none when it is in order.
+    """The first `limit` broken rules of a building, empty if it is valid.
 
-    Rules between elements are looked at once each element is right by itself."""
-    found = list(islice(_alone(building), limit))
-    return found or list(islice(_together(building), limit))
+    Rules between elements are checked only if each element alone is valid."""
+    found = list(islice(_element_violations(building), limit))
+    return found or list(islice(_relation_violations(building), limit))
 
 
 def check_element(floor: str, element: Element) -> None:
-    """Raise InvalidElement when `element` breaks a rule by itself."""
-    for reason in faults(element):
+    """Raise InvalidElement if `element` alone breaks a rule."""
+    for reason in violations(element):
         raise _invalid(floor, element, reason)
 
 
 def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]], before: Building) -> list[Collision]:
-    """Raise the first InvalidElement that a change can have caused; else the nodes and edges that it blocks.
+    """Raise the first InvalidElement that a change causes, else return the nodes and edges that it blocks.
 
-    `before` is in order; `after` differs from it only in the `touched` elements, named by
-    kind, floor ("" for floors and elevators) and name: new, changed or removed ones."""
+    `before` is valid. `after` differs from it only in the `touched` (new, changed or removed)
+    elements, given by kind, floor ("" for floors and elevators) and name."""
     names: dict[str, dict[ElementKind, set[str]]] = {}
     for kind, floor, name in touched:
         names.setdefault(floor, {}).setdefault(kind, set()).add(name)
@@ -84,72 +83,72 @@ def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]
     return blocked
 
 
-def _alone(building: Building) -> Iterator[InvalidElement]:
-    for reason in name_faults("the name", building.name):
+def _element_violations(building: Building) -> Iterator[InvalidElement]:
+    for reason in name_violations("the name", building.name):
         yield InvalidElement("building", "", building.name, reason)
     for kind in ElementKind:
         for floor in [""] if kind in (ElementKind.FLOOR, ElementKind.ELEVATOR) else building.floors:
             for element in building.elements(kind, floor).values():
-                for reason in faults(element):
+                for reason in violations(element):
                     yield _invalid(floor, element, reason)
 
 
-def _together(building: Building) -> Iterator[InvalidElement]:
-    yield from _storeys(building)
-    yield from _service(building, building.elevators.values())
-    yield from _shafts(building, building.elevators)
+def _relation_violations(building: Building) -> Iterator[InvalidElement]:
+    yield from _level_violations(building)
+    yield from _served_floor_violations(building, building.elevators.values())
+    yield from _shaft_overlaps(building, building.elevators)
     for name, entry in building.floors.items():
         topology = entry.topological
-        yield from _cabins(building, name, topology.nodes.values())
-        yield from _ends(name, topology.nodes, topology.edges.values())
+        yield from _cabin_node_violations(building, name, topology.nodes.values())
+        yield from _edge_end_violations(name, topology.nodes, topology.edges.values())
         paths = all_paths(topology)
-        yield from _outside(entry, paths)
-        structure = [item for item in obstacles(building, name) if item.kind in STRUCTURE]
+        yield from _nodes_outside_outline(entry, paths)
+        structure = [item for item in obstacles(building, name) if item.kind in STRUCTURAL_KINDS]
         yield from (found.error() for found in collisions(name, paths, structure))
 
 
-Names = dict[ElementKind, set[str]]
+TouchedNames = dict[ElementKind, set[str]]
 
 
-def _changed(after: Building, names: dict[str, Names], before: Building) -> Iterator[InvalidElement | Collision]:
-    """What a change breaks, and after it what it blocks."""
+def _changed(after: Building, names: dict[str, TouchedNames], before: Building) -> Iterator[InvalidElement | Collision]:
+    """The rules that a change breaks, then the collisions that it causes."""
     whole = names.get("", {})
     floors = whole.get(ElementKind.FLOOR, set())
     lifts = whole.get(ElementKind.ELEVATOR, set())
     if floors:
-        yield from _storeys(after, floors)
-        yield from _service(after, after.elevators.values())
+        yield from _level_violations(after, floors)
+        yield from _served_floor_violations(after, after.elevators.values())
     if lifts:
         changed = [after.elevators[name] for name in lifts if name in after.elevators]
-        yield from _service(after, changed)
-        yield from _shafts(after, [elevator.name for elevator in changed])
+        yield from _served_floor_violations(after, changed)
+        yield from _shaft_overlaps(after, [elevator.name for elevator in changed])
     for floor, entry in after.floors.items():
-        here = names.get(floor, {})
-        if not (here or lifts or floor in floors):
+        on_floor = names.get(floor, {})
+        if not (on_floor or lifts or floor in floors):
             continue
-        yield from _changed_paths(after, floor, here, before)
+        yield from _changed_paths(after, floor, on_floor, before)
         if lifts:
-            riders = (node for node in _riders(Same(entry.topological)) if node.elevator in lifts)
-            yield from _cabins(after, floor, riders)
+            cabin_nodes = (node for node in _cabin_nodes(IdentityKey(entry.topological)) if node.elevator in lifts)
+            yield from _cabin_node_violations(after, floor, cabin_nodes)
         if floor in floors:
-            yield from _outside(entry, all_paths(entry.topological))
-        found = _changed_obstacles(after, floor, here, lifts, floor in floors, before)
+            yield from _nodes_outside_outline(entry, all_paths(entry.topological))
+        found = _changed_obstacles(after, floor, on_floor, lifts, floor in floors, before)
         yield from (collision.error() for collision in found if collision.is_structural)
         known = _blocked_before(before, floor, found)
         yield from (collision for collision in found if collision.pair not in known)
 
 
-def _changed_paths(after: Building, floor: str, here: Names, before: Building) -> Iterator[InvalidElement]:
-    """New and changed nodes and edges, and the edges whose nodes moved or went, against the whole floor.
+def _changed_paths(after: Building, floor: str, on_floor: TouchedNames, before: Building) -> Iterator[InvalidElement]:
+    """Check new and changed nodes and edges, and the edges whose nodes moved or disappeared, on the whole floor.
 
-    Those of a new shape must be clear of all obstacles. An edge that only follows its nodes
-    may stay on what blocked it before."""
+    New, moved and reconnected ones must be free of obstacles. An edge that only follows its
+    nodes may stay on an obstacle that blocked it before."""
     entry = after.floors[floor]
     old = before.floors[floor].topological if floor in before.floors else TopologicalMap()
     nodes, edges = entry.topological.nodes, entry.topological.edges
-    touched = here.get(ElementKind.NODE, set())
+    touched = on_floor.get(ElementKind.NODE, set())
     some_nodes = {name: nodes[name] for name in touched if name in nodes}
-    some_edges = {name: edges[name] for name in here.get(ElementKind.EDGE, ()) if name in edges}
+    some_edges = {name: edges[name] for name in on_floor.get(ElementKind.EDGE, ()) if name in edges}
     placed = {name: node for name, node in some_nodes.items() if name not in old.nodes or old.nodes[name].at != node.at}
     drawn = {
         name: edge
@@ -157,21 +156,21 @@ def _changed_paths(after: Building, floor: str, here: Names, before: Building) -
         if name not in old.edges or {old.edges[name].a, old.edges[name].b} != {edge.a, edge.b}
     }
     moved = (touched & old.nodes.keys()) - (some_nodes.keys() - placed.keys())
-    pulled = {name: edge for name, edge in edges.items() if edge.a in moved or edge.b in moved} if moved else {}
-    yield from _cabins(after, floor, some_nodes.values())
-    yield from _ends(floor, nodes, {**pulled, **some_edges}.values())
-    if not (placed or drawn or pulled):
+    reshaped = {name: edge for name, edge in edges.items() if edge.a in moved or edge.b in moved} if moved else {}
+    yield from _cabin_node_violations(after, floor, some_nodes.values())
+    yield from _edge_end_violations(floor, nodes, {**reshaped, **some_edges}.values())
+    if not (placed or drawn or reshaped):
         return
-    paths = Paths(placed.values(), {**pulled, **drawn}.values(), nodes)
-    yield from _outside(entry, paths)
-    found = list(collisions(floor, paths, around(after, floor, paths.box())))
+    paths = PathArrays(placed.values(), {**reshaped, **drawn}.values(), nodes)
+    yield from _nodes_outside_outline(entry, paths)
+    found = list(collisions(floor, paths, obstacles_near(after, floor, paths.box())))
     followers = [item for item in found if item.element.name not in drawn and isinstance(item.element, PathEdge)]
     known = _blocked_before(before, floor, followers)
     yield from (item.error() for item in found if item.pair not in known)
 
 
 def _blocked_before(before: Building, floor: str, found: Sequence[Collision]) -> set[Pair]:
-    """Which of the collisions there were before, and maybe some more."""
+    """The given collisions that existed before, and possibly others."""
     if not found or floor not in before.floors:
         return set()
     topology = before.floors[floor].topological
@@ -179,44 +178,44 @@ def _blocked_before(before: Building, floor: str, found: Sequence[Collision]) ->
     nodes = [topology.nodes[name] for name in names if name in topology.nodes]
     edges = [topology.edges[name] for name in names if name in topology.edges]
     causes = named_obstacles(before, floor, {(item.obstacle.kind, item.obstacle.name) for item in found})
-    return {item.pair for item in collisions(floor, Paths(nodes, edges, topology.nodes), causes)}
+    return {item.pair for item in collisions(floor, PathArrays(nodes, edges, topology.nodes), causes)}
 
 
 def _changed_obstacles(
-    after: Building, floor: str, here: Names, lifts: set[str], outline: bool, before: Building
+    after: Building, floor: str, on_floor: TouchedNames, lifts: set[str], outline: bool, before: Building
 ) -> list[Collision]:
-    """All nodes and edges of a floor against what is new in their way: walls that lost a door count as new."""
+    """Collisions of all nodes and edges of a floor with new obstacles. Walls that lost a door count as new."""
     plan = after.floors[floor].geometrical
-    suspects = {(kind.value, name) for kind, names in here.items() for name in names}
+    suspects = {(kind.value, name) for kind, names in on_floor.items() for name in names}
     suspects |= {("elevator", name) for name in lifts} | ({("floor", floor)} if outline else set())
     openings = [elevator_box(before.elevators[name]) for name in lifts if name in before.elevators]
     if floor in before.floors:
         doors = before.floors[floor].geometrical.doors
         openings += [
-            line_box(doors[name], 2 * DOOR_REACH_M) for name in here.get(ElementKind.DOOR, ()) if name in doors
+            line_box(doors[name], 2 * DOOR_REACH_M) for name in on_floor.get(ElementKind.DOOR, ()) if name in doors
         ]
     reopened = set(walls_cut_by(after, floor, openings))
     suspects |= {("wall", name) for name in reopened}
 
-    walls = reopened | here.get(ElementKind.WALL, set())
+    walls = reopened | on_floor.get(ElementKind.WALL, set())
     boxes = [line_box(plan.walls[name]) for name in walls if name in plan.walls]
-    boxes += [line_box(plan.doors[name]) for name in here.get(ElementKind.DOOR, ()) if name in plan.doors]
-    boxes += [object_box(plan.objects[name]) for name in here.get(ElementKind.OBJECT, ()) if name in plan.objects]
+    boxes += [line_box(plan.doors[name]) for name in on_floor.get(ElementKind.DOOR, ()) if name in plan.doors]
+    boxes += [object_box(plan.objects[name]) for name in on_floor.get(ElementKind.OBJECT, ()) if name in plan.objects]
     boxes += [elevator_box(after.elevators[name]) for name in lifts if name in after.elevators]
     if outline:
         boxes += [point_box(point, TOUCH_M) for point in after.floors[floor].floor.outline]
-    box = enclose(boxes)
+    box = bounding_box(boxes)
     if box is None:
         return []
-    found = [item for item in around(after, floor, box) if (item.kind, item.name) in suspects]
+    found = [item for item in obstacles_near(after, floor, box) if (item.kind, item.name) in suspects]
     return list(collisions(floor, all_paths(after.floors[floor].topological), found))
 
 
-def _storeys(building: Building, blamed: Collection[str] = ()) -> Iterator[InvalidElement]:
-    """Floors differ in level, and a higher level is higher. Of two floors that clash, one in `blamed` is named."""
+def _level_violations(building: Building, preferred: Collection[str] = ()) -> Iterator[InvalidElement]:
+    """Levels of floors are unique and rise with elevation. Of two conflicting floors, one in `preferred` is named."""
     ordered = sorted((entry.floor for entry in building.floors.values()), key=lambda floor: floor.level)
     for lower, upper in pairwise(ordered):
-        floor, other = (lower, upper) if lower.name in blamed and upper.name not in blamed else (upper, lower)
+        floor, other = (lower, upper) if lower.name in preferred and upper.name not in preferred else (upper, lower)
         if lower.level == upper.level:
             yield _invalid("", floor, f"level {floor.level} is that of {describe('floor', '', other.name)}")
         elif lower.elevation >= upper.elevation:
@@ -228,16 +227,16 @@ def _storeys(building: Building, blamed: Collection[str] = ()) -> Iterator[Inval
             )
 
 
-def _service(building: Building, elevators: Iterable[Elevator]) -> Iterator[InvalidElement]:
-    """Elevators serve floors that exist."""
+def _served_floor_violations(building: Building, elevators: Iterable[Elevator]) -> Iterator[InvalidElement]:
+    """Elevators serve existing floors."""
     for elevator in elevators:
         for floor in elevator.floors():
             if floor not in building.floors:
                 yield _invalid("", elevator, f"it serves {describe('floor', '', floor)}, which does not exist")
 
 
-def _shafts(building: Building, names: Collection[str]) -> Iterator[InvalidElement]:
-    """Shafts keep apart: those of `names` from all."""
+def _shaft_overlaps(building: Building, names: Collection[str]) -> Iterator[InvalidElement]:
+    """The shafts of `names` overlap no other shaft."""
     others = [(elevator, elevator_box(elevator)) for elevator in building.elevators.values()]
     seen: set[str] = set()
     for name in names:
@@ -245,14 +244,14 @@ def _shafts(building: Building, names: Collection[str]) -> Iterator[InvalidEleme
         box, shaft = elevator_box(elevator), shaft_polygon(elevator)
         seen.add(name)
         for other, reach in others:
-            if other.name in seen or not reach.meets(box):
+            if other.name in seen or not reach.intersects(box):
                 continue
-            if shaft.intersection(shaft_polygon(other)).area > SHARED_M2:
+            if shaft.intersection(shaft_polygon(other)).area > MAX_SHAFT_OVERLAP_M2:
                 yield _invalid("", elevator, f"its shaft overlaps that of {describe('elevator', '', other.name)}")
 
 
-def _cabins(building: Building, floor: str, nodes: Iterable[PathNode]) -> Iterator[InvalidElement]:
-    """A node that names an elevator stands in its shaft on a floor that it serves."""
+def _cabin_node_violations(building: Building, floor: str, nodes: Iterable[PathNode]) -> Iterator[InvalidElement]:
+    """A node that names an elevator is in its shaft, on a floor that it serves."""
     for node in nodes:
         if not node.elevator:
             continue
@@ -262,12 +261,12 @@ def _cabins(building: Building, floor: str, nodes: Iterable[PathNode]) -> Iterat
             yield _invalid(floor, node, f"it names {what}, which does not exist")
         elif floor not in elevator.floors():
             yield _invalid(floor, node, f"it names {what}, which does not serve this floor")
-        elif shapely.distance(shaft_polygon(elevator), shapely.Point(node.at)) > SLACK_M:
+        elif shapely.distance(shaft_polygon(elevator), shapely.Point(node.at)) > TOLERANCE_M:
             yield _invalid(floor, node, f"it names {what} but stands outside its shaft")
 
 
-def _ends(floor: str, nodes: dict[str, PathNode], edges: Iterable[PathEdge]) -> Iterator[InvalidElement]:
-    """An edge joins two nodes of its floor that are apart."""
+def _edge_end_violations(floor: str, nodes: dict[str, PathNode], edges: Iterable[PathEdge]) -> Iterator[InvalidElement]:
+    """An edge connects two nodes of its floor at different positions."""
     for edge in edges:
         missing = [name for name in (edge.a, edge.b) if name not in nodes]
         for name in missing:
@@ -276,8 +275,8 @@ def _ends(floor: str, nodes: dict[str, PathNode], edges: Iterable[PathEdge]) -> 
             yield _invalid(floor, edge, "it has no length: its nodes stand at the same place")
 
 
-def _outside(entry: FloorMap, paths: Paths) -> Iterator[InvalidElement]:
-    """Nodes stand within the outline; edges that leave it cross it, which `collisions` sees."""
+def _nodes_outside_outline(entry: FloorMap, paths: PathArrays) -> Iterator[InvalidElement]:
+    """Nodes are within the outline. `collisions` finds edges that cross it."""
     if not (entry.floor.outline and paths.nodes):
         return
     outline = Polygon(entry.floor.outline)
@@ -287,7 +286,7 @@ def _outside(entry: FloorMap, paths: Paths) -> Iterator[InvalidElement]:
 
 
 @lru_cache(maxsize=16)
-def _riders(topology: Same[TopologicalMap]) -> tuple[PathNode, ...]:
+def _cabin_nodes(topology: IdentityKey[TopologicalMap]) -> tuple[PathNode, ...]:
     return tuple(node for node in topology.value.nodes.values() if node.elevator)
 
 

@@ -1,8 +1,8 @@
-"""YAML from strangers: bounded in bytes, values and depth, without aliases, and with the line of every key.
+"""Untrusted YAML: bounded in bytes, values and depth, without aliases, and with the line of every key.
 
-Aliases are what a "YAML bomb" is made of, and no map needs them, so they are refused.
-The text is read event by event into plain data; no tree of nodes is built beside it,
-and the line of a key is looked up in the text only when an error asks for it.
+Maps need no aliases, and "YAML bombs" consist of them, so aliases are rejected. The parser's
+events are converted directly to plain data, without a tree of nodes. The line of a key is
+looked up in the text only for an error.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ import yaml
 
 from robocorba.errors.maps import MapFileError
 
+#: Maximum file size [bytes].
 MAX_BYTES = 64 * 1024 * 1024
+#: Maximum nesting depth.
 MAX_DEPTH = 40
-#: Scalars, mappings and sequences together, keys included.
+#: Maximum number of scalars, mappings and sequences, keys included.
 MAX_VALUES = 5_000_000
-#: A longer word is text, whatever it looks like: Python's numbers of a million digits take minutes.
+#: A longer scalar is text [characters]: Python needs minutes to parse a number of a million digits.
 MAX_NUMBER_LENGTH = 100
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -32,18 +34,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class YamlFile:
-    """Plain data, and the text that it was read from, where lines are looked up."""
+    """Plain data, and the source text to look up lines."""
 
     name: str
     data: Any
     text: str = field(repr=False)
 
     def line(self, key: str) -> int:
-        """1-based line of a key path such as `$.floors[0].name`, or of its nearest enclosing one."""
-        return _line_at(self.text, _places(self.data, key.removeprefix("$")))
+        """1-based line of a key path such as `$.floors[0].name`, or of its nearest existing parent."""
+        return _line_at(self.text, _child_indices(self.data, key.removeprefix("$")))
 
     def error(self, key: str, reason: str) -> MapFileError:
-        """The error to raise for what stands at a key path."""
+        """The error to raise for the value at a key path."""
         shown = key.removeprefix("$").removeprefix(".")
         return MapFileError(self.name, self.line(key), _short(shown), _short(reason))
 
@@ -61,7 +63,7 @@ class YamlFile:
 
 
 def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
-    """A file's bytes. Raises MapFileError where it can't be read or is larger than `limit`."""
+    """A file's bytes. Raises MapFileError if it can't be read or is larger than `limit`."""
     try:
         with open(path, "rb") as file:
             data = file.read(limit + 1)
@@ -74,12 +76,12 @@ def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
 
 
 def read_yaml(path: str | Path) -> YamlFile:
-    """Read a YAML file. Raises MapFileError with the line where it is not acceptable YAML."""
+    """Read a YAML file. Raises MapFileError with the line if it is not acceptable YAML."""
     return parse_yaml(read_bytes(path), str(path))
 
 
 def parse_yaml(raw: bytes, name: str) -> YamlFile:
-    """Parse YAML from bytes; `name` is what errors call the file."""
+    """Parse YAML from bytes. Errors use `name` as the file name. Raises MapFileError."""
     if len(raw) > MAX_BYTES:
         raise MapFileError(name, 0, "", f"larger than {MAX_BYTES // 1024} KiB")
     try:
@@ -91,7 +93,7 @@ def parse_yaml(raw: bytes, name: str) -> YamlFile:
     except yaml.MarkedYAMLError as wrong:
         mark = wrong.problem_mark or wrong.context_mark
         if "quoted scalar" in str(wrong.context):
-            mark = wrong.context_mark  # where the quote opens; that it is missing shows at the end of the file
+            mark = wrong.context_mark  # of the opening quote; the parser detects a missing one at the end of the file
         raise MapFileError(name, mark.line + 1 if mark else 0, "", wrong.problem or "not YAML") from None
     except yaml.reader.ReaderError as wrong:
         line = text.encode()[: wrong.position].count(b"\n") + 1
@@ -101,7 +103,7 @@ def parse_yaml(raw: bytes, name: str) -> YamlFile:
 
 
 class _Reader:
-    """Turns the events of one document into plain data."""
+    """Converts the parser events of one document to plain data."""
 
     def __init__(self, text: str, name: str) -> None:
         self._events, self._name = _events(text), name
@@ -116,19 +118,19 @@ class _Reader:
         data = self._value(first)
         more = next(self._events)
         if not isinstance(more, yaml.StreamEndEvent):
-            raise self._refuse(more, "only one document is accepted")
+            raise self._error(more, "only one document is accepted")
         return data
 
     def _value(self, event: yaml.Event) -> Any:
         self._left -= 1
         if self._left < 0:
-            raise self._refuse(event, f"more than {MAX_VALUES} values")
+            raise self._error(event, f"more than {MAX_VALUES} values")
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
         if isinstance(event, yaml.AliasEvent):
-            raise self._refuse(event, "aliases are not accepted")
+            raise self._error(event, "aliases are not accepted")
         if len(self._path) >= MAX_DEPTH:
-            raise self._refuse(event, f"nested deeper than {MAX_DEPTH}")
+            raise self._error(event, f"nested deeper than {MAX_DEPTH}")
         return self._sequence() if isinstance(event, yaml.SequenceStartEvent) else self._mapping()
 
     def _sequence(self) -> list[Any]:
@@ -143,11 +145,11 @@ class _Reader:
         found: dict[Any, Any] = {}
         while not isinstance(event := next(self._events), yaml.MappingEndEvent):
             if not isinstance(event, yaml.ScalarEvent):
-                raise self._refuse(event, "a key must be a plain word")
+                raise self._error(event, "a key must be a plain word")
             label = self._value(event)
             self._path.append(str(label))
             if label in found:
-                raise self._refuse(event, "given twice")
+                raise self._error(event, "given twice")
             found[label] = self._value(next(self._events))
             self._path.pop()
         return found
@@ -166,12 +168,12 @@ class _Reader:
             if tag in _CONSTRUCTORS and len(value) <= MAX_NUMBER_LENGTH:
                 return _CONSTRUCTORS[tag](yaml.ScalarNode(tag, value))
         except (ValueError, KeyError, OverflowError):
-            raise self._refuse(event, f"{_short(value)!r} is not a value") from None
+            raise self._error(event, f"{_short(value)!r} is not a value") from None
         if event.tag is None:
-            return value  # a date or the like, which no map knows
-        raise self._refuse(event, f"{_short(value)!r} is not a value")
+            return value  # e.g. a date, which maps do not use
+        raise self._error(event, f"{_short(value)!r} is not a value")
 
-    def _refuse(self, event: yaml.Event, reason: str) -> MapFileError:
+    def _error(self, event: yaml.Event, reason: str) -> MapFileError:
         key = "".join(f"[{step}]" if isinstance(step, int) else f".{_short(step)}" for step in self._path)
         return MapFileError(self._name, _line(event), _short(key.removeprefix(".")), reason)
 
@@ -189,15 +191,15 @@ def _line(event: yaml.Event) -> int:
 
 
 def _events(text: str) -> Iterator[yaml.Event]:
-    """The events of a text without those that open and close it or its documents."""
+    """The parser events of a text, without those that open and close the stream and its documents."""
     skipped = (yaml.StreamStartEvent, yaml.DocumentStartEvent, yaml.DocumentEndEvent)
     for event in yaml.parse(text, Loader=_Loader):
         if not isinstance(event, skipped):
             yield event
 
 
-def _places(data: Any, path: str) -> list[int]:
-    """The way to a key path as numbers of children, as far as it goes; the longest of fitting labels wins."""
+def _child_indices(data: Any, path: str) -> list[int]:
+    """Child indices along a key path, as far as it exists. If several labels match, the longest wins."""
     places: list[int] = []
     while path:
         if isinstance(data, list):
@@ -206,7 +208,9 @@ def _places(data: Any, path: str) -> list[int]:
                 break
             place, length, data = int(index[1]), index.end(), data[int(index[1])]
         elif isinstance(data, dict):
-            fitting = [(len(f".{label}"), place, label) for place, label in enumerate(data) if _leads(path, label)]
+            fitting = [
+                (len(f".{label}"), place, label) for place, label in enumerate(data) if _starts_with_label(path, label)
+            ]
             if not fitting:
                 break
             length, place, label = max(fitting, key=lambda found: found[0])
@@ -218,13 +222,13 @@ def _places(data: Any, path: str) -> list[int]:
     return places
 
 
-def _leads(path: str, label: Any) -> bool:
+def _starts_with_label(path: str, label: Any) -> bool:
     start = f".{label}"
     return path.startswith(start) and path[len(start) : len(start) + 1] in ("", ".", "[")
 
 
 def _line_at(text: str, places: list[int]) -> int:
-    """The line of the value that is reached by going to the numbered child at each level."""
+    """The line of the value at the given child index of each level."""
     events = _events(text)
     event = next(events)
     for place in places:

@@ -35,7 +35,7 @@ from robocorba.maps.validation import problems
 
 
 def with_all(building: Building, elements: Iterable[tuple[str, Element]]) -> Building:
-    """The building with elements added, each given with its floor."""
+    """The building with added elements, each with its floor."""
     for floor, element in elements:
         building = building.with_element(floor, element)
     return building
@@ -76,7 +76,7 @@ def two_floors() -> Building:
 
 
 def grid(side: int, walls: int, floors: int = 1, doors: int = 0) -> Building:
-    """`side`² nodes a floor, 1 m apart and each joined to the next four, beside `walls` walls, some with doors."""
+    """`side`² nodes per floor, 1 m apart, each connected to the next four. `doors` of the `walls` walls have a door."""
     storeys = {}
     for level in range(floors):
         nodes = {
@@ -90,16 +90,16 @@ def grid(side: int, walls: int, floors: int = 1, doors: int = 0) -> Building:
                         name = f"n{x}.{y}-n{to_x}.{to_y}"
                         edges[name] = PathEdge(name=name, a=f"n{x}.{y}", b=f"n{to_x}.{to_y}")
         lines = {f"w{i}": Wall(name=f"w{i}", a=(-5.0 - i, 0.0), b=(-5.0 - i, 9.0)) for i in range(walls)}
-        ways = {f"d{i}": Door(name=f"d{i}", a=(-5.0 - i, 4.0), b=(-5.0 - i, 5.0)) for i in range(doors)}
+        openings = {f"d{i}": Door(name=f"d{i}", a=(-5.0 - i, 4.0), b=(-5.0 - i, 5.0)) for i in range(doors)}
         storeys[f"L{level}"] = FloorMap(
             Floor(name=f"L{level}", level=level, elevation=4.0 * level),
-            GeometricalMap(walls=lines, doors=ways),
+            GeometricalMap(walls=lines, doors=openings),
             TopologicalMap(nodes=nodes, edges=edges),
         )
     return Building("grid", storeys)
 
 
-#: Few names and a coarse grid, so that elements meet, replace each other and collide.
+#: Few names and a coarse grid, so that elements touch, replace each other and collide.
 names = st.sampled_from(["a", "b", "c"])
 spots = st.tuples(*[st.integers(0, 8).map(lambda value: value / 2)] * 2)
 far_spots = st.tuples(*[st.integers(-20, 20).map(float)] * 2)
@@ -138,13 +138,13 @@ on_a_floor: list[Any] = [
     st.builds(PathNode, name=names, at=spots, elevator=st.sampled_from(["", "", "", "a"])),
     st.builds(PathEdge, name=names, a=names, b=names, graphs=st.sampled_from([(), ("g", "h")])),
 ]
-#: An element with the floor that it goes to.
+#: A floor and an element on it.
 placed = st.tuples(floor_names, st.one_of(*on_a_floor, *on_a_floor, floors, elevators))
 
 
 @st.composite
 def buildings(draw: st.DrawFn) -> Building:
-    """Buildings in order: what breaks a rule was left out."""
+    """Valid buildings: elements that break a rule are left out."""
     building = Building("made")
     for floor, element in draw(st.lists(st.tuples(floor_names, floors), max_size=3)):
         building = _kept(building, floor, element)
@@ -154,7 +154,7 @@ def buildings(draw: st.DrawFn) -> Building:
 
 
 def is_refused(before: Building, after: Building) -> bool:
-    """Whether an editor must refuse an edit: a rule is broken, or a path drawn onto what it was not on before."""
+    """Whether an editor must reject an edit: it breaks a rule, or puts a path on a new obstacle."""
     if problems(after, limit=1):
         return True
     for floor in after.floors:

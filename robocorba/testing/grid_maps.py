@@ -1,4 +1,4 @@
-"""Grid maps of the kinds that public path planning benchmarks use, made from a seed.
+"""Grid maps of the kinds in public path planning benchmarks, generated from a seed.
 
 `cells[row, column]` is True where the cell is free. Row 0 is at the bottom: a cell covers x from column * cell_m to
 (column + 1) * cell_m, and y from row * cell_m in the same way.
@@ -23,11 +23,11 @@ Cells: TypeAlias = NDArray[np.bool_]
 Cell: TypeAlias = tuple[int, int]
 
 FLOOR = "L1"
-#: Share of the walls between rooms that have a door beyond those that connect all rooms.
+#: Share of the walls between rooms with a door in addition to those that connect all rooms.
 EXTRA_DOORS = 0.3
 #: Cellular automaton of the caves: initial share of occupied cells, number of generations.
 CAVE_FILL, CAVE_GENERATIONS = 0.475, 5
-#: Share of single occupied cells in a laser map: false returns.
+#: Share of single occupied cells in a laser map (false returns).
 SPECKLES = 0.002
 
 
@@ -92,15 +92,15 @@ def maze(size: int, corridor: int, seed: int) -> Cells:
     cells[:corridor, :corridor] = True
     while stack:
         row, column = stack[-1]
-        ways = [
+        neighbours = [
             (r, c)
             for r, c in ((row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1))
             if 0 <= r < count and 0 <= c < count and not seen[r, c]
         ]
-        if not ways:
+        if not neighbours:
             stack.pop()
             continue
-        r, c = ways[int(rng.integers(len(ways)))]
+        r, c = neighbours[int(rng.integers(len(neighbours)))]
         seen[r, c] = True
         top, right = max(row, r) * pitch + corridor, max(column, c) * pitch + corridor
         cells[min(row, r) * pitch : top, min(column, c) * pitch : right] = True
@@ -131,7 +131,7 @@ def city(size: int, seed: int) -> Cells:
 
 
 def _blocks(size: int, rng: np.random.Generator) -> list[tuple[int, int]]:
-    """From where to where blocks reach, streets between them."""
+    """First and last cells of blocks, with streets between them."""
     found, at = [], int(rng.integers(2, 7))
     while at < size - 6:
         end = min(at + int(rng.integers(16, 56)), size - 2)
@@ -156,11 +156,11 @@ def _build(block: Cells, rng: np.random.Generator) -> None:
     far = np.maximum(along, across)
     block[far <= 1.0] = False
     if rng.random() < 0.2 and size.min() > 14:
-        block[far <= 0.5] = True  # a yard that nothing leads into
+        block[far <= 0.5] = True  # an enclosed yard
 
 
 def laser(size: int, seed: int) -> Cells:
-    """What a robot maps: rooms at an angle to the grid, ragged walls, furniture, single false returns."""
+    """A laser map: rooms at an angle to the grid, ragged walls, furniture, single false returns."""
     rng = np.random.default_rng(seed)
     drawn = int(size * 0.8)
     plan = _rooms(drawn, int(rng.integers(24, 40)), 3, int(rng.integers(6, 9)), rng)
@@ -201,7 +201,7 @@ KINDS: dict[str, Callable[[int, int], Cells]] = {
 def building_of(cells: Cells, cell_m: float, name: str = "grid") -> Building:
     """A building of one floor whose walls are the maximal straight borders between free and occupied cells.
 
-    The outline is the rectangle of all cells. What lies within occupied cells is closed off by their walls."""
+    The outline is the rectangle of all cells. Walls enclose the occupied cells."""
     height, width = (float(count * cell_m) for count in cells.shape)
     vertical = [((x, low), (x, high)) for x, low, high in _borders(cells, cell_m)]
     horizontal = [((low, y), (high, y)) for y, low, high in _borders(cells.T, cell_m)]
@@ -212,7 +212,7 @@ def building_of(cells: Cells, cell_m: float, name: str = "grid") -> Building:
 
 
 def _borders(cells: Cells, cell_m: float) -> list[tuple[float, float, float]]:
-    """Where neighbours in a row differ: the border's place across and its two ends along, m."""
+    """Borders between differing neighbours in a row: position across, and both ends along [m]."""
     differs = np.pad((cells[:, 1:] != cells[:, :-1]).T.astype(np.int8), ((0, 0), (1, 1)))
     steps = np.diff(differs, axis=1)
     column, first = np.nonzero(steps == 1)
@@ -264,6 +264,6 @@ class OctileGraph:
         self._graph = sparse.coo_matrix((length, (origin, target)), shape=(cells.size, cells.size)).tocsr()
 
     def lengths_from(self, cell: Cell) -> NDArray[np.float64]:
-        """The length of the shortest way from a cell to every cell, m; infinite where there is none."""
+        """Length of the shortest path from a cell to every cell [m], infinite if there is none."""
         index = int(np.ravel_multi_index(cell, self.shape))
         return csgraph.dijkstra(self._graph, directed=False, indices=index).reshape(self.shape)

@@ -83,7 +83,7 @@ def test_check_says_what_is_blocked_and_what_no_robot_reaches() -> None:
     assert native.load("out.yaml") == native.load("locked.yaml")
     assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-2:] == [
         "warning: elevators that a robot of radius 0.70 m can't enter (1): "
-        "E1 (its widest door has 1.20 m, 1.40 m needed)",
+        "E1 (its widest door is 1.20 m wide, 1.40 m needed)",
         "two.yaml can be served: 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
     ]
     assert robocorba_map("check", "two.yaml", "--radius", "-1").exit_code == 2
@@ -179,15 +179,15 @@ def test_import_draws_roads_by_way_of_the_nodes_that_are_there() -> None:
         bare = bare.without(ElementKind.EDGE, "L1", name)
     native.save(bare, "bare.yaml")
     assert lines(robocorba_map("check", "bare.yaml"))[0] == (
-        "note: floor 'L1' has no edges; `robocorba map import --topology` draws roads"
+        "note: floor 'L1' has no edges; `robocorba map import --topology` generates a roadmap"
     )
     told = lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology"))
     drawn = native.load("drawn.yaml")
     nodes, edges = drawn.floors["L1"].topological.nodes, drawn.floors["L1"].topological.edges
     assert told[:2] == [
-        f"L1: drew {len(nodes) - 4} nodes and {len(edges)} edges, joined 3 of 4 nodes; "
-        "not in reach of a robot of radius 0.4 m: in corner",
-        "L2: nothing drawn, it has 1 edges",
+        f"L1: added {len(nodes) - 4} nodes and {len(edges)} edges, connected 3 of 4 nodes; "
+        "unreachable for a robot of radius 0.4 m: in corner",
+        "L2: roadmap kept, it has 1 edges",
     ]
     assert bare.floors["L1"].topological.nodes.items() <= nodes.items()
     assert {"west", "east", "lift1"} <= {name for edge in edges.values() for name in (edge.a, edge.b)}

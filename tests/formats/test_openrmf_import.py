@@ -137,7 +137,7 @@ def test_cabins_of_lifts_that_the_file_does_not_have() -> None:
     data = small()
     data["lifts"] = {}
     assert [loss for loss in imported(data).losses if "lift" in loss] == [
-        "vertices name a lift that the file does not have: lift at L1 n10, lift at L2 n1"
+        "vertices name a lift that the file does not contain: lift at L1 n10, lift at L2 n1"
     ]
 
 
@@ -159,7 +159,7 @@ def test_nothing_is_lost_to_a_lift_that_was_left_out() -> None:
 
 def test_losses_are_summed_up() -> None:
     losses = imported(small()).losses
-    assert "models: 3 left out, the file does not say how large they are: Chair (x3)" in losses
+    assert "models: 3 left out, the file gives no sizes: Chair (x3)" in losses
     assert "drawing: not kept: L1" in losses
     assert "vertex property is_charger: not kept: L1 start" in losses
     assert len(losses) == len(set(losses))
@@ -169,7 +169,7 @@ def test_a_wrong_measurement_is_reported() -> None:
     data = small()
     data["levels"]["L1"]["measurements"].append([1, 2, {"distance": [3, 9.0]}])
     found = [loss for loss in imported(data).losses if loss.startswith("scale of L1")]
-    assert found == ["scale of L1: levels.L1.measurements[2] gives 0.09000 m a pixel, the median is 0.05000"]
+    assert found == ["scale of L1: levels.L1.measurements[2] gives 0.09000 m per pixel, the median is 0.05000"]
 
 
 def test_the_scale_comes_from_another_level_where_the_reference_is_not_measured() -> None:
@@ -306,7 +306,7 @@ def test_levels_of_one_elevation_are_set_apart() -> None:
     data["levels"]["L2"]["elevation"] = 0
     result = imported(data)
     assert [entry.floor.elevation for entry in result.building.floors.values()] == [0.0, 3.0]
-    assert "elevation: levels at one height are taken to be 3 m apart: L2" in result.losses
+    assert "elevation: levels of equal elevation are placed 3 m apart: L2" in result.losses
 
 
 def test_basements_count_down() -> None:

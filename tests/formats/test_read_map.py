@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
-from robocorba.maps.losses import NAMES_SHOWN, Losses
+from robocorba.maps.losses import MAX_NAMES_LISTED, Losses
 from robocorba.maps.model import Building, Floor, FloorMap
 from tests.formats.hostile import HOSTILE, changed, places
 from tests.formats.rmf_files import small, written
@@ -100,9 +100,9 @@ def test_a_text_of_a_megabyte(place: tuple[Any, ...], tmp_path: Path) -> None:
 
 def test_equal_losses_become_one_sentence() -> None:
     losses = Losses()
-    for i in range(NAMES_SHOWN + 3):
+    for i in range(MAX_NAMES_LISTED + 3):
         losses.add("things: {n} left out: {names}", f"t{i}")
     losses.add("things: {n} left out: {names}", "t0")
     losses.add("once")
-    shown = ", ".join(["t0 (x2)", *(f"t{i}" for i in range(1, NAMES_SHOWN))])
-    assert losses.sentences() == (f"things: {NAMES_SHOWN + 4} left out: {shown} and 3 more", "once")
+    shown = ", ".join(["t0 (x2)", *(f"t{i}" for i in range(1, MAX_NAMES_LISTED))])
+    assert losses.sentences() == (f"things: {MAX_NAMES_LISTED + 4} left out: {shown} and 3 more", "once")

@@ -83,7 +83,7 @@ def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
         ElevatorDoor(floor="L2", side=Side.LEFT, width=1.2),
     )
     # 18 x 18 cells of the shaft, and 2 x 12 of the wall that the picture shows before its door.
-    assert "L1: elevator 'E1': 3.48 m2 of its shaft and landings are not free in the picture and were opened" in (
+    assert "L1: elevator 'E1': 3.48 m2 of its shaft and landings are not free in the picture and were cleared" in (
         result.losses
     )
 
@@ -126,7 +126,7 @@ def test_the_example_of_the_manual(tmp_path: Path) -> None:
 def test_an_elevator_whose_doors_lead_nowhere_is_reported(tmp_path: Path) -> None:
     elevator = {**LIST["elevators"][0], "doors": [{"floor": "L1", "side": "right"}]}
     losses = read_map(_written(tmp_path, elevators=[elevator])).losses
-    assert "L1: elevator 'E1': its doors lead to no free ground; check its position and their side" in losses
+    assert "L1: elevator 'E1': no free cell in front of its doors; check its position and their side" in losses
 
 
 def _floor(i: int, **change: Any) -> dict[str, Any]:

@@ -157,7 +157,7 @@ def test_unknown_pockets_block(tmp_path: Path) -> None:
     cells[16:20, 30:34] = GREY
     result = read_map(write_ros(tmp_path, cells))
     assert "unknown1" in result.building.floors["map"].geometrical.objects
-    assert "unknown space: 0.2 m2 within the outline block" in result.losses
+    assert "unknown space: 0.2 m2 within the outline count as blocked" in result.losses
 
 
 @pytest.mark.parametrize(
@@ -215,13 +215,13 @@ def test_transparent_cells_are_unknown_in_scale_mode(tmp_path: Path) -> None:
     [
         ({"image": "absent.png"}, "image", "no picture"),
         ({"image": "../map.png"}, "image", "in the folder"),
-        ({"image": "map.yaml"}, "image", "no picture that can be read"),
+        ({"image": "map.yaml"}, "image", "unreadable picture"),
         ({"image": "/dev/zero"}, "image", "no picture"),
         ({"image": 7}, "image", "name of a picture"),
-        ({"image": "é" * 190}, "image", "no picture"),
+        ({"image": "é" * 190}, "image", "unreadable picture"),
         ({"resolution": 0}, "resolution", "above zero"),
         ({"resolution": math.nan}, "resolution", "finite"),
-        ({"resolution": 1e-9}, "resolution", "metres a cell"),
+        ({"resolution": 1e-9}, "resolution", "metres per cell"),
         ({"origin": [1.0]}, "origin", "x, y, yaw"),
         ({"origin": [math.inf, 0, 0]}, "origin[0]", "too large|finite"),
         ({"origin": [1e6, 0, 0]}, "origin", "reaches beyond 1e\\+06 m"),

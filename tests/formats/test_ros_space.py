@@ -92,10 +92,9 @@ def test_a_wing_apart_stays_on_the_floor(tmp_path: Path) -> None:
     ground = _ground(write_ros(tmp_path, cells))
     assert sorted(part.area for part in shapely.get_parts(ground)) == pytest.approx([6.0, 12.0])
     assert (
-        "free space: 1 regions below 1 m2 and apart from the others are left out and block, "
-        "0.04 m2 in all: 0.04 m2 at (0.60, 0.90)" in losses
+        "free space: 1 separate regions below 1 m2 count as blocked, 0.04 m2 in all: 0.04 m2 at (0.60, 0.90)" in losses
     )
-    assert "unknown space: 36.0 m2 within the outline block" in losses
+    assert "unknown space: 36.0 m2 within the outline count as blocked" in losses
 
 
 def test_nothing_lies_outside_of_the_outline(tmp_path: Path) -> None:
@@ -109,13 +108,13 @@ def test_nothing_lies_outside_of_the_outline(tmp_path: Path) -> None:
     assert floor.geometrical.walls == {}
     assert all(outline.covers(item.geometry) for item in obstacles(building, "map"))
     assert (
-        "occupied space: 1 regions outside of the outline are left out, 0.09 m2 in all: 0.09 m2 at (0.65, 7.35)"
+        "occupied space: 1 regions outside the outline are left out, 0.09 m2 in all: 0.09 m2 at (0.65, 7.35)"
     ) in losses
 
 
 def test_a_picture_without_free_cells_blocks(tmp_path: Path) -> None:
     _, losses = _floor(write_ros(tmp_path, np.full((20, 30), BLACK)))
-    assert "the picture shows no free cell: the whole floor blocks; check negate and the thresholds" in losses
+    assert "the picture has no free cell, the whole floor is blocked; check negate and the thresholds" in losses
     assert _ground(tmp_path / "map.yaml").is_empty
 
 
@@ -130,7 +129,7 @@ def test_unknown_cells_of_a_nav2_map_block_and_are_reported(tmp_path: Path) -> N
     path = _nav2_room(tmp_path)
     assert _ground(path).area == pytest.approx(8.0)
     assert (
-        "unknown cells: 1600 of grey 205 (16.0 m2) are below free_thresh 0.25 and block all the same, "
+        "unknown cells: 1600 of grey 205 (16.0 m2) are below free_thresh 0.25 but count as blocked, "
         "since map_saver writes unknown cells in this grey; --unknown free makes them free"
     ) in read_map(path).losses
 
@@ -147,7 +146,7 @@ def test_unknown_cells_are_free_where_that_is_asked_for(free_thresh: float, tmp_
     path = _nav2_room(tmp_path, free_thresh=free_thresh)
     assert _ground(path, unknown="free").area == pytest.approx(24.0)
     losses = read_map(path, unknown="free").losses
-    assert "unknown cells: 1600 (16.0 m2) count as free, as asked for" in losses
+    assert "unknown cells: 1600 (16.0 m2) count as free, as requested" in losses
 
 
 @pytest.mark.parametrize("more", [{"mode": "scale"}, {"negate": 1, "free_thresh": 0.85, "occupied_thresh": 0.9}])
@@ -180,9 +179,8 @@ def test_specks_beside_walls_are_noise_and_legs_of_tables_stay(
 def test_removed_specks_are_reported(tmp_path: Path) -> None:
     path = _specks(tmp_path)
     assert read_map(path).losses[:2] == (
-        "specks: 1 of at most 0.05 m beside walls, 0.0025 m2, are taken for noise and left out; "
-        "--specks keep keeps them",
-        "specks: 1 of at most 0.05 m away from walls block, as legs of tables do; --specks all removes them",
+        "specks: 1 of at most 0.05 m beside walls, 0.0025 m2, are removed as noise; --specks keep keeps them",
+        "specks: 1 of at most 0.05 m away from walls are kept, as table legs; --specks all removes them",
     )
     assert not [loss for loss in read_map(path, specks="keep").losses if "specks" in loss]
 

@@ -137,7 +137,7 @@ def test_one_way_edges_that_lead_nowhere_back() -> None:
     assert told(one_floor(*into, *out, *lanes)) == (
         "nodes of L1 that can be entered but not left (2): in, further",
         "nodes of L1 that can be left but not entered (1): out",
-        "nodes of L1 that can be neither entered from the rest of the road map nor left for it (1): aside",
+        "nodes of L1 that can be neither entered from the rest of the roadmap nor left for it (1): aside",
     )
     assert told(one_floor(*into, *lanes[:2], edge("further", "b", True))) == ()
 
@@ -160,14 +160,14 @@ def test_floors_and_elevators_out_of_reach() -> None:
     building = building.with_element("", narrow)
     assert told(building)[1:] == (
         "floors without an elevator to other floors (1): roof",
-        "elevators that a robot of radius 0.40 m can't enter (1): E2 (its widest door has 0.70 m, 0.80 m needed)",
+        "elevators that a robot of radius 0.40 m can't enter (1): E2 (its widest door is 0.70 m wide, 0.80 m needed)",
     )
     assert told(building, 0.35)[2:] == (
         "elevators that a robot of radius 0.35 m can't enter (1): E2 (no path node stands in its cabin)",
     )
     cabin = PathNode(name="cabin", at=(17.0, 2.0), elevator="E2")
     building = building.with_element("L1", cabin)
-    assert told(building, 0.35)[-1].endswith("E2 (no edge that leads into its cabin is free and wide enough)")
+    assert told(building, 0.35)[-1].endswith("E2 (no edge into its cabin is free and wide enough)")
     entrance = PathEdge(name="x", a="east", b="cabin")
     building = building.with_element("L1", PathNode(name="east", at=(13.0, 2.0))).with_element("L1", entrance)
     assert not any("enter (" in line for line in told(building, 0.35))
@@ -184,7 +184,7 @@ def test_a_floor_whose_road_map_no_elevator_connects() -> None:
             "",
             "L2",
             ("L2", 14.5, 5.0),
-            "no elevator connects its road map with other floors for a robot of radius 0.40 m",
+            "no elevator connects its roadmap with other floors for a robot of radius 0.40 m",
             "floors that no elevator connects with the others for a robot of radius 0.40 m ({n}): {names}",
             "L2",
         )

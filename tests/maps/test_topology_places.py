@@ -16,7 +16,7 @@ from robocorba.maps import geometry
 from robocorba.maps.model import BoxShape, Building, CircleShape, PathNode, TopologicalMap
 from robocorba.maps.samples import load_sample
 from robocorba.maps.topology import topological_map
-from robocorba.maps.topology.roads import SAME_PLACE_M
+from robocorba.maps.topology.roadmap import SAME_PLACE_M
 from robocorba.spatial.pose import XY
 from tests.maps.test_topology import RADIUS, check_roads, elevator, floors, graph_of, one_floor, open_parts, with_roads
 from tests.maps.test_topology import places as spots

@@ -1,4 +1,4 @@
-"""Elements of a building and their changes."""
+"""Conversion between elements of a building, their changes and findings, and IDL types."""
 
 from __future__ import annotations
 
@@ -67,10 +67,10 @@ def element(value: Element) -> Any:
     if isinstance(value, Wall):
         return RoboCorba.Element(aWall=RoboCorba.Wall(value.name, xy(value.a), xy(value.b), value.height))
     if isinstance(value, MapObject):
-        thing = RoboCorba.MapObject(
+        map_object = RoboCorba.MapObject(
             value.name, _shape(value.shape), xy(value.at), value.heading, value.height, value.movable
         )
-        return RoboCorba.Element(anObject=thing)
+        return RoboCorba.Element(anObject=map_object)
     if isinstance(value, Door):
         door = RoboCorba.Door(value.name, xy(value.a), xy(value.b), _DOOR_KINDS[value.kind], value.locked)
         return RoboCorba.Element(aDoor=door)
@@ -91,7 +91,7 @@ def element(value: Element) -> Any:
 
 
 def element_of(union: Any) -> Element:
-    """The element in an Element union. Raises CORBA.BAD_PARAM for a union that holds none."""
+    """The element in an Element union. Raises CORBA.BAD_PARAM for an empty union."""
     value = union._v
     kind = _KIND_OF.get(union._d)
     if kind is ElementKind.FLOOR:
@@ -172,12 +172,12 @@ def _shape_of(union: Any) -> Shape:
 
 
 def kind_of(struct: Any) -> ElementKind:
-    """The kind behind an ElementKind enumerator."""
+    """The kind of an ElementKind enumerator."""
     return _KIND_OF[struct]
 
 
 def key_of(struct: Any) -> Key:
-    """The key behind an ElementId."""
+    """The key of an ElementId."""
     return Key(_KIND_OF[struct.kind], struct.onFloor, struct.name)
 
 

@@ -1,4 +1,4 @@
-"""The map editor's building as another process knows it: loaded once, and then followed by its changes."""
+"""A copy of the map editor's building in another process: loaded once, then updated with its changes."""
 
 from __future__ import annotations
 
@@ -14,25 +14,28 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap, GeometricalMap
 from robocorba.stubs import RoboCorba
 
-#: The topological map is the path planning agent's.
-LEFT_OUT = (ElementKind.NODE, ElementKind.EDGE)
-#: A map editor that compiles for the first time takes a while; who starts us waits no longer than that.
+#: Element kinds that the copy omits: only the path planning agent uses the topological map.
+EXCLUDED_KINDS = (ElementKind.NODE, ElementKind.EDGE)
+#: Default timeout to find the map editor [s]. An editor that compiles for the first time starts slowly; the
+#: starter of this process waits no longer than this.
 LOAD_LIMIT_S = 300.0
 
 
 class RemoteMap:
-    """The geometrical maps and elevators of a building. Raises NotReachable after `timeout_s`."""
+    """The geometrical maps and elevators of a building.
+
+    Raises NotReachable if there is no map editor within `timeout_s`, or if loading fails."""
 
     def __init__(self, orb: Orb, timeout_s: float = LOAD_LIMIT_S) -> None:
         self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
         self._load()
 
     def follow(self) -> bool:
-        """Catch up with the editor; whether anything has changed. Raises NotReachable."""
+        """Apply the editor's new changes; whether there were any. Raises NotReachable."""
         before = self.version
         try:
             if self._editor._get_currentVersion() != before:
-                self._catch_up()
+                self._apply_changes()
         except RoboCorba.VersionUnavailable:
             self._load()
         except CORBA.SystemException as wrong:
@@ -56,26 +59,26 @@ class RemoteMap:
                 floors[name] = FloorMap(entry.floor, GeometricalMap(**plan))
             building = Building(building.name, floors, building.elevators)
         except CORBA.Exception as wrong:
-            raise NotReachable(f"the map editor does not hand out its map ({describe(wrong)})") from None
+            raise NotReachable(f"the map can't be loaded from the map editor ({describe(wrong)})") from None
         self.building = building
         with contextlib.suppress(RoboCorba.VersionUnavailable):
-            self._catch_up()  # with edits that came while it was loaded
+            self._apply_changes()  # edits during loading
 
     def _elements(self, kind: ElementKind, floor: str) -> dict[str, Any]:
         records = self._editor.elements(getattr(RoboCorba, f"{kind.name}_ELEMENT"), floor)
         return {element.name: element for element in (maps.element_of(record.value) for record in records)}
 
-    def _catch_up(self) -> None:
+    def _apply_changes(self) -> None:
         building, version = self.building, self.version
         for change in self._editor.changesSince(version):
             version, element = change.changedTo, maps.element_of(change.value)
             kind = KIND_OF[type(element)]
-            if kind in LEFT_OUT:
+            if kind in EXCLUDED_KINDS:
                 continue
             if change.kind == RoboCorba.REMOVED:
                 with contextlib.suppress(KeyError):
                     building = building.without(kind, change.onFloor, element.name)
             else:
-                with contextlib.suppress(KeyError):  # on a floor that is gone by now
+                with contextlib.suppress(KeyError):  # on a floor that was removed later
                     building = building.with_element(change.onFloor, element)
         self.building, self.version = building, version

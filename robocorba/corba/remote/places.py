@@ -1,4 +1,4 @@
-"""Places on the map where a robot may stand at first."""
+"""Start positions for robots on the map."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps.model import PathNode
 from robocorba.stubs import RoboCorba
 
-FIND_LIMIT_S = 5.0
+#: Timeout to find the map editor [s].
+RESOLVE_TIMEOUT_S = 5.0
 
 
 def free_places(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
-    """Floor, x and y (m) of the nodes of the topological map on a floor, of the first one where `floor` is empty.
+    """Floor, x and y [m] of the path nodes of a floor (of the first floor if `floor` is empty).
 
     Raises UnknownFloor, NotReachable."""
-    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_LIMIT_S)
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
     try:
         floors = [maps.element_of(record.value).name for record in editor.elements(RoboCorba.FLOOR_ELEMENT, "")]
         if floor and floor not in floors:

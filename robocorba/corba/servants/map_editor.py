@@ -1,4 +1,4 @@
-"""Servants of the map building agent: the editor, and a transaction of it."""
+"""Servants of the map building agent: the map editor and its transactions."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from robocorba.maps import native
 from robocorba.maps.editing import BuildingEditor, Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
-#: So many transactions that have ended still say TransactionClosed; older ones don't exist any more.
+#: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 ENDED_KEPT = 100
-#: Findings in one answer: each takes some 500 bytes, an answer has at most 64 MiB.
+#: Maximum number of findings in a reply: each takes about 500 bytes, and a reply is limited to 64 MiB.
 MOST_FINDINGS = 10_000
 
 
 class Activator(Protocol):
-    """What gives a servant a reference for as long as it is needed: robocorba.corba.orb.Orb, for one."""
+    """Activates and deactivates servants, e.g. robocorba.corba.orb.Orb."""
 
     def activate(self, servant: Any) -> Any:
-        """A reference to the servant."""
+        """Activate a servant; its object reference."""
 
     def deactivate(self, servant: Any) -> None:
-        """The servant is not needed any more."""
+        """Deactivate a servant."""
 
 
 class TransactionServant(RoboCorba__POA.Transaction):
@@ -36,7 +36,7 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
     @property
     def is_open(self) -> bool:
-        """Whether it has not ended."""
+        """Whether it is neither committed, rolled back nor timed out."""
         return self._transaction.is_open
 
     @translating
@@ -61,7 +61,7 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
 
 class MapEditorServant(RoboCorba__POA.MapEditor):
-    """RoboCorba::MapEditor on a building's editor."""
+    """RoboCorba::MapEditor for a BuildingEditor."""
 
     def __init__(self, editor: BuildingEditor, activator: Activator) -> None:
         self._editor, self._activator = editor, activator
@@ -124,13 +124,13 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     @translating
     def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:
-        # Here, because what it needs takes half a second to load, and a server must be back at once.
+        # Imported here: it takes 0.5 s to load, and a server must restart quickly.
         from robocorba.maps.topology import topological_map
 
         return self._editor.replace_topology(onFloor, topological_map(self._editor.building, onFloor, robotRadius))
 
     def check(self) -> list[Any]:
-        from robocorba.maps.checking import findings  # here, for the same reason
+        from robocorba.maps.checking import findings  # imported here for the same reason
 
         return maps.findings(findings(self._editor.building)[:MOST_FINDINGS])
 
@@ -145,5 +145,5 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
             raise RoboCorba.InvalidMap(wrong.line, wrong.key, wrong.reason) from wrong
         try:
             return self._editor.replace(building, expected)
-        except InvalidElement as wrong:  # sound by itself, but too large to be held
+        except InvalidElement as wrong:  # valid, but too large
             raise RoboCorba.InvalidMap(0, "", str(wrong)) from wrong

@@ -1,4 +1,4 @@
-"""Map files of this and of other systems: read by what they hold, written by name. Manual: docs/formats.md."""
+"""Map files of RoboCorba and of other systems. The content selects the format to read. Manual: docs/formats.md."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = ["WRITTEN", "Exported", "Imported", "read_map", "write_map"]
 
 
 def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls") -> Imported:
-    """Read a native map, an Open-RMF building.yaml, a ROS map_server YAML or a list of these: the content decides.
+    """Read a native map, an Open-RMF building.yaml, a ROS map_server YAML or a list of ROS maps.
 
-    The options are for ROS maps. `unknown` cells are blocked or free. `specks` says what
-    happens to specks of 0.05 m or less: keep them, remove those beside walls, or all.
-    Raises MapFileError with file, line, key and reason where it is none of them or wrong."""
+    The options are for ROS maps. `unknown` cells count as "blocked" or "free". `specks` of 0.05 m
+    or less: "keep" them, or remove those beside "walls", or "all".
+    Raises MapFileError with file, line, key and reason if the file is invalid or of another format."""
     options = ros_map.RosOptions(unknown, specks)
     options.check(str(path))
     file = read_yaml(path)
@@ -52,12 +52,12 @@ def write_map(
     resolution_m: float = ros_export.DEFAULT_RESOLUTION_M,
     image: str = "pgm",
 ) -> Exported:
-    """Write a building in one of the formats WRITTEN. Returns the files, and a sentence for everything that was lost.
+    """Write a building in one of the formats WRITTEN. Returns the files, and a sentence for each kind of loss.
 
-    native and openrmf write `path`. ros writes a YAML file and a picture for each floor,
-    nav2 a GeoJSON file for each floor: named like `path` where the building has one
-    floor, else its stem, `-` and the floor. `resolution_m` (side of a cell) and `image`
-    (pgm or png) are for ros. Raises MapFileError where a file can't be written."""
+    native and openrmf write `path`. ros writes a YAML file and a picture for each floor, nav2 a
+    GeoJSON file for each floor. With one floor the name is that of `path`, else its stem, `-` and
+    the floor. `resolution_m` (side of a cell) and `image` (pgm or png) are for ros. Raises
+    MapFileError if a file can't be written."""
     if format == "native":
         native.save(building, path)
         return Exported((Path(path),))
@@ -69,4 +69,4 @@ def write_map(
         return ros_export.write(building, path, resolution_m, image)
     if format == "nav2":
         return nav2.write(building, path)
-    raise MapFileError(str(path), 0, "", f"{format!r} can't be written; {', '.join(WRITTEN)} can")
+    raise MapFileError(str(path), 0, "", f"{format!r} can't be written; formats: {', '.join(WRITTEN)}")

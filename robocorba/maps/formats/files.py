@@ -1,4 +1,4 @@
-"""Where a building of several floors goes when a format holds one floor a file, and how files are written."""
+"""File names for formats with one file per floor, and writing of files."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from robocorba.maps.model import Building
 
 
 def floor_paths(building: Building, path: str | Path, suffix: str) -> dict[str, Path]:
-    """A file for each floor: `path` itself with `suffix` where there is one floor, else its stem, `-` and the floor.
+    """A file for each floor: `path` with `suffix` if there is one floor, else its stem, `-` and the floor.
 
-    Characters that do not belong in a file name become `_`."""
+    Characters that are not allowed in a file name become `_`."""
     base = Path(path)
     stem = base.name.removesuffix(base.suffix)
     if len(building.floors) == 1:
@@ -28,7 +28,7 @@ def floor_paths(building: Building, path: str | Path, suffix: str) -> dict[str, 
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file. Raises MapFileError where it can't be written."""
+    """Write a file. Raises MapFileError if that fails."""
     try:
         path.write_bytes(content)
     except OSError as wrong:

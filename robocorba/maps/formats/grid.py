@@ -1,4 +1,4 @@
-"""Occupancy grids: which cells are what, and lines and areas as cells. Row 0 is the top row, as in an image."""
+"""Occupancy grids, and rasterisation of lines and areas. Row 0 is the top row, as in an image."""
 
 from __future__ import annotations
 
@@ -10,31 +10,28 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
-#: Cells of the largest grid that is read or written (5792 x 5792).
-MOST_CELLS = 2**25
-#: Sides of cells between two kinds of cells that are followed: a map has far less, noise has more.
-MOST_SIDES = 2**20
+#: Maximum number of cells of a grid that is read or written (5792 x 5792).
+MAX_CELLS = 2**25
+#: Maximum number of cell sides on contours: maps have far fewer, noise has more.
+MAX_SIDES = 2**20
 
 
 def count_sides(region: np.ndarray) -> int:
-    """How many sides of cells the contours of a region pass."""
+    """The number of cell sides on the contours of a region."""
     padded = np.pad(region, 1)
     across, down = padded[:, 1:] != padded[:, :-1], padded[1:] != padded[:-1]
     return int(np.count_nonzero(across)) + int(np.count_nonzero(down))
 
 
 class Canvas:
-    """A grid to draw on in metres; `origin` is its lower left corner."""
+    """A grid to draw on in metres. `origin` is its lower left corner."""
 
     def __init__(self, origin: tuple[float, float], cell_m: float, rows: int, columns: int) -> None:
         self.origin, self.cell_m = origin, cell_m
         self.cells = np.full((rows, columns), UNKNOWN, dtype=np.uint8)
 
     def fill(self, polygon: shapely.Polygon, value: int) -> None:
-        """Set the cells whose middle an area covers.
-
-        On the line through the middles of a row, every side of the area that is passed
-        switches between outside and inside."""
+        """Set the cells whose centre is inside an area (scan line algorithm with the even-odd rule)."""
         rows, columns = self.cells.shape
         switches = np.zeros((rows, columns + 1), np.uint8)
         for ring in (polygon.exterior, *polygon.interiors):
@@ -46,7 +43,7 @@ class Canvas:
         self.cells[np.bitwise_xor.accumulate(switches, axis=1)[:, :-1] == 1] = value
 
     def trace(self, line: BaseGeometry, value: int) -> None:
-        """Set the cells that a line, or the border of an area, passes through."""
+        """Set the cells along a line or along the border of an area."""
         for part in shapely.get_parts(line.boundary if line.geom_type == "Polygon" else line):
             n = max(2, int(np.ceil(part.length / self.cell_m * 4)) + 1)
             points = shapely.get_coordinates(part.interpolate(np.linspace(0.0, part.length, n)))
@@ -55,7 +52,7 @@ class Canvas:
             self.cells[rows[kept], columns[kept]] = value
 
     def _cells_of(self, points: np.ndarray) -> np.ndarray:
-        """Columns from the left and rows from the top, with fractions."""
+        """Fractional columns from the left and rows from the top."""
         x = (points[:, 0] - self.origin[0]) / self.cell_m
         y = self.cells.shape[0] - (points[:, 1] - self.origin[1]) / self.cell_m
         return np.column_stack([x, y])

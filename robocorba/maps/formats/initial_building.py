@@ -1,4 +1,4 @@
-"""Which building a map editor server begins with: the stored one, a file's, or the sample."""
+"""The initial building of a map editor server: the stored one, that of a file, or the sample."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from robocorba.errors.services import StateMismatch
 from robocorba.maps.samples import sample_path
 from robocorba.maps.storage import FIRST_VERSION, MapStore
 
-#: Served where nothing else is asked for and nothing is stored.
+#: Sample to serve without a file and without a store.
 DEFAULT_SAMPLE = "five-floors"
 _log = logging.getLogger(__name__)
 
 
 class Origin(msgspec.Struct):
-    """The file that a store was made from, kept beside it, and the SHA-256 of its content."""
+    """The source file of a store and the SHA-256 of its content, saved beside the store."""
 
     file: str
     sha256: str
 
 
 def open_store(path: Path, building: Path | None) -> MapStore:
-    """Open the store at `path`, making it from the file `building` (any format that can be read) where there is none.
+    """Open the store at `path`, or create it from the file `building` (any readable format).
 
-    A stored map wins over the same file; a store that nobody has edited is made anew
-    from another file. Raises StateMismatch where edits would be lost, MapFileError
-    where a file is wrong, AlreadyRunning where another process has the store open."""
+    An existing store has priority over its own source file. A store without edits is recreated
+    from a different file. Raises StateMismatch if edits would be lost, MapFileError if a file
+    is invalid, AlreadyRunning if another process has the store open."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    note = path.with_suffix(".origin.json")
+    origin_file = path.with_suffix(".origin.json")
     if MapStore.exists(path):
         if building is None:
             return MapStore(path)
         origin = _origin(building)
-        if _noted(note) == origin:
+        if _read_origin(origin_file) == origin:
             return MapStore(path)
         with MapStore(path) as store:
             stored = store.load()
             if stored.version != FIRST_VERSION:
                 raise StateMismatch(
-                    f"{path.parent} holds edits of the map {stored.building.name!r}, which was not made from "
-                    f"{building} as it is now; give another --state, or no --building to go on with those edits"
+                    f"{path.parent} holds edits of the map {stored.building.name!r}, which was not created from "
+                    f"the present {building}; choose another --state, or omit --building to keep those edits"
                 )
-    # Here, because it takes a third of a second to load, and a server that died must be back at once.
+    # Imported here: they take 0.3 s to load, and a server must restart quickly.
     from robocorba.maps.checking import blocked, summaries
     from robocorba.maps.formats import read_map
 
@@ -56,9 +56,9 @@ def open_store(path: Path, building: Path | None) -> MapStore:
         _log.warning("%s: %s", file, loss)
     for summary in summaries(blocked(imported.building)):
         _log.warning("%s: %s", file, summary)
-    path.unlink(missing_ok=True)  # only now that there is something to put in its place
+    path.unlink(missing_ok=True)  # only when its replacement is ready
     store = MapStore.create(path, imported.building)
-    note.write_bytes(msgspec.json.encode(_origin(file)))
+    origin_file.write_bytes(msgspec.json.encode(_origin(file)))
     return store
 
 
@@ -69,8 +69,8 @@ def _origin(file: Path) -> Origin:
         raise MapFileError(str(file), 0, "", wrong.strerror or str(wrong)) from None
 
 
-def _noted(note: Path) -> Origin | None:
+def _read_origin(origin_file: Path) -> Origin | None:
     try:
-        return msgspec.json.decode(note.read_bytes(), type=Origin)
+        return msgspec.json.decode(origin_file.read_bytes(), type=Origin)
     except (OSError, msgspec.DecodeError):
         return None

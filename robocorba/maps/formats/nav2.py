@@ -1,4 +1,4 @@
-"""nav2_route's route graph (GeoJSON), written: one file for each floor, since a map frame of nav2 holds one floor."""
+"""Writes the route graph of nav2_route (GeoJSON): one file per floor, since a nav2 map frame has one floor."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from robocorba.maps.formats.files import floor_paths, write_file
 from robocorba.maps.losses import Exported, Losses
 from robocorba.maps.model import Building, FloorMap, PathEdge, PathNode
 
-#: The frame that coordinates are given in, as nav2 names the map's.
+#: Frame of the coordinates: nav2's name of the map frame.
 FRAME = "map"
 
 
 def write(building: Building, path: str | Path) -> Exported:
-    """Write a graph for each floor that has edges; ids are unique over all of them.
+    """Write a graph for each floor with edges. Ids are unique across all graphs.
 
-    Raises MapFileError where a file can't be written."""
+    Raises MapFileError if a file can't be written."""
     losses = Losses()
     files: list[Path] = []
     ids = itertools.count()
@@ -37,19 +37,19 @@ def write(building: Building, path: str | Path) -> Exported:
         }
         write_file(target, (json.dumps(graph, indent=1, ensure_ascii=False) + "\n").encode())
         files.append(target)
-        if any(_left_out(entry)):
+        if any(_dropped_collections(entry)):
             losses.add("walls, objects, doors and areas are not part of a route graph: {names}", floor)
     for name, elevator in building.elevators.items():
         floors = ", ".join(elevator.floors())
         losses.add(
-            "elevators: no edge leads from floor to floor; nodes in a cabin name it in their metadata: {names}",
+            "elevators: no edge connects floors; nodes in a cabin name the elevator in their metadata: {names}",
             f"{name} ({floors})",
         )
     return Exported(tuple(files), losses.sentences())
 
 
-def _left_out(entry: FloorMap) -> tuple[Any, ...]:
-    """What of the geometrical map a route graph leaves out."""
+def _dropped_collections(entry: FloorMap) -> tuple[Any, ...]:
+    """The collections of the geometrical map, which a route graph does not contain."""
     plan = entry.geometrical
     return plan.walls, plan.objects, plan.doors, plan.areas
 
@@ -60,8 +60,8 @@ def _features(entry: FloorMap, ids: Iterator[int]) -> Iterator[dict[str, Any]]:
     for node in plan.nodes.values():
         yield _node(node, entry.floor.name, id_of[node.name])
     for edge in plan.edges.values():
-        ways = [(edge.a, edge.b)] if edge.one_way else [(edge.a, edge.b), (edge.b, edge.a)]
-        for start, end in ways:
+        directions = [(edge.a, edge.b)] if edge.one_way else [(edge.a, edge.b), (edge.b, edge.a)]
+        for start, end in directions:
             yield _edge(edge, plan.nodes[start], plan.nodes[end], next(ids), id_of)
 
 
@@ -77,7 +77,7 @@ def _node(node: PathNode, floor: str, id_: int) -> dict[str, Any]:
 
 
 def _edge(edge: PathEdge, start: PathNode, end: PathNode, id_: int, id_of: dict[str, int]) -> dict[str, Any]:
-    """nav2_route reads a speed limit in m/s under abs_speed_limit; its speed_limit is a share of the largest speed."""
+    """An edge as a feature. abs_speed_limit is in m/s; speed_limit of nav2_route is a share of the maximum speed."""
     metadata: dict[str, Any] = {"name": edge.name}
     if edge.speed_limit:
         metadata["abs_speed_limit"] = float(edge.speed_limit)

@@ -1,8 +1,8 @@
-"""Open-RMF's building.yaml, read into a building.
+"""Reads Open-RMF's building.yaml.
 
-The format describes what a traffic editor draws: vertices of each level, and walls,
-lanes, doors and floors that refer to them; lifts stand beside the levels.
-docs/formats.md says what becomes of each and what is left out.
+The format describes the drawing of a traffic editor: vertices of each level, and walls,
+lanes, doors and floors that refer to them. Lifts are listed beside the levels.
+docs/formats.md describes the conversion and its losses.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import msgspec
 
 from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
-from robocorba.maps.formats.openrmf_lanes import Names, lanes_of
+from robocorba.maps.formats.openrmf_lanes import UniqueNames, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
 from robocorba.maps.formats.openrmf_outline import Outline, outline_of
 from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
 from robocorba.maps.formats.yaml_item import Item
-from robocorba.maps.losses import Imported, Losses, settle
+from robocorba.maps.losses import Imported, Losses, remove_invalid_elements
 from robocorba.maps.model import (
     Building,
     Door,
@@ -37,10 +37,11 @@ _DOOR_KINDS = {
     "telescope": DoorKind.SLIDING,
     "double_telescope": DoorKind.DOUBLE_SLIDING,
 }
-_WALL_HEIGHT = 2.5
-#: Between levels whose elevations the file does not tell apart, m.
+#: Default height of walls [m].
+_WALL_HEIGHT_M = 2.5
+#: Assumed distance between levels of equal elevation [m].
 STOREY_M = 3.0
-#: Keys that are read; the rest of a level or of the file is reported.
+#: Known keys of a level and of the file; all others are reported.
 _LEVEL_KEYS = {"elevation", "vertices", "walls", "lanes", "doors", "measurements", "fiducials", "floors", "holes"}
 _LEVEL_KEYS |= {"models", "flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"}
 _FILE_KEYS = {
@@ -76,8 +77,8 @@ def read(file: YamlFile) -> Imported:
     empty = _empty_floors(levels, _elevations(levels, losses))
     listed = root.get("lifts")
     lifts = read_lifts(listed, levels, reference, placements, losses)
-    # Lifts that break a rule go first: no outline is extended and no lane lost for a lift that is left out.
-    lifts = settle(Building("lifts", empty, lifts), losses, file).elevators
+    # Invalid lifts are removed first: they must neither extend an outline nor cost a lane.
+    lifts = remove_invalid_elements(Building("lifts", empty, lifts), losses, file).elevators
     left_out = {name for name, _ in listed.members() if name not in lifts} if listed else set()
     by_name = {level.name: level for level in levels}
     floors: dict[str, FloorMap] = {}
@@ -85,13 +86,13 @@ def read(file: YamlFile) -> Imported:
         level, place = by_name[name], placements[name]
         shafts = [lift for lift in lifts.values() if name in lift.floors()]
         outline = outline_of(level, place, shafts, losses)
-        _report_rest(level, losses)
+        _report_dropped(level, losses)
         floors[name] = FloorMap(
             msgspec.structs.replace(entry.floor, outline=outline.points),
             GeometricalMap(
-                walls=_inside(_walls(level, place, losses), outline, name, losses),
+                walls=_within_outline(_walls(level, place, losses), outline, name, losses),
                 objects=outline.voids,
-                doors=_inside(_doors(level, place, losses), outline, name, losses),
+                doors=_within_outline(_doors(level, place, losses), outline, name, losses),
             ),
             lanes_of(level, place, lifts, left_out, graphs, losses),
         )
@@ -100,7 +101,7 @@ def read(file: YamlFile) -> Imported:
             losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
     title = root.get("name") or root.get("building_name")
     building = Building((title.text() if title else "") or "building", floors, lifts)
-    return Imported(settle(building, losses, file), FORMAT, losses.sentences())
+    return Imported(remove_invalid_elements(building, losses, file), FORMAT, losses.sentences())
 
 
 def _placements(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Placement]:
@@ -114,23 +115,23 @@ def _placements(root: Item, levels: list[Level], reference: Level, losses: Losse
     given = params(parameters) if parameters else {}
     offset = tuple(given[key].number() if key in given else 0.0 for key in ("offset_x", "offset_y"))
     if any(offset):
-        losses.add(f"coordinates: the file's own less its offset {offset[0]:g}, {offset[1]:g}")
+        losses.add(f"coordinates: the file's offset {offset[0]:g}, {offset[1]:g} was subtracted")
     return {level.name: metres((offset[0], offset[1])) for level in levels}
 
 
 def _elevations(levels: list[Level], losses: Losses) -> dict[str, float]:
-    """Elevation by level, in m; a level that is not above the one before it is put a storey above it."""
+    """Elevation by level [m]. A level that is not above the previous one is put a storey above it."""
     found: dict[str, float] = {}
     for level in sorted(levels, key=lambda level: level.elevation):
         below = max(found.values(), default=-math.inf)
         found[level.name] = level.elevation if level.elevation > below else below + STOREY_M
         if found[level.name] != level.elevation:
-            losses.add(f"elevation: levels at one height are taken to be {STOREY_M:g} m apart: {{names}}", level.name)
+            losses.add(f"elevation: levels of equal elevation are placed {STOREY_M:g} m apart: {{names}}", level.name)
     return found
 
 
 def _empty_floors(levels: list[Level], elevations: dict[str, float]) -> dict[str, FloorMap]:
-    """The floors without any content, the lowest first; the lowest that is not below 0 m is level 0."""
+    """The floors without content, the lowest first. The lowest floor at or above 0 m is level 0."""
     below_ground = sum(elevation < 0 for elevation in elevations.values())
     names = sorted((level.name for level in levels), key=lambda name: elevations[name])
     return {
@@ -140,28 +141,28 @@ def _empty_floors(levels: list[Level], elevations: dict[str, float]) -> dict[str
 
 
 def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
-    """The names that the file gives to its navigation graphs, by index."""
+    """Names of the navigation graphs by index."""
     found: dict[int, str] = {}
     for label, item in graphs.members() if graphs else ():
         index = Item(item.file, item.key, label).integer()
         named = item.get("name")
         name = named.text() if named else ""
         if name and name in found.values():
-            losses.add("graphs: a name given twice, the index is used instead: {names}", f"{name} ({index})")
+            losses.add("graphs: duplicate names, the index is used instead: {names}", f"{name} ({index})")
         elif name:
             found[index] = name
     return found
 
 
 def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
-    names = Names(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
+    names = UniqueNames(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
     found: dict[str, Wall] = {}
     for i, link in enumerate(level.links["walls"]):
         if link.a == link.b:
             losses.add("walls without length: {n} left out: {names}", f"{level.name} wall {i}")
             continue
         name = names.take(link.text("name"), f"w{i}")
-        height = link.params["texture_height"].positive() if "texture_height" in link.params else _WALL_HEIGHT
+        height = link.params["texture_height"].positive() if "texture_height" in link.params else _WALL_HEIGHT_M
         a, b = _ends(level, link, place)
         found[name] = Wall(name=name, a=a, b=b, height=height)
         if flag(link.params, "transparent") or "texture_name" in link.params:
@@ -170,7 +171,7 @@ def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
 
 
 def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
-    names = Names(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
+    names = UniqueNames(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
     found: dict[str, Door] = {}
     for i, link in enumerate(level.links["doors"]):
         name = names.take(link.text("name"), f"d{i}")
@@ -179,14 +180,14 @@ def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
         if written != kind.value:
             losses.add(f"doors of type {written!r}: {{n}} became {kind.value}: {{names}}", f"{level.name} {name}")
         if "motion_axis" in link.params or "motion_degrees" in link.params:
-            losses.add("doors: on which end and how far they swing is not kept: {names}", f"{level.name} {name}")
+            losses.add("doors: hinge side and opening angle are not kept: {names}", f"{level.name} {name}")
         a, b = _ends(level, link, place)
         found[name] = Door(name=name, a=a, b=b, kind=kind)
     return found
 
 
-def _inside(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
-    """The walls or doors that do not stand in parts of the floor that are left out."""
+def _within_outline(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
+    """The walls or doors outside the parts of the floor that are left out."""
     kept: dict[str, T] = {}
     for name, element in found.items():
         if outline.leaves_out(element.a, element.b):
@@ -200,18 +201,16 @@ def _ends(level: Level, link: Link, place: Placement) -> tuple[tuple[float, floa
     return place(level.vertices[link.a].at), place(level.vertices[link.b].at)
 
 
-def _report_rest(level: Level, losses: Losses) -> None:
-    """Report what a level says and a building has no place for."""
+def _report_dropped(level: Level, losses: Losses) -> None:
+    """Report the data of a level that a building can't hold."""
     if level.links["measurements"]:
         losses.add("measurements: used for the scale, not kept: {names}", level.name)
     if level.fiducials:
-        losses.add("fiducials: used to lay the levels over each other, not kept: {names}", level.name)
+        losses.add("fiducials: used to align the levels, not kept: {names}", level.name)
     models = level.item.get("models")
     for model in models.items() if models else ():
         kind = model.get("model_name") or model.get("name")
-        losses.add(
-            "models: {n} left out, the file does not say how large they are: {names}", kind.text() if kind else ""
-        )
+        losses.add("models: {n} left out, the file gives no sizes: {names}", kind.text() if kind else "")
     for key, value in level.item.members():
         if key not in _LEVEL_KEYS and value.value:
             losses.add(f"{key}: not kept: {{names}}", level.name)

@@ -1,8 +1,7 @@
-"""A building written as an Open-RMF building.yaml in coordinate system cartesian_meters: metres, y up.
+"""Writes an Open-RMF building.yaml in coordinate system cartesian_meters: metres, y up.
 
-Names of walls and lanes, and the clearance of lanes, travel as parameters of their own;
-readers of the format ignore parameters that they do not know. Walls are written the way
-they stand: cut where a door or a landing opens them.
+Names of walls and lanes, and the clearance of lanes, are written as additional parameters;
+readers of the format ignore unknown parameters. Walls are cut at doors and landings.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from robocorba.maps.losses import Losses
 from robocorba.maps.model import Building, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape, Side
 from robocorba.spatial.pose import XY
 
-#: Navigation graphs that the format's tools generate: indices 0 to 8.
-MOST_GRAPHS = 9
+#: Number of navigation graphs that the format's tools support (indices 0 to 8).
+MAX_GRAPHS = 9
 _DEFAULT_HEIGHT = 3.0
 _DEFAULT_SPEED, _DEFAULT_DOOR_TIME = 1.0, 3.0
 
 
 def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
-    """The text of a building.yaml, and what it could not hold."""
+    """The text of a building.yaml, and a sentence for each kind of loss."""
     losses = Losses()
     graphs = _graph_indices(building, losses)
     levels = {name: _level(building, entry, graphs, losses) for name, entry in building.floors.items()}
-    _report_order(building, losses)
+    _report_levels(building, losses)
     content = {
         "name": building.name,
         "coordinate_system": "cartesian_meters",
@@ -47,7 +46,7 @@ def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
 
 
 class _Row(list):
-    """A list that is written on one line."""
+    """A list that YAML writes on one line."""
 
 
 class _Dumper(yaml.SafeDumper):
@@ -61,19 +60,19 @@ _Dumper.add_representer(
 
 
 class _Vertices:
-    """The vertex list of a level: nodes first, then corners, each place once."""
+    """The vertex list of a level: nodes first, then corners without duplicates."""
 
     def __init__(self) -> None:
         self.rows: list[_Row] = []
         self._corners: dict[XY, int] = {}
 
     def node(self, name: str, at: XY, params: dict[str, Any]) -> int:
-        """Index of a new vertex with a name."""
+        """Add a vertex with a name; its index."""
         self.rows.append(_Row([float(at[0]), float(at[1]), 0.0, name, params]))
         return len(self.rows) - 1
 
     def corner(self, at: XY) -> int:
-        """Index of the unnamed vertex at a place."""
+        """Index of the unnamed vertex at a position, added if it is new."""
         if at not in self._corners:
             self._corners[at] = self.node("", at, {})
         return self._corners[at]
@@ -102,17 +101,19 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
     if floor.outline:
         ring = [vertices.corner(at) for at in floor.outline]
         level["floors"].append({"vertices": _Row(ring), "parameters": {}})
-    blocks, others = _split(entry.geometrical.objects.values(), "block|unknown")
+    solid_blocks, others = _split(entry.geometrical.objects.values(), "block|unknown")
     holes, others = _split(others, "void")
     if holes and floor.outline:
         level["holes"] = [{"vertices": _Row([vertices.corner(at) for at in _ring(hole)])} for hole in holes]
     else:
         others = holes + others
-    for thing in blocks:
-        level["walls"] += [_Row(row) for row in _walls_around(thing, vertices)]
-        losses.add("solid blocks became walls around them: {names}", f"{floor.name} {thing.name}")
-    for thing in others:
-        losses.add("objects: {n} left out, the format has models but no shapes: {names}", f"{floor.name} {thing.name}")
+    for map_object in solid_blocks:
+        level["walls"] += [_Row(row) for row in _walls_around(map_object, vertices)]
+        losses.add("solid blocks became walls along their outlines: {names}", f"{floor.name} {map_object.name}")
+    for map_object in others:
+        losses.add(
+            "objects: {n} left out, the format has models but no shapes: {names}", f"{floor.name} {map_object.name}"
+        )
     for name in entry.geometrical.areas:
         losses.add("areas: {n} left out: {names}", f"{floor.name} {name}")
     if floor.height != _DEFAULT_HEIGHT:
@@ -121,20 +122,22 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
 
 
 def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[Any]]:
-    """Walls without what doors and landings cut out of them; a wall's second piece has the suffix _2, and so on."""
-    standing = {item.name: item.geometry for item in obstacles(building, entry.floor.name) if item.kind == "wall"}
+    """Walls, cut at doors and landings. The second piece of a wall has the suffix _2, and so on."""
+    remaining = {item.name: item.geometry for item in obstacles(building, entry.floor.name) if item.kind == "wall"}
     rows: list[list[Any]] = []
     for wall in entry.geometrical.walls.values():
         whole = shapely.LineString([wall.a, wall.b])
-        left = standing.get(wall.name, shapely.LineString())
+        left = remaining.get(wall.name, shapely.LineString())
         pieces = [(wall.a, wall.b)]
         if not left.equals(whole):
-            losses.add("walls that a door or landing opens are cut there: {names}", f"{entry.floor.name} {wall.name}")
+            losses.add("walls were cut at doors and landings: {names}", f"{entry.floor.name} {wall.name}")
             pieces = [(part.coords[0], part.coords[-1]) for part in shapely.get_parts(left)]
         for n, (a, b) in enumerate(pieces, start=1):
             name = wall.name if n == 1 else f"{wall.name}_{n}"
-            said = {} if name == f"w{len(rows)}" else {"name": [1, name]}
-            rows.append([vertices.corner(a), vertices.corner(b), {"texture_height": [3, float(wall.height)], **said}])
+            name_param = {} if name == f"w{len(rows)}" else {"name": [1, name]}
+            rows.append(
+                [vertices.corner(a), vertices.corner(b), {"texture_height": [3, float(wall.height)], **name_param}]
+            )
     return rows
 
 
@@ -143,11 +146,13 @@ def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[An
     for door in entry.geometrical.doors.values():
         where = f"{entry.floor.name} {door.name}"
         if door.kind is DoorKind.OPENING:
-            losses.add("doors without a leaf are only gaps in the walls: {names}", where)
+            losses.add("doors without a leaf became gaps in the walls: {names}", where)
             continue
-        losses.add("doors: how they swing is not known, the first end and 90 degrees are written: {names}", where)
+        losses.add(
+            "doors: hinge side and opening angle are unknown, first end and 90 degrees are written: {names}", where
+        )
         if door.locked:
-            losses.add("doors: that they are locked is not kept: {names}", where)
+            losses.add("doors: their lock is not kept: {names}", where)
         rows.append([vertices.corner(door.a), vertices.corner(door.b), _door_params(door)])
     return rows
 
@@ -166,7 +171,7 @@ def _door_params(door: Door) -> dict[str, Any]:
 
 
 def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
-    """An index for each graph: the number that its name is, else the next one free."""
+    """An index for each graph: its name if that is a number, else the next free index."""
     edges = [edge for entry in building.floors.values() for edge in entry.topological.edges.values()]
     names = list(dict.fromkeys(name for edge in edges for name in edge.graphs))
     found = {name: int(name) for name in names if re.fullmatch(r"0|[1-9]\d{0,5}", name, re.ASCII)}
@@ -174,13 +179,13 @@ def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
         if name not in found:
             found[name] = next(i for i in range(len(names) + 1) if i not in found.values())
     for name, index in found.items():
-        if index >= MOST_GRAPHS:
+        if index >= MAX_GRAPHS:
             losses.add(
-                f"graphs: the format's tools read indices 0 to {MOST_GRAPHS - 1} only: {{names}}", f"{name} ({index})"
+                f"graphs: the format's tools support only indices 0 to {MAX_GRAPHS - 1}: {{names}}", f"{name} ({index})"
             )
     if any(not edge.graphs for edge in edges):
         found = found or {"0": 0}
-        losses.add(f"edges of no graph in particular are written to each one: {', '.join(found)}")
+        losses.add(f"edges without a graph are written to every graph: {', '.join(found)}")
     return found
 
 
@@ -197,24 +202,24 @@ def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> li
     return rows
 
 
-def _split(things: Iterable[MapObject], named: str) -> tuple[list[MapObject], list[MapObject]]:
-    """Objects that an import made, of such a name and a number, and all others."""
+def _split(map_objects: Iterable[MapObject], named: str) -> tuple[list[MapObject], list[MapObject]]:
+    """Objects of an import (`named` and a number), and all others."""
     found: list[MapObject] = []
     others: list[MapObject] = []
-    for thing in things:
-        made = re.fullmatch(rf"({named})[1-9]\d*", thing.name) and isinstance(thing.shape, PolygonShape)
-        (found if made and not thing.heading else others).append(thing)
+    for map_object in map_objects:
+        made = re.fullmatch(rf"({named})[1-9]\d*", map_object.name) and isinstance(map_object.shape, PolygonShape)
+        (found if made and not map_object.heading else others).append(map_object)
     return found, others
 
 
-def _ring(thing: MapObject) -> list[XY]:
-    assert isinstance(thing.shape, PolygonShape)
-    return [(thing.at[0] + x, thing.at[1] + y) for x, y in thing.shape.points]
+def _ring(map_object: MapObject) -> list[XY]:
+    assert isinstance(map_object.shape, PolygonShape)
+    return [(map_object.at[0] + x, map_object.at[1] + y) for x, y in map_object.shape.points]
 
 
-def _walls_around(thing: MapObject, vertices: _Vertices) -> list[list[Any]]:
-    corners = [vertices.corner(at) for at in _ring(thing)]
-    return [[a, b, {"texture_height": [3, float(thing.height)]}] for a, b in pairwise([*corners, corners[0]])]
+def _walls_around(map_object: MapObject, vertices: _Vertices) -> list[list[Any]]:
+    corners = [vertices.corner(at) for at in _ring(map_object)]
+    return [[a, b, {"texture_height": [3, float(map_object.height)]}] for a, b in pairwise([*corners, corners[0]])]
 
 
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
@@ -238,7 +243,7 @@ def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, A
         "lowest_floor": by_height[0],
         "highest_floor": by_height[-1],
         "plugins": True,
-        "doors": {label: _doorway(elevator, *way) for way, label in doorways.items()},
+        "doors": {label: _doorway(elevator, *doorway) for doorway, label in doorways.items()},
         "level_doors": level_doors,
     }
 
@@ -256,10 +261,10 @@ def _doorway(elevator: Elevator, side: Side, width: float, offset: float) -> dic
     }
 
 
-def _report_order(building: Building, losses: Losses) -> None:
-    """Report floors whose level is not the one that their elevation tells."""
+def _report_levels(building: Building, losses: Losses) -> None:
+    """Report floors whose level does not follow from their elevation."""
     ordered = sorted(building.floors.values(), key=lambda entry: entry.floor.elevation)
     below = sum(entry.floor.elevation < 0 for entry in ordered)
     for i, entry in enumerate(ordered):
         if entry.floor.level != i - below:
-            losses.add("floors: the level follows from the elevation: {names}", entry.floor.name)
+            losses.add("floors: the level is not kept, readers derive it from the elevation: {names}", entry.floor.name)

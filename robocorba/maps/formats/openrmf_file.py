@@ -1,4 +1,4 @@
-"""What an Open-RMF building.yaml says, checked value by value; every error names file, line and key."""
+"""The content of an Open-RMF building.yaml, checked value by value. Every error names file, line and key."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Link:
     params: dict[str, Item]
 
     def text(self, name: str) -> str:
-        """A parameter as text, empty where it is missing."""
+        """A parameter as text, empty if it is missing."""
         return self.params[name].text() if name in self.params else ""
 
 
@@ -45,7 +45,7 @@ class Level:
     holes: list[list[int]] = field(default_factory=list)
 
     def node_vertices(self) -> list[int]:
-        """The vertices that become nodes: lanes use them, or they have a name or parameters."""
+        """Indices of the vertices that become nodes: those of lanes, and those with a name or parameters."""
         ends = {index for lane in self.links["lanes"] for index in (lane.a, lane.b)}
         return [i for i, vertex in enumerate(self.vertices) if i in ends or vertex.name or vertex.params]
 
@@ -55,7 +55,7 @@ LINKS = ("walls", "lanes", "doors", "measurements")
 
 
 def read_level(name: str, item: Item) -> Level:
-    """One level, its vertex indices checked. Raises MapFileError."""
+    """One level, with checked vertex indices. Raises MapFileError."""
     elevation = item.get("elevation")
     vertices = [_vertex(vertex) for vertex in _list(item, "vertices")]
     fiducials: dict[str, XY] = {}
@@ -88,7 +88,7 @@ def _row(item: Item, least: int) -> list[Item]:
 
 
 def _vertex(item: Item) -> Vertex:
-    """[x, y, z, name, {parameters}]; old files leave out what stands at the end."""
+    """A vertex from [x, y, z, name, {parameters}]; old files omit values at the end."""
     row = _row(item, 2)
     if len(row) > 2:
         row[2].number()
@@ -117,7 +117,7 @@ def _index(item: Item, vertices: int) -> int:
 
 
 def params(item: Item) -> dict[str, Item]:
-    """Parameters by name; each is [type, value], in the oldest files a bare value."""
+    """Parameters by name. Each is [type, value]; in the oldest files it is a bare value."""
     found = {}
     for name, entry in item.members():
         if isinstance(entry.value, list):
@@ -129,7 +129,7 @@ def params(item: Item) -> dict[str, Item]:
 
 
 def flag(params: dict[str, Item], name: str) -> bool:
-    """A yes-or-no parameter, no where it is missing."""
+    """A boolean parameter, False if it is missing."""
     if name not in params:
         return False
     value = params[name].value

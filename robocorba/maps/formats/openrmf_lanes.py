@@ -13,27 +13,27 @@ from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, PathEdge, PathNode, TopologicalMap
 from robocorba.spatial.pose import XY
 
-#: Parameters of lanes and vertices that a building keeps in a form of its own.
+#: Parameters of lanes and vertices that a building keeps.
 _LANE_KEYS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
 _VERTEX_KEYS = {"lift_cabin"}
 
 
-class Names:
-    """Unique names: what the file says, else a stable generated one; a name used twice gets a suffix."""
+class UniqueNames:
+    """Unique names: the name in the file, else a stable generated one. Duplicates get a suffix."""
 
-    def __init__(self, losses: Losses, what: str, said: Iterable[str] = ()) -> None:
+    def __init__(self, losses: Losses, what: str, given: Iterable[str] = ()) -> None:
         self._losses, self._what = losses, what
-        self._said, self._taken = set(said), set[str]()
+        self._given, self._taken = set(given), set[str]()
 
-    def take(self, said: str, generated: str) -> str:
-        """A name that nothing else has; a generated one also avoids every name that the file says."""
-        wanted = said or generated
+    def take(self, given: str, generated: str) -> str:
+        """A unique name. A generated name also avoids all names in the file."""
+        wanted = given or generated
         name, n = wanted, 1
-        while name in self._taken or (name in self._said and name != said):
+        while name in self._taken or (name in self._given and name != given):
             n += 1
             name = f"{wanted}_{n}"
-        if said and name != said:
-            self._losses.add(f"names used twice, renamed: {self._what}: {{names}}", f"{said} is now {name}")
+        if given and name != given:
+            self._losses.add(f"names used twice, renamed: {self._what}: {{names}}", f"{given} is now {name}")
         self._taken.add(name)
         return name
 
@@ -46,12 +46,12 @@ def lanes_of(
     graphs: dict[int, str],
     losses: Losses,
 ) -> TopologicalMap:
-    """Nodes for the vertices that lanes use, that have a name or parameters; an edge for each pair joined by lanes.
+    """Nodes for the vertices of lanes and those with a name or parameters; edges for the lanes.
 
     `left_out` names the lifts of the file that did not become elevators."""
     nodes = _nodes(level, place, lifts, left_out, losses)
     edges: dict[str, PathEdge] = {}
-    names = Names(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
+    names = UniqueNames(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
     for edge in _edges(level, {index: node.name for index, node in nodes.items()}, graphs, losses):
         name = names.take(edge.name, f"{edge.a}-{edge.b}")
         edges[name] = PathEdge(
@@ -69,7 +69,7 @@ def lanes_of(
 def _nodes(
     level: Level, place: Placement, lifts: dict[str, Elevator], left_out: Collection[str], losses: Losses
 ) -> dict[int, PathNode]:
-    names = Names(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
+    names = UniqueNames(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
     shafts = {name: shaft_polygon(lift) for name, lift in lifts.items() if level.name in lift.floors()}
     found: dict[int, PathNode] = {}
     for index in level.node_vertices():
@@ -79,10 +79,13 @@ def _nodes(
         cabin = vertex.params["lift_cabin"].text() if "lift_cabin" in vertex.params else ""
         if cabin and cabin not in shafts:
             if cabin in lifts:
-                losses.add("lift cabins of lifts that do not stop there: {names}", f"{cabin} at {level.name} {name}")
+                losses.add(
+                    "lift cabins left out, the lift does not stop at this level: {names}",
+                    f"{cabin} at {level.name} {name}",
+                )
             elif cabin not in left_out:
                 losses.add(
-                    "vertices name a lift that the file does not have: {names}", f"{cabin} at {level.name} {name}"
+                    "vertices name a lift that the file does not contain: {names}", f"{cabin} at {level.name} {name}"
                 )
             cabin = ""
         found[index] = PathNode(name=name, at=at, elevator=cabin or _shaft_around(at, shafts))
@@ -93,12 +96,12 @@ def _nodes(
 
 
 def _shaft_around(at: XY, shafts: dict[str, shapely.Polygon]) -> str:
-    """The lift whose cabin a vertex stands in, as the format's own tools find it; empty outside."""
+    """The lift whose shaft contains a vertex, as in the format's own tools; empty outside."""
     return next((name for name, shaft in shafts.items() if shaft.contains(shapely.Point(at))), "")
 
 
 def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: Losses) -> list[PathEdge]:
-    """Lanes between the same two vertices become one edge for each way and speed, with the graphs of all of them."""
+    """Edges from lanes. Lanes that differ only in their graphs become one edge with all of the graphs."""
     pairs: dict[tuple[int, int], list[Link]] = {}
     for lane in level.links["lanes"]:
         if lane.a == lane.b:
@@ -110,7 +113,9 @@ def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: 
                 losses.add(f"lane property {key}: not kept: {{names}}", f"{level.name} {nodes[lane.a]}-{nodes[lane.b]}")
     found = []
     for (a, b), lanes in pairs.items():
-        for (forward, backward, speed, clearance, name), members in _ways(level, (a, b), lanes, graphs, losses).items():
+        for (forward, backward, speed, clearance, name), members in _merged_lanes(
+            level, (a, b), lanes, graphs, losses
+        ).items():
             start, end = (a, b) if forward else (b, a)
             found.append(
                 PathEdge(
@@ -126,37 +131,42 @@ def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: 
     return found
 
 
-_Way = tuple[bool, bool, float, float, str]
+_LaneKey = tuple[bool, bool, float, float, str]
 
 
-def _ways(
+def _merged_lanes(
     level: Level, pair: tuple[int, int], lanes: list[Link], graphs: dict[int, str], losses: Losses
-) -> dict[_Way, list[str]]:
-    """(forward, backward, speed, clearance, name) -> graphs; two one-way lanes of one graph make a two-way edge."""
+) -> dict[_LaneKey, list[str]]:
+    """Graphs by (forward, backward, speed, clearance, name). Opposite lanes of a graph become a two-way edge."""
     single: dict[tuple[str, float, float, str], list[bool]] = {}
     for lane in lanes:
-        key = (_graph(lane, graphs), _measure(lane, "speed_limit"), _measure(lane, "clearance"), lane.text("name"))
+        key = (
+            _graph(lane, graphs),
+            _non_negative(lane, "speed_limit"),
+            _non_negative(lane, "clearance"),
+            lane.text("name"),
+        )
         both = flag(lane.params, "bidirectional") or flag(lane.params, "is_bidirectional")
         forward, backward = both or lane.a == pair[0], both or lane.a != pair[0]
-        ways = single.setdefault(key, [False, False])
-        if (not forward or ways[0]) and (not backward or ways[1]):
+        directions = single.setdefault(key, [False, False])
+        if (not forward or directions[0]) and (not backward or directions[1]):
             losses.add("lanes drawn twice: {n} left out: {names}", f"{level.name} {lane.a}-{lane.b}")
-        ways[0], ways[1] = ways[0] or forward, ways[1] or backward
-    found: dict[_Way, list[str]] = {}
+        directions[0], directions[1] = directions[0] or forward, directions[1] or backward
+    found: dict[_LaneKey, list[str]] = {}
     for (graph, speed, clearance, name), (forward, backward) in single.items():
         found.setdefault((forward, backward, speed, clearance, name), []).append(graph)
     return found
 
 
 def _graph(lane: Link, graphs: dict[int, str]) -> str:
-    """The graph's name, its index where it has none, empty (all graphs) where the lane names none."""
+    """The name of a lane's graph, or its index if it has no name; empty (all graphs) if the lane names none."""
     if "graph_idx" not in lane.params:
         return ""
     index = lane.params["graph_idx"].integer()
     return graphs.get(index, str(index))
 
 
-def _measure(lane: Link, name: str) -> float:
+def _non_negative(lane: Link, name: str) -> float:
     if name not in lane.params:
         return 0.0
     value = lane.params[name].number()

@@ -11,14 +11,14 @@ from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, ElevatorDoor, Side
 
-#: Where a door is about as near to two sides, the way that it slides decides between them, m.
+#: If the distances of a door from two sides differ by less than this [m], its sliding direction selects the side.
 CORNER_M = 0.25
 
 
 def read_lifts(
     lifts: Item | None, levels: list[Level], reference: Level, placements: dict[str, Placement], losses: Losses
 ) -> dict[str, Elevator]:
-    """Elevators by name; a lift that opens on no level is left out. Raises MapFileError."""
+    """Elevators by name, without lifts that open on no level. Raises MapFileError."""
     found = {}
     for name, lift in lifts.members() if lifts else ():
         named = lift.get("reference_floor_name")
@@ -47,7 +47,7 @@ def read_lifts(
 def _doors(
     lift: Item, name: str, width: float, depth: float, levels: list[Level], losses: Losses
 ) -> tuple[list[ElevatorDoor], list[str]]:
-    """A door for each level and doorway, in order of the levels' elevation, and the doorways that open on none."""
+    """A door for each level and doorway, in order of elevation, and the doorways that open on no level."""
     listed = lift.get("doors")
     doorways = (
         {label: _doorway(item, f"{name} {label}", width, depth, losses) for label, item in listed.members()}
@@ -76,7 +76,7 @@ def _doors(
 
 
 def _level_doors(item: Item | None, doors: list[str]) -> Iterator[tuple[str, str, Item]]:
-    """(level, door, where it says so) from {level: [doors]}, [{level: doors}], [[level, door...]] or [level]."""
+    """(level, door, item in the file) from {level: [doors]}, [{level: doors}], [[level, door...]] or [level]."""
     if item is None:
         return
     if isinstance(item.value, dict):
@@ -98,7 +98,7 @@ def _level_doors(item: Item | None, doors: list[str]) -> Iterator[tuple[str, str
 
 
 def _range(lift: Item, levels: list[Level]) -> tuple[float, float]:
-    """Elevation of the lowest and of the highest level served, in m; without bounds where none is named."""
+    """Elevation of the lowest and of the highest served level [m], infinite if the lift does not name it."""
     heights = {level.name: level.elevation for level in levels}
     bounds = [-math.inf, math.inf]
     for i, key in enumerate(("lowest_floor", "highest_floor")):
@@ -111,7 +111,7 @@ def _range(lift: Item, levels: list[Level]) -> tuple[float, float]:
 
 
 def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[Side, float, float]:
-    """Side, width and offset of a door that the file gives by its middle in the cabin's frame."""
+    """Side, width [m] and offset [m] of a door that the file gives by its middle in the cabin's frame."""
     x, y, span = item.need("x").number(), item.need("y").number(), item.need("width").positive()
     turned = item.get("motion_axis_orientation")
     slides_along_y = abs(math.sin(turned.number() if turned else 0.0)) > math.sqrt(0.5)
@@ -125,6 +125,6 @@ def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) 
     room = (length - fitting) / 2
     kept = min(max(offset, -room), room)
     if fitting != span or abs(kept - offset) > 1e-9:
-        losses.add("lift doors wider than their side or beyond its end were fitted to it: {names}", name)
+        losses.add("lift doors wider than their cabin side or beyond its end were fitted to the side: {names}", name)
         offset = kept
     return side, fitting, offset

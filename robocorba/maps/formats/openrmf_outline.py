@@ -15,27 +15,27 @@ from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, MapObject, PolygonShape
 from robocorba.spatial.pose import XY
 
-#: Floor polygons that leave a gap of up to twice this between them count as one, m.
-GAP_M = 0.05
-#: So far from a floor polygon a lift's shaft still belongs to it, m.
-SHAFT_GAP_M = 0.5
-#: A wall or node no farther outside of a floor polygon than this belongs to it [m]: walls are drawn along the edge.
+#: Floor polygons with a gap of up to twice this are joined [m].
+CLOSING_M = 0.05
+#: Maximum distance of a lift's shaft from the floor polygon that it belongs to [m].
+MAX_SHAFT_DISTANCE_M = 0.5
+#: Maximum distance of a wall or node outside a floor polygon that it belongs to [m]: walls are drawn along its edge.
 WALL_REACH_M = 0.5
-#: Room around nodes in an outline that is made from them [m]: a robot of 0.4 m radius stands and turns there.
-NODE_ROOM_M = 1.0
-#: Smaller holes and parts are traces of drawing, m2.
-LEAST_AREA_M2 = 0.01
+#: Margin around nodes in an outline that is derived from them [m]: a robot of 0.4 m radius can turn there.
+NODE_MARGIN_M = 1.0
+#: Minimum area of holes and parts [m2]: smaller ones are artefacts of drawing.
+MIN_AREA_M2 = 0.01
 
 
 class Outline(NamedTuple):
-    """The outline of a floor (empty: unbounded), its voids as objects, and the parts of it that were left out."""
+    """The outline of a floor (empty: unbounded), its voids as objects, and the parts that were left out."""
 
     points: tuple[XY, ...]
     voids: dict[str, MapObject]
     left_out: tuple[Polygon, ...]
 
     def leaves_out(self, a: XY, b: XY) -> bool:
-        """Whether a wall or door belongs to a part that was left out, and not to the rest."""
+        """Whether a wall or door belongs only to a part that was left out."""
         line = shapely.LineString([a, b])
         return bool(self.left_out) and (
             line.distance(shapely.union_all(self.left_out)) <= WALL_REACH_M < line.distance(Polygon(self.points))
@@ -43,12 +43,12 @@ class Outline(NamedTuple):
 
 
 def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: Losses) -> Outline:
-    """The outline of a level, and its voids as objects `void1`, `void2`...; none without a floor polygon.
+    """The outline of a level, and its voids as objects `void1`, `void2`...; empty without a floor polygon.
 
-    The outline is the union of the floor polygons and of the shafts beside or in them. Parts
-    that lie apart are left out where the lanes need only the largest one, else their
-    convex hull is the outline. Where most nodes and walls lie outside of the polygons, the
-    outline is the convex hull of all of them."""
+    The outline is the union of the floor polygons and of the shafts beside or in them. If it has
+    several parts, only the largest one is kept if it contains all lanes, else the outline is
+    their convex hull. If most nodes and walls are outside the polygons, the outline is the
+    convex hull of all of them."""
     polygons = []
     for i, indices in enumerate(level.polygons):
         points = [place(level.vertices[index].at) for index in indices]
@@ -76,7 +76,7 @@ def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: L
     parts = one.difference(shapely.union_all(holes)) if holes else one
     cut = _largest(parts)
     apart += _rest(parts, cut, "holes cut them off", level, losses)
-    voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= LEAST_AREA_M2]
+    voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= MIN_AREA_M2]
     objects = {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
     return Outline(_points(cut), objects, tuple(apart))
 
@@ -84,7 +84,7 @@ def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: L
 def _hull_of_all(
     ground: BaseGeometry, shafts: list[BaseGeometry], level: Level, place: Placement, losses: Losses
 ) -> BaseGeometry | None:
-    """The hull of the level's nodes and walls where the floor polygons leave out most of them, else None."""
+    """The convex hull of the level's nodes and walls if the floor polygons leave out most of them, else None."""
     nodes = [shapely.Point(place(level.vertices[index].at)) for index in level.node_vertices()]
     walls = [
         shapely.LineString([place(level.vertices[wall.a].at), place(level.vertices[wall.b].at)])
@@ -96,7 +96,7 @@ def _hull_of_all(
     walls_out = sum(not reach.covers(wall) for wall in walls)
     if nodes_out + walls_out <= (len(nodes) + len(walls)) / 2:
         return None
-    rooms = [node.buffer(NODE_ROOM_M) for node in nodes]
+    rooms = [node.buffer(NODE_MARGIN_M) for node in nodes]
     hull = shapely.union_all([ground, *shafts, *walls, *rooms]).convex_hull
     losses.add(
         f"outline of {level.name}: the floor polygons cover {ground.area:.1f} m2 and leave out {nodes_out} of "
@@ -107,24 +107,26 @@ def _hull_of_all(
 
 
 def _missing_shafts(ground: BaseGeometry, shafts: list[Elevator], level: Level, losses: Losses) -> list[BaseGeometry]:
-    """Shafts that the floor polygons leave out, with the ground between them; a robot rides there and enters there."""
+    """Shafts outside the floor polygons, with the ground between them, since robots need both."""
     found = []
     for elevator in shafts:
         shaft = shaft_polygon(elevator)
-        if not ground.covers(shaft) and ground.distance(shaft) <= SHAFT_GAP_M:
-            between = shaft.buffer(SHAFT_GAP_M, join_style="mitre").intersection(ground.union(shaft).convex_hull)
+        if not ground.covers(shaft) and ground.distance(shaft) <= MAX_SHAFT_DISTANCE_M:
+            between = shaft.buffer(MAX_SHAFT_DISTANCE_M, join_style="mitre").intersection(
+                ground.union(shaft).convex_hull
+            )
             found.append(shaft.union(between))
             losses.add("outline: extended by the shafts of lifts: {names}", f"{level.name} {elevator.name}")
     return found
 
 
 def _polygon(points: list[XY], where: str, losses: Losses) -> BaseGeometry | None:
-    """The area that a ring encloses, mended where it crosses itself; None where it has none."""
+    """The area that a ring encloses, repaired if it crosses itself; None if it is empty."""
     area: BaseGeometry = Polygon(points) if len(points) >= 3 else Polygon()
     if not area.is_valid:
-        losses.add("polygons that cross themselves were mended: {names}", where)
+        losses.add("polygons that cross themselves were repaired: {names}", where)
         area = shapely.union_all([part for part in shapely.get_parts(shapely.make_valid(area)) if part.area > 0])
-    if area.area < LEAST_AREA_M2:
+    if area.area < MIN_AREA_M2:
         losses.add("polygons without area: {n} left out: {names}", where)
         return None
     return area
@@ -133,7 +135,7 @@ def _polygon(points: list[XY], where: str, losses: Losses) -> BaseGeometry | Non
 def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Losses) -> Polygon:
     if isinstance(ground, Polygon):
         return ground
-    closed = ground.buffer(GAP_M, join_style="mitre").buffer(-GAP_M, join_style="mitre")
+    closed = ground.buffer(CLOSING_M, join_style="mitre").buffer(-CLOSING_M, join_style="mitre")
     if isinstance(closed, Polygon) and not closed.is_empty:
         return closed
     largest = _largest(ground)
@@ -145,10 +147,10 @@ def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Loss
 
 
 def _rest(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: Losses) -> list[Polygon]:
-    """The parts of the ground that are left out, reported with how large and where they are."""
+    """The parts of the ground that are left out. Reports their areas and positions."""
     found = []
     for part in shapely.get_parts(ground).tolist():
-        if isinstance(part, Polygon) and part.area >= LEAST_AREA_M2 and not kept.covers(part.representative_point()):
+        if isinstance(part, Polygon) and part.area >= MIN_AREA_M2 and not kept.covers(part.representative_point()):
             found.append(part)
             place = part.representative_point()
             losses.add(

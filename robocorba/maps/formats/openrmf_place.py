@@ -1,8 +1,8 @@
-"""Where a level's drawing lies in the building: pixels, y down, become metres, y up.
+"""Transforms from a level's drawing (pixels, y down) to the building (metres, y up).
 
-The reference level (the one named so, else the first) takes its scale from its
-measurements and keeps its origin; every other level is laid over it by the fiducials
-that both show: scale, rotation and translation by least squares.
+The reference level (named in the file, else the first) gets its scale from its
+measurements and keeps its origin. Every other level is aligned with it by their common
+fiducials: scale, rotation and translation by least squares.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
 
-#: Metres a pixel where a file measures nothing, as in the format's own editor.
+#: Default scale without measurements [m per pixel], as in the format's own editor.
 DEFAULT_SCALE = 0.05
-#: Measurements that differ by more than this share from their median are reported.
+#: Share of the median by which a measurement must differ to be reported.
 OUTLIER_SHARE = 0.05
-#: Fiducials that miss their counterpart by more than this are reported, m.
+#: Distance between corresponding fiducials above which it is reported [m].
 MISFIT_M = 0.1
 
 
 @dataclass(frozen=True)
 class Placement:
-    """metres = turn * (x - iy) + shift in a drawing, turn * (x + iy) + shift where y goes up already."""
+    """A similarity transform in complex numbers: metres = turn * (x - iy) + shift; x + iy if y is up in the file."""
 
     turn: complex
     shift: complex
@@ -34,7 +34,7 @@ class Placement:
 
     @property
     def scale(self) -> float:
-        """Metres a unit of the file."""
+        """Metres per unit of the file."""
         return abs(self.turn)
 
     @property
@@ -49,26 +49,26 @@ class Placement:
 
 
 def metres(offset: XY) -> Placement:
-    """The placement of levels that are drawn in metres: those of the file less `offset`."""
+    """The placement of levels that are drawn in metres: coordinates of the file less `offset`."""
     return Placement(1 + 0j, -complex(*offset), y_down=False)
 
 
 def place_levels(levels: list[Level], reference: Level, losses: Losses) -> dict[str, Placement]:
-    """The placement of each level by name. Raises MapFileError where a measurement is impossible."""
+    """The placement of each level by name. Raises MapFileError for an impossible measurement."""
     own = {level.name: _measured_scale(level, losses) for level in levels}
     base = own[reference.name] or _scale_from_others(levels, reference, own)
     if not base:
         base = DEFAULT_SCALE
-        losses.add(f"scale: the file measures nothing; {DEFAULT_SCALE} m a pixel is assumed")
+        losses.add(f"scale: the file has no measurements, {DEFAULT_SCALE} m per pixel is assumed")
     placed = {reference.name: Placement(complex(base), 0j)}
     for level in levels:
         if level is not reference:
-            placed[level.name] = _lay_over(level, reference, base, own[level.name], losses)
+            placed[level.name] = _align(level, reference, base, own[level.name], losses)
     return placed
 
 
 def _measured_scale(level: Level, losses: Losses) -> float | None:
-    """Mean metres a pixel of a level's measurements, None where it has none."""
+    """Mean scale of a level's measurements [m per pixel], None if it has none."""
     scales = []
     for link in level.links["measurements"]:
         if "distance" not in link.params:
@@ -84,7 +84,7 @@ def _measured_scale(level: Level, losses: Losses) -> float | None:
     for scale, key in scales:
         if abs(scale / middle - 1) > OUTLIER_SHARE:
             where = key.removeprefix("$.")
-            losses.add(f"scale of {level.name}: {where} gives {scale:.5f} m a pixel, the median is {middle:.5f}")
+            losses.add(f"scale of {level.name}: {where} gives {scale:.5f} m per pixel, the median is {middle:.5f}")
     return statistics.fmean(scale for scale, _ in scales)
 
 
@@ -98,7 +98,7 @@ def _scale_from_others(levels: list[Level], reference: Level, own: dict[str, flo
     return None
 
 
-def _lay_over(level: Level, reference: Level, base: float, own: float | None, losses: Losses) -> Placement:
+def _align(level: Level, reference: Level, base: float, own: float | None, losses: Losses) -> Placement:
     pairs = [(mine, base * theirs) for mine, theirs in _pairs(level, reference)]
     fit = _fit(pairs)
     if fit:
@@ -113,24 +113,22 @@ def _lay_over(level: Level, reference: Level, base: float, own: float | None, lo
     if pairs:
         mine, theirs = pairs[0]
         losses.add(
-            f"placement: one fiducial is shared with {reference.name}, rotation is taken as 0: {{names}}", level.name
+            f"placement: only one common fiducial with {reference.name}, no rotation is assumed: {{names}}", level.name
         )
         return Placement(scale, theirs - scale * mine)
-    losses.add(
-        f"placement: no fiducial is shared with {reference.name}, equal origins are assumed: {{names}}", level.name
-    )
+    losses.add(f"placement: no common fiducial with {reference.name}, equal origins are assumed: {{names}}", level.name)
     return Placement(scale, 0j)
 
 
 def _pairs(level: Level, reference: Level) -> list[tuple[complex, complex]]:
-    """Fiducials of equal names in pixels, y up: of the level, of the reference level."""
+    """Positions of common fiducials in pixels, y up: in the level, in the reference level."""
     return [
         (_up(at), _up(reference.fiducials[name])) for name, at in level.fiducials.items() if name in reference.fiducials
     ]
 
 
 def _fit(pairs: list[tuple[complex, complex]]) -> tuple[complex, complex] | None:
-    """turn and shift that bring the first of each pair nearest to the second; None where two points don't fix it."""
+    """Least-squares turn and shift from the first to the second of each pair; None if they are undetermined."""
     if len(pairs) < 2:
         return None
     centre = sum(a for a, _ in pairs) / len(pairs)
@@ -148,7 +146,7 @@ def _up(at: XY, y_down: bool = True) -> complex:
 
 
 def reference_level(levels: list[Level], root: Item) -> Level:
-    """The level that the others are laid over. Raises MapFileError where the one named does not exist."""
+    """The reference level for alignment. Raises MapFileError if the file names one that does not exist."""
     named = root.get("reference_level_name")
     if named is None or not named.level_name():
         return levels[0]

@@ -1,8 +1,8 @@
-"""The borders of regions of cells, as closed lines that cover all cells and stray from them by half a cell at most.
+"""Contours of regions of cells as closed lines that contain all cells and exceed them by at most half a cell.
 
-Coordinates are cells from the lower left corner of the grid, x right, y up; row 0 is the
-top row, as in an image. A ring has its region on the left: a border goes
-counter-clockwise, a hole clockwise.
+Coordinates are in cells from the lower left corner of the grid, x right, y up; row 0 is the
+top row, as in an image. The region is on the left of a ring: outer borders are
+counter-clockwise, holes clockwise.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 _WEST, _SOUTH, _EAST, _NORTH = range(4)
-#: One cell in each of these directions: x right, y up.
+#: Unit step in each of these directions: x right, y up.
 _STEPS = np.array([(-1, 0), (0, -1), (1, 0), (0, 1)])
 _LEFT, _RIGHT = 1, 3
 
@@ -26,13 +26,13 @@ class Ring(NamedTuple):
 
     @property
     def is_hole(self) -> bool:
-        """Whether the region lies outside of the line."""
+        """Whether the region is outside the ring."""
         x, y = self.points.T
         return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) < 0
 
 
 class _Corners(NamedTuple):
-    """The corners of all rings, ring after ring: place (n, 2), headings before and after, number of the ring."""
+    """The corners of all rings, ring after ring: position (n, 2), heading before and after, index of the ring."""
 
     at: np.ndarray
     heading_in: np.ndarray
@@ -43,10 +43,10 @@ class _Corners(NamedTuple):
 def rings(region: np.ndarray) -> list[Ring]:
     """The borders of a region of cells (bool, rows x columns) and of its holes.
 
-    Cells that meet at a corner belong together. A corner between two steps of one cell is
-    bevelled, so that a diagonal staircase becomes a straight line along its outer corners.
-    Where two cells meet at a corner, a bevel of half a cell joins them. Neither is done in
-    a passage that is one cell wide: it keeps its width."""
+    Regions are 8-connected. A corner between two steps of one cell is bevelled, so that a
+    diagonal staircase becomes a straight line along its outer corners. A bevel of half a cell
+    joins two cells that meet at a corner. A passage that is one cell wide has no bevels, so
+    that it keeps its width."""
     start, heading, cell = _sides(region)
     order, ring_of, firsts = _cycles(_successors(start, heading, region.shape[1]))
     corners = _corners(region.shape, start[order], heading[order], ring_of)
@@ -63,7 +63,7 @@ def rings(region: np.ndarray) -> list[Ring]:
 
 
 def _sides(region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sides of cells that a border passes: number of the grid point where each starts, heading, number of its cell."""
+    """Cell sides on a border: index of the grid point where each starts, heading, index of its cell."""
     columns = region.shape[1]
     padded = np.pad(region, 1)
     inside = padded[1:-1, 1:-1]
@@ -74,16 +74,16 @@ def _sides(region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (_NORTH, inside & ~padded[1:-1, 2:], (1, 1)),
     ]
     starts, headings, cells = [], [], []
-    for way, sides, (down, right) in open_sides:
+    for heading, sides, (down, right) in open_sides:
         r, c = np.nonzero(sides)
         starts.append((r + down) * (columns + 1) + c + right)
-        headings.append(np.full(len(r), way))
+        headings.append(np.full(len(r), heading))
         cells.append(r * columns + c)
     return np.concatenate(starts), np.concatenate(headings), np.concatenate(cells)
 
 
 def _successors(start: np.ndarray, heading: np.ndarray, columns: int) -> np.ndarray:
-    """The side that follows each: where four sides meet at a point the right turn, which joins the two cells."""
+    """The next side of each. Where four sides meet at a point, it turns right, which joins the two cells."""
     end = start + np.array([-1, columns + 1, 1, -(columns + 1)])[heading]
     key = start * 4 + heading
     order = np.argsort(key)
@@ -98,7 +98,7 @@ def _successors(start: np.ndarray, heading: np.ndarray, columns: int) -> np.ndar
 
 
 def _cycles(after: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """The cycles of a permutation: its elements cycle after cycle, the cycle of each, the first of each cycle."""
+    """The cycles of a permutation: its elements, cycle after cycle; the cycle of each; the first of each cycle."""
     follow, seen = after.tolist(), bytearray(len(after))
     order: list[int] = []
     firsts: list[int] = []
@@ -116,7 +116,7 @@ def _cycles(after: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 
 def _corners(shape: tuple[int, ...], start: np.ndarray, heading: np.ndarray, ring: np.ndarray) -> _Corners:
-    """The points where rings turn, from their sides in order."""
+    """The corners of rings, from their sides in order."""
     before, _ = _neighbours(ring)
     heading_in = heading[before]
     turning = heading_in != heading
@@ -126,7 +126,7 @@ def _corners(shape: tuple[int, ...], start: np.ndarray, heading: np.ndarray, rin
 
 
 def _neighbours(ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The indices of the element before and after each, in rings that lie one after the other."""
+    """Indices of the previous and next element of each, in consecutive rings."""
     index = np.arange(len(ring))
     before, after = index - 1, index + 1
     first = np.flatnonzero(np.diff(ring, prepend=-1))
@@ -136,7 +136,7 @@ def _neighbours(ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and ring of each after bevelling, and for each ring whether cells may still touch there at a corner."""
+    """Points and their rings after bevelling, and for each ring whether cells may still touch at a corner."""
     at, ring = corners.at, corners.ring
     before, after = _neighbours(ring)
     way_in, way_out = _STEPS[corners.heading_in], _STEPS[corners.heading_out]
@@ -144,7 +144,7 @@ def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.nda
     unit_in = np.abs(at - at[before]).sum(axis=1) == 1
     unit_out = np.abs(at[after] - at).sum(axis=1) == 1
 
-    # The cell in the corner, and the three beyond it; all four are open unless the passage is narrow.
+    # The cell in the corner and the three cells beyond it; all four are open unless the passage is narrow.
     notch = at + (way_out - way_in) / 2
     wide = ~(
         _is_region(region, notch - way_in)
@@ -170,7 +170,7 @@ def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.nda
 
 
 def _is_region(region: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """Whether the cells with these middles belong to the region; beyond the grid everything does."""
+    """Whether the cells with these centres belong to the region, as do all cells beyond the grid."""
     rows, columns = region.shape
     column, row = np.floor(middles[:, 0]).astype(int), rows - 1 - np.floor(middles[:, 1]).astype(int)
     beyond = (row < 0) | (row >= rows) | (column < 0) | (column >= columns)
@@ -185,7 +185,7 @@ def _is_straight(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 
 def _without_touch(points: np.ndarray) -> Iterator[np.ndarray]:
-    """A ring cut at the points that it passes twice."""
+    """The parts of a ring, cut at points that it passes twice."""
     path: list[tuple[float, float]] = []
     index: dict[tuple[float, float], int] = {}
     for x, y in points.tolist():

@@ -1,4 +1,4 @@
-"""Floors drawn for the ROS map_server: a YAML file and a picture each, cells free, occupied or unknown."""
+"""Writes maps of the ROS map_server: a YAML file and a picture for each floor."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from PIL import Image
 
 from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats.files import floor_paths, write_file
-from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN, Canvas
+from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Canvas
 from robocorba.maps.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.losses import Exported, Losses
 from robocorba.maps.model import Building
 
+#: Default side of a cell [m].
 DEFAULT_RESOLUTION_M = 0.05
-#: Grey of each kind of cell, as the map_saver of ROS writes it.
+#: Grey value of each kind of cell, as in map_saver of ROS.
 _SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 
@@ -27,10 +28,10 @@ def write(
 ) -> Exported:
     """Write a YAML file and a picture (`image`: pgm or png) for each floor.
 
-    `resolution_m` is the side of a cell. Raises MapFileError where the grid would be too
-    large or a file can't be written."""
+    `resolution_m` is the side of a cell. Raises MapFileError if the grid would be too large
+    or a file can't be written."""
     if not 1e-3 <= resolution_m <= 10:
-        raise MapFileError(str(path), 0, "resolution", "expected metres a cell, from 0.001 to 10")
+        raise MapFileError(str(path), 0, "resolution", "expected metres per cell, from 0.001 to 10")
     if image not in ("pgm", "png"):
         raise MapFileError(str(path), 0, "image", f"{image!r} is not supported; pgm and png are")
     losses = Losses()
@@ -53,9 +54,9 @@ def write(
 def _drawn(building: Building, floor: str, resolution_m: float, target: Path) -> Canvas:
     x0, y0, x1, y1 = bounds(building, floor)
     columns, rows = math.ceil((x1 - x0) / resolution_m), math.ceil((y1 - y0) / resolution_m)
-    if columns * rows > MOST_CELLS:
+    if columns * rows > MAX_CELLS:
         raise MapFileError(
-            str(target), 0, "resolution", f"{columns} x {rows} cells are too many, {MOST_CELLS} are written"
+            str(target), 0, "resolution", f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be written"
         )
     canvas = Canvas((x0, y0), resolution_m, rows, columns)
     outline = building.floors[floor].floor.outline
@@ -89,4 +90,6 @@ def _report(building: Building, floor: str, losses: Losses) -> None:
         losses.add(state, f"{floor} {door.name}")
     for elevator in building.elevators.values():
         if floor in elevator.floors():
-            losses.add("elevators became their shafts, open at the landing: {names}", f"{floor} {elevator.name}")
+            losses.add(
+                "elevators became the walls of their shafts, open at the landing: {names}", f"{floor} {elevator.name}"
+            )

@@ -1,7 +1,7 @@
-"""Several maps of the ROS map_server as one building: a YAML file that lists floors and elevators.
+"""Reads several maps of the ROS map_server as one building: a YAML file lists floors and elevators.
 
-Elevators are given as in the native map file. Their shafts and landings are opened in the
-pictures, which show a shaft's walls, and its doors as they were when the map was made.
+Elevators are given as in the native map file. Their shafts and landings are cleared in the
+pictures, which show a shaft's walls, and its doors in the state during mapping.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from robocorba.maps import validation
 from robocorba.maps.formats import ros_map
 from robocorba.maps.formats.grid import FREE, Canvas
 from robocorba.maps.formats.ros_map import RosOptions
-from robocorba.maps.formats.ros_picture import Settings, named_file, read_cells, read_settings
+from robocorba.maps.formats.ros_picture import MapServerSettings, named_file, read_cells, read_settings
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.geometry import LANDING_REACH_M, landing_line, shaft_polygon
 from robocorba.maps.losses import Imported, Losses
@@ -28,7 +28,7 @@ from robocorba.maps.model import Building, Elevator, Floor, FloorMap
 from robocorba.maps.yaml_file import YamlFile, read_yaml
 
 FORMAT_VERSION = 1
-#: From one level to the next where no elevations are given [m].
+#: Assumed distance between levels without elevations [m].
 STOREY_M = 3.0
 
 
@@ -62,7 +62,7 @@ def read(file: YamlFile, options: RosOptions) -> Imported:
         raise file.error("$.floors", "no floor is listed")
     floors = _floors(file, content.floors)
     elevators = _by_name(file, content.elevators)
-    # Before the pictures are opened: their rules need no picture.
+    # Checked before the pictures are opened, since these rules need no picture.
     _check(file, Building(content.name, {floor.name: FloorMap(floor) for floor in floors}, elevators))
     losses = Losses()
     entries = {floor.name: _floor_map(file, i, floor, elevators, options, losses) for i, floor in enumerate(floors)}
@@ -73,7 +73,7 @@ def read(file: YamlFile, options: RosOptions) -> Imported:
 
 
 def _floors(file: YamlFile, entries: tuple[_FloorEntry, ...]) -> list[Floor]:
-    """The floors in the order of the file. Levels or elevations that none of them gives follow from the others."""
+    """The floors in the order of the file. Levels that the file omits follow from elevations, and vice versa."""
     for key in ("level", "elevation"):
         given = [getattr(entry, key) is not None for entry in entries]
         if any(given) and not all(given):
@@ -125,7 +125,7 @@ def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
 def _floor_map(
     file: YamlFile, index: int, floor: Floor, elevators: dict[str, Elevator], options: RosOptions, losses: Losses
 ) -> FloorMap:
-    """The floor that the list names at `index`, from its map_server file."""
+    """The floor at `index` of the list, from its map_server file."""
     named = Item(file, f"$.floors[{index}].map", file.data["floors"][index]["map"])
     path = named_file(named, Path(file.name).parent, "a map_server file")
     if not path.is_file():
@@ -134,36 +134,40 @@ def _floor_map(
     if not ros_map.is_ros_map(map_file.data):
         raise named.error("not a map_server file: it has no image: and resolution:")
     root = Item(map_file, "$", map_file.data)
-    here = Losses()
+    floor_losses = Losses()
     settings = read_settings(root)
-    cells = read_cells(root, settings, options.unknown == "free", here)
+    cells = read_cells(root, settings, options.unknown == "free", floor_losses)
     for i, elevator in enumerate(elevators.values()):
         if floor.name in elevator.floors():
-            _open(Item(file, f"$.elevators[{i}]", elevator.name), elevator, floor.name, cells, settings, here)
-    found = ros_map.floor_map(floor, cells, settings, options, root.need("image"), here)
-    for sentence in here.sentences():
+            _clear_shaft(
+                Item(file, f"$.elevators[{i}]", elevator.name), elevator, floor.name, cells, settings, floor_losses
+            )
+    found = ros_map.floor_map(floor, cells, settings, options, root.need("image"), floor_losses)
+    for sentence in floor_losses.sentences():
         losses.add(f"{floor.name}: {sentence}")
     return found
 
 
-def _open(item: Item, elevator: Elevator, floor: str, cells: np.ndarray, settings: Settings, losses: Losses) -> None:
-    """Make the cells in the shaft of an elevator free, and those before and behind its doors on a floor."""
-    shaft = shapely.transform(shaft_polygon(elevator), settings.cells_of)
+def _clear_shaft(
+    item: Item, elevator: Elevator, floor: str, cells: np.ndarray, settings: MapServerSettings, losses: Losses
+) -> None:
+    """Mark the cells in the shaft of an elevator as free, and those before and behind its doors on a floor."""
+    shaft = shapely.transform(shaft_polygon(elevator), settings.to_cells)
     if not shapely.box(0, 0, cells.shape[1], cells.shape[0]).covers(shaft):
         raise item.error(f"its shaft reaches beyond the picture of floor {floor!r}; move it or enlarge the picture")
     inside, landing = Canvas((0.0, 0.0), 1.0, *cells.shape), Canvas((0.0, 0.0), 1.0, *cells.shape)
     inside.fill(shaft, FREE)
     for door in elevator.doors:
         if door.floor == floor:
-            line = shapely.transform(landing_line(elevator, door), settings.cells_of)
+            line = shapely.transform(landing_line(elevator, door), settings.to_cells)
             landing.fill(line.buffer(LANDING_REACH_M / settings.resolution, cap_style="flat"), FREE)
-    opened = (inside.cells == FREE) | (landing.cells == FREE)
-    if count := int(np.count_nonzero(opened & (cells != FREE))):
+    cleared = (inside.cells == FREE) | (landing.cells == FREE)
+    if count := int(np.count_nonzero(cleared & (cells != FREE))):
         losses.add(
             f"elevator {elevator.name!r}: {settings.area_m2(count):.3g} m2 of its shaft and landings "
-            f"are not free in the picture and were opened"
+            f"are not free in the picture and were cleared"
         )
-    cells[opened] = FREE
-    before_door = ndimage.binary_dilation((landing.cells == FREE) & (inside.cells != FREE)) & ~opened
+    cells[cleared] = FREE
+    before_door = ndimage.binary_dilation((landing.cells == FREE) & (inside.cells != FREE)) & ~cleared
     if not (cells[before_door] == FREE).any():
-        losses.add(f"elevator {elevator.name!r}: its doors lead to no free ground; check its position and their side")
+        losses.add(f"elevator {elevator.name!r}: no free cell in front of its doors; check its position and their side")

@@ -1,4 +1,4 @@
-"""What a map_server file and its picture say of each cell: free, occupied or unknown."""
+"""Reads a map_server file and its picture: each cell is free, occupied or unknown."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ import numpy as np
 from PIL import Image
 
 from robocorba.maps.element_rules import MAX_NUMBER
-from robocorba.maps.formats.grid import FREE, MOST_CELLS, OCCUPIED, UNKNOWN
+from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
 
-#: Thresholds of a file that names none: those of ROS 1, whose grey of 205 is neither free nor occupied.
+#: Default thresholds: those of ROS 1, for which a grey of 205 is neither free nor occupied.
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
-#: Grey that map_saver writes for unknown cells in mode trinary. Its chance of being occupied,
-#: 0.1961, is below the free_thresh of 0.25 that nav2's map_saver writes beside it.
+#: Grey of unknown cells that map_saver writes in mode trinary. Its occupancy probability, 0.1961, is below
+#: the free_thresh of 0.25 that nav2's map_saver writes with it.
 UNKNOWN_SHADE = 205
-_ROWS_AT_ONCE = 256
-#: What Pillow raises for damaged files.
+_ROWS_PER_BLOCK = 256
+#: Exceptions of Pillow for damaged files.
 _IMAGE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, IndexError, struct.error, zlib.error)
 
 
 @dataclass(frozen=True)
-class Settings:
-    """The keys of a map_server file; `resolution` is the side of a cell in m."""
+class MapServerSettings:
+    """The settings in a map_server file. `resolution` is the side of a cell [m], `yaw` in rad."""
 
     resolution: float
     origin: XY
@@ -40,25 +40,25 @@ class Settings:
     free_below: float
     mode: str
 
-    def place(self, points: np.ndarray) -> tuple[XY, ...]:
-        """Points in cells from the lower left corner, in metres of the map's frame."""
+    def to_map_frame(self, points: np.ndarray) -> tuple[XY, ...]:
+        """Convert points from cells (from the lower left corner) to the map frame [m]."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = (points * self.resolution).T
         placed = np.column_stack([self.origin[0] + cos * x - sin * y, self.origin[1] + sin * x + cos * y])
         return tuple((x, y) for x, y in placed.tolist())
 
-    def cells_of(self, points: np.ndarray) -> np.ndarray:
-        """Points in metres of the map's frame, in cells from the lower left corner."""
+    def to_cells(self, points: np.ndarray) -> np.ndarray:
+        """Convert points from the map frame [m] to cells (from the lower left corner)."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = (points - np.array(self.origin)).T
         return np.column_stack([cos * x + sin * y, cos * y - sin * x]) / self.resolution
 
     def area_m2(self, cells: int) -> float:
-        """How large so many cells are."""
+        """The area of a number of cells."""
         return cells * self.resolution**2
 
 
-def read_settings(root: Item) -> Settings:
+def read_settings(root: Item) -> MapServerSettings:
     """The settings of a map_server file. Raises MapFileError with line and key."""
     origin = root.need("origin").items()
     if len(origin) not in (2, 3):
@@ -70,13 +70,13 @@ def read_settings(root: Item) -> Settings:
         raise (free or occupied or root).error("expected 0 <= free_thresh < occupied_thresh <= 1")
     resolution = root.need("resolution").positive()
     if not 1e-3 <= resolution <= 10:
-        raise root.need("resolution").error("expected metres a cell, from 0.001 to 10")
+        raise root.need("resolution").error("expected metres per cell, from 0.001 to 10")
     negate, mode = root.get("negate"), root.get("mode")
     if negate and negate.value not in (0, 1):
         raise negate.error("expected 0 or 1")
     if mode and mode.value not in ("trinary", "scale", "raw"):
         raise mode.error("expected trinary, scale or raw")
-    return Settings(
+    return MapServerSettings(
         resolution=resolution,
         origin=(origin[0].number(), origin[1].number()),
         yaw=origin[2].number() if len(origin) == 3 else 0.0,
@@ -87,35 +87,35 @@ def read_settings(root: Item) -> Settings:
     )
 
 
-def read_cells(root: Item, settings: Settings, unknown_is_free: bool, losses: Losses) -> np.ndarray:
+def read_cells(root: Item, settings: MapServerSettings, unknown_is_free: bool, losses: Losses) -> np.ndarray:
     """FREE, OCCUPIED or UNKNOWN for each cell of the picture. Raises MapFileError with line and key.
 
-    Cells of UNKNOWN_SHADE are unknown in mode trinary, whatever the thresholds say.
+    In mode trinary, cells of UNKNOWN_SHADE are unknown regardless of the thresholds.
     `unknown_is_free` makes all unknown cells free."""
     image = root.need("image")
     picture = _picture(image, Path(image.file.name).parent)
     rows, columns = picture.shape[:2]
-    corners = settings.place(np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]))
+    corners = settings.to_map_frame(np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]))
     if any(abs(value) > MAX_NUMBER for corner in corners for value in corner):
         raise root.need("origin").error(f"the picture reaches beyond {MAX_NUMBER:g} m from 0, 0")
-    cells = _told_apart(picture, settings)
+    cells = _classified(picture, settings)
     unknown = _saved_as_unknown(picture, settings) & (cells == FREE)
     if count := int(np.count_nonzero(unknown)):
         cells[unknown] = UNKNOWN
         if not unknown_is_free:
             losses.add(
                 f"unknown cells: {count} of grey {UNKNOWN_SHADE} ({settings.area_m2(count):.1f} m2) are below "
-                f"free_thresh {settings.free_below:g} and block all the same, since map_saver writes unknown cells "
+                f"free_thresh {settings.free_below:g} but count as blocked, since map_saver writes unknown cells "
                 f"in this grey; --unknown free makes them free"
             )
     if unknown_is_free and (count := int(np.count_nonzero(cells == UNKNOWN))):
         cells[cells == UNKNOWN] = FREE
-        losses.add(f"unknown cells: {count} ({settings.area_m2(count):.1f} m2) count as free, as asked for")
+        losses.add(f"unknown cells: {count} ({settings.area_m2(count):.1f} m2) count as free, as requested")
     return cells
 
 
 def _picture(item: Item, folder: Path) -> np.ndarray:
-    """The picture as rows x columns x channels of 8 or 16 bits; opacity, if it has any, is the last channel."""
+    """The picture as rows x columns x channels of 8 or 16 bits. An opacity channel is the last one."""
     path = named_file(item, folder, "a picture")
     try:
         if not path.is_file():
@@ -124,23 +124,23 @@ def _picture(item: Item, folder: Path) -> np.ndarray:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path, formats=("PPM", "PNG", "BMP")) as picture:
                 columns, rows = picture.size
-                if columns * rows > MOST_CELLS:
-                    raise item.error(f"{columns} x {rows} cells are too many, {MOST_CELLS} are read")
+                if columns * rows > MAX_CELLS:
+                    raise item.error(f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be read")
                 return _channels(picture)
     except Image.DecompressionBombError:
-        raise item.error(f"too many cells, {MOST_CELLS} are read") from None
+        raise item.error(f"too many cells, at most {MAX_CELLS} can be read") from None
     except _IMAGE_ERRORS as wrong:
         reason = wrong.strerror if isinstance(wrong, OSError) else str(wrong)
-        raise item.error(f"no picture that can be read: {reason or 'unknown kind or damaged'}") from None
+        raise item.error(f"unreadable picture: {reason or 'unknown format or damaged'}") from None
 
 
 def named_file(item: Item, folder: Path, what: str) -> Path:
-    """The file that a value names: in `folder` or below, or absolutely. Raises MapFileError where it is neither."""
+    """The file that a value names: in `folder` or below, or an absolute path. Raises MapFileError if it is neither."""
     if not isinstance(item.value, str) or not item.value:
         raise item.error(f"expected the name of {what}")
     named = Path(item.text())
     if ".." in named.parts:
-        raise item.error(f"{what} must lie in the folder of the file, or be named absolutely")
+        raise item.error(f"{what} must lie in the folder of the file or below, or have an absolute path")
     return folder / named
 
 
@@ -149,32 +149,32 @@ def _channels(picture: Image.Image) -> np.ndarray:
         return np.asarray(picture).astype(np.uint16)[:, :, None]
     values = np.asarray(picture.convert({"1": "L", "P": "RGBA", "CMYK": "RGB"}.get(picture.mode, picture.mode)))
     if values.dtype != np.uint8:
-        raise ValueError(f"pictures of mode {picture.mode} are not read")
+        raise ValueError(f"pictures of mode {picture.mode} are not supported")
     return values.reshape(*values.shape[:2], -1)
 
 
-def _told_apart(picture: np.ndarray, settings: Settings) -> np.ndarray:
-    """FREE, OCCUPIED or UNKNOWN for each cell, as the map_server tells them apart in each mode."""
+def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
+    """FREE, OCCUPIED or UNKNOWN for each cell, by the rules of map_server for each mode."""
     found = np.full(picture.shape[:2], UNKNOWN, np.uint8)
-    for row in range(0, len(picture), _ROWS_AT_ONCE):
-        block = picture[row : row + _ROWS_AT_ONCE].astype(np.float32) / np.iinfo(picture.dtype).max
+    for row in range(0, len(picture), _ROWS_PER_BLOCK):
+        block = picture[row : row + _ROWS_PER_BLOCK].astype(np.float32) / np.iinfo(picture.dtype).max
         opaque = np.ones(block.shape[:2], bool)
         if settings.mode != "trinary" and block.shape[2] in (2, 4):
             opaque, block = block[:, :, -1] == 1, block[:, :, :-1]
         shade = block.mean(axis=2)
         if settings.mode == "raw":
-            chance = np.round(shade * 255) / 100
-            opaque = chance <= 1
+            probability = np.round(shade * 255) / 100
+            opaque = probability <= 1
         else:
-            chance = shade if settings.negate else 1 - shade
-        part = found[row : row + _ROWS_AT_ONCE]
-        part[opaque & (chance < settings.free_below)] = FREE
-        part[opaque & (chance > settings.occupied_above)] = OCCUPIED
+            probability = shade if settings.negate else 1 - shade
+        part = found[row : row + _ROWS_PER_BLOCK]
+        part[opaque & (probability < settings.free_below)] = FREE
+        part[opaque & (probability > settings.occupied_above)] = OCCUPIED
     return found
 
 
-def _saved_as_unknown(picture: np.ndarray, settings: Settings) -> np.ndarray:
-    """The cells of exactly map_saver's grey for unknown; in mode trinary only, other modes have other marks."""
+def _saved_as_unknown(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
+    """The cells with exactly map_saver's grey of unknown cells. None in other modes than trinary."""
     if settings.mode != "trinary" or settings.negate:
         return np.zeros(picture.shape[:2], bool)
     shade = UNKNOWN_SHADE * (np.iinfo(picture.dtype).max // 255)

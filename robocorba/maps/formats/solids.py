@@ -1,4 +1,4 @@
-"""Regions of cells as few simple polygons that cover them, also where the regions have holes."""
+"""Covers regions of cells, with or without holes, by few simple polygons."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scipy import ndimage
 
 from robocorba.maps.formats.rings import Ring, rings
 
-#: Most points of one polygon. The rules allow ten times as many; what looks for the
-#: polygons near a place looks at all points of each that it finds.
+#: Maximum number of points of a polygon. The rules allow ten times as many, but queries near a place
+#: process all points of each polygon that they find.
 MAX_RING_POINTS = 1000
-#: Cells that share a side or a corner belong together.
-EIGHT = np.ones((3, 3), bool)
+#: Connectivity of cells: those that share a side or a corner.
+EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
 
 
 class Solid(NamedTuple):
-    """A simple polygon in cells from the lower left corner (n, 2), and the number of the region that it is part of."""
+    """A simple polygon (n, 2) in cells from the lower left corner, and the number of its region."""
 
     points: np.ndarray
     region: int
@@ -28,9 +28,9 @@ class Solid(NamedTuple):
 def solids(blocked: np.ndarray) -> tuple[list[Solid], np.ndarray]:
     """Simple polygons whose union covers the blocked cells, and the region of each cell (0: none).
 
-    A region with holes is cut along rows or columns through all of them; pieces overlap by
-    one row or column, so that no gap is left between them."""
-    labels, _ = ndimage.label(blocked, EIGHT)
+    A region with holes is cut along rows or columns through all holes. Pieces overlap by
+    one row or column, so that there is no gap between them."""
+    labels, _ = ndimage.label(blocked, EIGHT_NEIGHBOURS)
     whole: list[Solid] = []
     to_cut: set[int] = set()
     for ring in rings(blocked):
@@ -48,7 +48,7 @@ def solids(blocked: np.ndarray) -> tuple[list[Solid], np.ndarray]:
 
 
 def _pieces(region: np.ndarray) -> Iterator[np.ndarray]:
-    """Simple polygons of a region; regions that fall apart when cut are cut further one by one."""
+    """Simple polygons of a region. Parts of a cut region are cut further, one by one."""
     borders = rings(region)
     holes = [ring for ring in borders if ring.is_hole]
     if not holes and all(len(ring.points) <= MAX_RING_POINTS for ring in borders):
@@ -64,7 +64,7 @@ def _pieces(region: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _cuts(shape: tuple[int, ...], holes: list[Ring]) -> tuple[int, list[int]]:
-    """The axis (0: rows), and the rows or columns to cut at: through each hole, else through the middle."""
+    """The axis (0: rows), and the rows or columns to cut: through each hole, or through the middle without holes."""
     if not holes:
         axis = 0 if shape[0] >= shape[1] else 1
         return axis, [shape[axis] // 2]
@@ -78,7 +78,7 @@ def _cuts(shape: tuple[int, ...], holes: list[Ring]) -> tuple[int, list[int]]:
 
 
 def _stabbing(spans: list[tuple[float, float]]) -> list[int]:
-    """The fewest whole numbers of which each span (first, last) contains one."""
+    """The smallest set of whole numbers with one in each span (first, last)."""
     found: list[int] = []
     for first, last in sorted(spans, key=lambda span: span[1]):
         if not found or found[-1] < first:

@@ -1,4 +1,4 @@
-"""A value in a YAML file and where it stands: checked as it is taken, every error names file, line and key."""
+"""A value of a YAML file with its position. Values are checked on access; every error names file, line and key."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from typing import Any
 from robocorba.errors.maps import MapFileError
 from robocorba.maps.yaml_file import YamlFile
 
+#: Maximum length of names [characters].
 MAX_NAME = 200
-#: Larger numbers are no place in a building, whatever the unit.
+#: Maximum absolute value of numbers. Larger ones are no position in a building in any unit.
 MAX_NUMBER = 1e9
-#: yaml-cpp writes 1e-05, which YAML 1.1 takes for text.
+#: Number as text: yaml-cpp writes 1e-05, which is text in YAML 1.1.
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
 class Item:
-    """A value in the file and where it stands."""
+    """A value of the file and its key path."""
 
     file: YamlFile
     key: str
@@ -30,19 +31,19 @@ class Item:
         return self.file.error(self.key, reason)
 
     def get(self, name: str) -> Item | None:
-        """A member of a mapping; None where it is missing or empty."""
+        """A member of a mapping, None if it is missing or empty."""
         value = self.mapping().get(name)
         return None if value is None else Item(self.file, f"{self.key}.{name}", value)
 
     def need(self, name: str) -> Item:
-        """A member that must be there."""
+        """A required member. Raises MapFileError if it is missing."""
         item = self.get(name)
         if item is None:
             raise self.error(f"the key {name!r} is missing")
         return item
 
     def mapping(self) -> dict[Any, Any]:
-        """The value as a mapping; an empty value counts as an empty mapping."""
+        """The value as a mapping. An empty value is an empty mapping."""
         if self.value is None:
             return {}
         if not isinstance(self.value, dict):
@@ -56,7 +57,7 @@ class Item:
             yield Item(self.file, item.key, label).text(), item
 
     def items(self) -> list[Item]:
-        """The values of a list; an empty value or mapping counts as an empty list."""
+        """The values of a list. An empty value or mapping is an empty list."""
         if self.value is None or self.value == {}:
             return []
         if not isinstance(self.value, list):
@@ -89,7 +90,7 @@ class Item:
         return number
 
     def text(self) -> str:
-        """The value as a name; plain numbers and words of YAML count as text."""
+        """The value as a name. Numbers and YAML keywords are accepted as text."""
         if isinstance(self.value, (dict, list)) or (isinstance(self.value, int) and abs(self.value) > MAX_NUMBER):
             raise self.error("expected a text")
         text = "" if self.value is None else str(self.value)
@@ -100,5 +101,5 @@ class Item:
         return text
 
     def level_name(self) -> str:
-        """The value as the name of a level; the marks that set a floor's name off from a position become _."""
+        """The value as the name of a level. ":" and "/" become "_", since they separate a floor from a position."""
         return re.sub("[:/]", "_", self.text())

@@ -1,10 +1,9 @@
-"""Roads for a floor that was drawn without any, and by way of the places that it names.
+"""Generation of the topological map of a floor, with optional given nodes.
 
 The medial axis of the free space, from the Voronoi diagram of points along all
-obstacles, keeps as far from everything as one can and has the same connections and
-loops as the free space itself. It is pruned, straightened and thinned until it reads
-like a road map. Every move of a node is made only where the strip that its edges sweep
-is free, so a road never jumps to the other side of an obstacle.
+obstacles, maximises the clearance and has the same connections and loops as the free
+space. It is pruned, straightened and simplified. A node is moved only if the area that
+its edges sweep is free, so an edge never jumps to the other side of an obstacle.
 """
 
 from __future__ import annotations
@@ -19,75 +18,75 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
 from robocorba.maps.model import Building, PathNode, TopologicalMap
-from robocorba.maps.topology.axis import connect, draw_axis
-from robocorba.maps.topology.doorways import enter_cabin, mark_doorways, visit
-from robocorba.maps.topology.lookouts import look_around
+from robocorba.maps.topology.axis import connect_components, draw_axis
+from robocorba.maps.topology.coverage import add_coverage_nodes
+from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_place_nodes
 from robocorba.maps.topology.merging import align, merge
-from robocorba.maps.topology.naming import named, round_positions
-from robocorba.maps.topology.pruning import open_rings, prune
-from robocorba.maps.topology.roads import Roads
+from robocorba.maps.topology.naming import round_positions, to_topological_map
+from robocorba.maps.topology.pruning import cut_small_loops, prune
+from robocorba.maps.topology.roadmap import RoadmapGraph
 from robocorba.maps.topology.straightening import straighten
 
 __all__ = ["topological_map"]
 
-#: No robot is larger, and no geometry overflows below it, m.
-LARGEST_RADIUS_M = 1000.0
+#: Maximum radius of a robot [m]. No robot is larger, and no geometry overflows below it.
+MAX_RADIUS_M = 1000.0
 
 
 def topological_map(
     building: Building, floor: str, radius_m: float = 0.40, places: Sequence[PathNode] = ()
 ) -> TopologicalMap:
-    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` alone.
+    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` only.
 
-    Every edge keeps `radius_m` from every obstacle of the floor. Two nodes are connected
-    exactly when their places are connected in the free space, and every part of it has a
-    node. A node stands in the cabin of each elevator that serves the floor (`cabin-E1`)
-    if the robot fits, and one in front of it; the others are n1, n2, ... in reading order.
-    All `places` are nodes of the map under their own names; one where the robot does not fit, or
-    that is at the same place as another or as a cabin's node, has no edge. The same map gives the same result.
+    Every edge has a clearance of `radius_m`. Two nodes are connected exactly if their positions are
+    connected in the free space, and every component of the free space has a node. If the robot fits,
+    there is a node in the cabin of each elevator that serves the floor (`cabin-E1`), and one in front
+    of it. The others are n1, n2, ... in reading order. All `places` are nodes under their own names.
+    A place has no edge if the robot does not fit there, or if another place or a cabin's node has the
+    same position. The result is deterministic.
 
-    Raises UnknownElement for an unknown floor, InvalidElement where the radius is not
-    between 0 and LARGEST_RADIUS_M or nowhere on the floor is room for the robot.
+    Raises UnknownElement for an unknown floor, InvalidElement if the radius is not between 0 and
+    MAX_RADIUS_M, or if the floor has no free space for the robot.
     """
     if floor not in building.floors:
         raise UnknownElement("floor", "", floor)
-    if not 0 < radius_m <= LARGEST_RADIUS_M:
-        reason = f"no roads for a radius of {radius_m:g} m: it must be above 0 and at most {LARGEST_RADIUS_M:g} m"
+    if not 0 < radius_m <= MAX_RADIUS_M:
+        reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {MAX_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
     building = _with_places_only(building, floor, places)
-    space = _places(building, floor, radius_m)
+    space = _free_space(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
-    roads = Roads(space, radius_m)
-    draw_axis(roads, _outlines(building, floor, radius_m))
+    roadmap = RoadmapGraph(space, radius_m)
+    draw_axis(roadmap, _obstacle_lines(building, floor, radius_m))
     for elevator in building.elevators.values():
         if floor in elevator.floors():
-            enter_cabin(roads, elevator, floor, places)
+            add_cabin_nodes(roadmap, elevator, floor, places)
     doors = building.floors[floor].geometrical.doors.values()
-    mark_doorways(roads, (LineString([door.a, door.b]) for door in doors if not door.locked))
-    visit(roads, places)
-    connect(roads)
-    prune(roads)
-    straighten(roads)
-    merge(roads)
-    open_rings(roads)
-    prune(roads)
-    align(roads)
-    merge(roads)
-    look_around(roads)
-    round_positions(roads)
-    return named(roads, places)
+    add_doorway_nodes(roadmap, (LineString([door.a, door.b]) for door in doors if not door.locked))
+    add_place_nodes(roadmap, places)
+    connect_components(roadmap)
+    prune(roadmap)
+    straighten(roadmap)
+    merge(roadmap)
+    cut_small_loops(roadmap)
+    prune(roadmap)
+    align(roadmap)
+    merge(roadmap)
+    add_coverage_nodes(roadmap)
+    round_positions(roadmap)
+    return to_topological_map(roadmap, places)
 
 
 def _with_places_only(building: Building, floor: str, places: Sequence[PathNode]) -> Building:
-    """The building without the floor's present roads, so that they have no influence on new ones."""
+    """The building with `places` as the only nodes of the floor: its old roadmap must not affect the new one."""
     topology = TopologicalMap({place.name: place for place in places})
     bare = msgspec.structs.replace(building.floors[floor], topological=topology)
     return msgspec.structs.replace(building, floors={**building.floors, floor: bare})
 
 
-def _places(building: Building, floor: str, radius_m: float) -> BaseGeometry:
-    """Free space without the shafts that have no door here."""
+def _free_space(building: Building, floor: str, radius_m: float) -> BaseGeometry:
+    """The free space of a floor, without the shafts that do not serve it."""
     space = geometry.free_space(building, floor, radius_m)
     closed = [geometry.shaft_polygon(e) for e in building.elevators.values() if floor not in e.floors()]
     if closed:
@@ -96,8 +95,8 @@ def _places(building: Building, floor: str, radius_m: float) -> BaseGeometry:
     return space
 
 
-def _outlines(building: Building, floor: str, radius_m: float) -> list[BaseGeometry]:
-    """What the roads keep their distance from, as lines; the rim of the drawn region where there is no outline."""
+def _obstacle_lines(building: Building, floor: str, radius_m: float) -> list[BaseGeometry]:
+    """The obstacles as lines, with the border of the mapped region if the floor has no outline."""
     lines = [item.geometry for item in geometry.obstacles(building, floor)]
     lines = [line.exterior if isinstance(line, Polygon) else line for line in lines]
     if not building.floors[floor].floor.outline:

@@ -1,94 +1,95 @@
-"""Nodes that are close together become one, and roads that nearly run along x or y do."""
+"""Merges close nodes, and aligns edges that run nearly along x or y."""
 
 from __future__ import annotations
 
 import networkx as nx
 import numpy as np
 
-from robocorba.maps.topology.roads import BEND_SHARE, SAME_PLACE_M, Roads, middle, off_line
+from robocorba.maps.topology.roadmap import BEND_SHARE, SAME_PLACE_M, RoadmapGraph, distance_to_segment_m, midpoint
 from robocorba.spatial.pose import XY
 
-#: Nodes closer than this many radii, or this share of their clearance, become one.
+#: Nodes closer than this many radii, or this share of their clearance, are merged.
 MERGE_RADII, MERGE_SHARE = 3.0, 0.75
-#: A road whose ends differ by less than this share of its length along x (or y) is meant to run along y (or x).
+#: An edge is aligned with y (or x) if its extent along x (or y) is below this share of the other one.
 TILT_SHARE = 0.3
 
 
-def merge(roads: Roads) -> None:
-    """Join nodes that are close together, and drop those that only lie between two others."""
+def merge(roadmap: RoadmapGraph) -> None:
+    """Merge close nodes, and remove those that only lie between two others."""
     changed = True
     while changed:
         changed = False
-        for a, b in sorted(roads.graph.edges, key=lambda edge: (roads.length(*edge), edge)):
-            if roads.graph.has_edge(a, b) and _merged(roads, a, b):
+        for a, b in sorted(roadmap.graph.edges, key=lambda edge: (roadmap.length(*edge), edge)):
+            if roadmap.graph.has_edge(a, b) and _try_merge(roadmap, a, b):
                 changed = True
-        for node in sorted(roads.graph):
-            changed |= _skipped(roads, node)
+        for node in sorted(roadmap.graph):
+            changed |= _try_skip(roadmap, node)
 
 
-def _merged(roads: Roads, a: int, b: int) -> bool:
-    """Whether two neighbours became one."""
-    if roads.length(a, b) > _near(roads, a, b) or (roads.elevator(a) and roads.elevator(b)):
+def _try_merge(roadmap: RoadmapGraph, a: int, b: int) -> bool:
+    """Merge two neighbours if allowed; whether they were merged."""
+    if roadmap.length(a, b) > _merge_distance_m(roadmap, a, b) or (roadmap.elevator(a) and roadmap.elevator(b)):
         return False
-    if _weight(roads, b) > _weight(roads, a):
+    if _merge_priority(roadmap, b) > _merge_priority(roadmap, a):
         a, b = b, a
-    if roads.place(b):
+    if roadmap.place(b):
         return False
-    if roads.fixed(a) and roads.length(a, b) > roads.radius:
-        return False  # a junction in front of a doorway stays there, and so does the node of a small room
-    one, other = roads.at(a), roads.at(b)
-    for place in [one] if roads.fixed(a) else [one, middle(one, other), other]:
-        if roads.may_move(a, place, but=b) and roads.may_move(b, place, but=a):
-            roads.graph.nodes[a].update(at=place, clear=min(roads.clear(a), roads.clear(b)))
-            roads.graph.add_edges_from((a, n) for n in list(roads.graph[b]) if n != a)
-            roads.graph.remove_node(b)
+    if roadmap.is_fixed(a) and roadmap.length(a, b) > roadmap.radius:
+        return False  # keeps a junction in front of a doorway and the node of a small room
+    one, other = roadmap.at(a), roadmap.at(b)
+    for place in [one] if roadmap.is_fixed(a) else [one, midpoint(one, other), other]:
+        if roadmap.can_move(a, place, but=b) and roadmap.can_move(b, place, but=a):
+            roadmap.graph.nodes[a].update(at=place, clear=min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
+            roadmap.graph.add_edges_from((a, n) for n in list(roadmap.graph[b]) if n != a)
+            roadmap.graph.remove_node(b)
             return True
     return False
 
 
-def _near(roads: Roads, a: int, b: int) -> float:
-    """How close two neighbours must be to become one, m."""
-    if roads.fixed(a) and roads.fixed(b):
+def _merge_distance_m(roadmap: RoadmapGraph, a: int, b: int) -> float:
+    """Maximum distance at which two neighbours are merged [m]."""
+    if roadmap.is_fixed(a) and roadmap.is_fixed(b):
         return SAME_PLACE_M
-    if 1 in (len(roads.graph[a]), len(roads.graph[b])):
-        return roads.radius  # what is left of the dead ends is meant to be there
-    return max(MERGE_RADII * roads.radius, MERGE_SHARE * min(roads.clear(a), roads.clear(b)))
+    if 1 in (len(roadmap.graph[a]), len(roadmap.graph[b])):
+        return roadmap.radius  # keeps the dead ends that pruning left
+    return max(MERGE_RADII * roadmap.radius, MERGE_SHARE * min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
 
 
-def _weight(roads: Roads, node: int) -> tuple[bool, bool, bool, int, float]:
-    """Of two nodes that merge, the one that stays has more of this."""
-    special = bool(roads.elevator(node)), bool(roads.place(node)), roads.fixed(node)
-    return *special, len(roads.graph[node]), roads.clear(node)
+def _merge_priority(roadmap: RoadmapGraph, node: int) -> tuple[bool, bool, bool, int, float]:
+    """The node with the higher priority remains when two nodes merge."""
+    special = bool(roadmap.elevator(node)), bool(roadmap.place(node)), roadmap.is_fixed(node)
+    return *special, len(roadmap.graph[node]), roadmap.clearance_m(node)
 
 
-def _skipped(roads: Roads, node: int) -> bool:
-    """Whether a node that only lay between two others is gone."""
-    if len(roads.graph[node]) != 2 or roads.fixed(node):
+def _try_skip(roadmap: RoadmapGraph, node: int) -> bool:
+    """Remove a node that only lies between two others; whether it was removed."""
+    if len(roadmap.graph[node]) != 2 or roadmap.is_fixed(node):
         return False
-    a, b = roads.graph[node]
-    off = float(off_line(np.array([roads.at(node)]), np.array(roads.at(a)), np.array(roads.at(b)))[0])
-    if off > BEND_SHARE * roads.clear(node) or not roads.free(roads.at(a), roads.at(node), roads.at(b)):
+    a, b = roadmap.graph[node]
+    start, at, end = roadmap.at(a), roadmap.at(node), roadmap.at(b)
+    off_m = float(distance_to_segment_m(np.array([at]), np.array(start), np.array(end))[0])
+    if off_m > BEND_SHARE * roadmap.clearance_m(node) or not roadmap.is_free(start, at, end):
         return False
-    roads.graph.remove_node(node)
-    roads.graph.add_edge(a, b)
+    roadmap.graph.remove_node(node)
+    roadmap.graph.add_edge(a, b)
     return True
 
 
-def align(roads: Roads) -> None:
-    """Put nodes of a road that runs nearly along x or y on one line."""
+def align(roadmap: RoadmapGraph) -> None:
+    """Put the nodes of edges that run nearly along x or y on one line."""
     for axis in (0, 1):
         along: nx.Graph[int] = nx.Graph()
-        for a, b in roads.graph.edges:
-            off = [abs(p - q) for p, q in zip(roads.at(a), roads.at(b), strict=True)]
+        for a, b in roadmap.graph.edges:
+            off = [abs(p - q) for p, q in zip(roadmap.at(a), roadmap.at(b), strict=True)]
             if off[axis] < TILT_SHARE * off[1 - axis]:
                 along.add_edge(a, b)
         for road in nx.connected_components(along):
             nodes = sorted(road)
-            fixed = [roads.at(node)[axis] for node in nodes if roads.fixed(node)]
-            line = float(np.median(fixed or [roads.at(node)[axis] for node in nodes]))
+            fixed = [roadmap.at(node)[axis] for node in nodes if roadmap.is_fixed(node)]
+            line = float(np.median(fixed or [roadmap.at(node)[axis] for node in nodes]))
             for node in nodes:
-                x, y = roads.at(node)
+                x, y = roadmap.at(node)
                 place: XY = (line, y) if axis == 0 else (x, line)
-                near = abs(line - roads.at(node)[axis]) <= BEND_SHARE * roads.clear(node)
-                if near and not roads.fixed(node) and roads.may_move(node, place):
-                    roads.graph.nodes[node]["at"] = place
+                near = abs(line - roadmap.at(node)[axis]) <= BEND_SHARE * roadmap.clearance_m(node)
+                if near and not roadmap.is_fixed(node) and roadmap.can_move(node, place):
+                    roadmap.graph.nodes[node]["at"] = place

@@ -1,4 +1,4 @@
-"""Winding ways between two junctions become a few straight edges."""
+"""Replaces winding chains of edges between two junctions by a few straight edges."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from robocorba.maps.topology.roads import BEND_SHARE, Roads, off_line
+from robocorba.maps.topology.roadmap import BEND_SHARE, RoadmapGraph, distance_to_segment_m
 
 
-def straighten(roads: Roads) -> None:
-    """Replace every winding way between two junctions by as few straight edges as may be."""
-    for chain in list(_chains(roads)):
-        kept = set(_bends(roads, chain))
-        roads.graph.remove_edges_from(list(pairwise(chain)))
-        roads.graph.remove_nodes_from([node for i, node in enumerate(chain) if i not in kept])
-        nx.add_path(roads.graph, [chain[i] for i in sorted(kept)])
+def straighten(roadmap: RoadmapGraph) -> None:
+    """Replace every chain between two junctions by as few straight edges as possible."""
+    for chain in list(_chains(roadmap)):
+        kept = set(_bends(roadmap, chain))
+        roadmap.graph.remove_edges_from(list(pairwise(chain)))
+        roadmap.graph.remove_nodes_from([node for i, node in enumerate(chain) if i not in kept])
+        nx.add_path(roadmap.graph, [chain[i] for i in sorted(kept)])
 
 
-def _chains(roads: Roads) -> Iterator[list[int]]:
-    """Ways between junctions, loose ends and fixed nodes; a ring without any starts at its lowest node."""
-    graph = roads.graph
-    ends = {n for n in graph if len(graph[n]) != 2 or roads.fixed(n)}
+def _chains(roadmap: RoadmapGraph) -> Iterator[list[int]]:
+    """Chains between junctions, loose ends and fixed nodes. A loop without any starts at its lowest node."""
+    graph = roadmap.graph
+    ends = {n for n in graph if len(graph[n]) != 2 or roadmap.is_fixed(n)}
     for piece in nx.connected_components(graph):
         if not piece & ends:
             ends.add(min(piece))
@@ -40,21 +40,21 @@ def _chains(roads: Roads) -> Iterator[list[int]]:
             yield chain
 
 
-def _bends(roads: Roads, chain: list[int]) -> list[int]:
-    """Indices into a chain of the nodes that must stay (Douglas and Peucker, with clearance)."""
-    at = np.array([roads.at(node) for node in chain])
-    leeway = BEND_SHARE * np.array([roads.clear(node) for node in chain])
+def _bends(roadmap: RoadmapGraph, chain: list[int]) -> list[int]:
+    """Indices of the nodes of a chain to keep (Douglas-Peucker with clearance)."""
+    at = np.array([roadmap.at(node) for node in chain])
+    leeway = BEND_SHARE * np.array([roadmap.clearance_m(node) for node in chain])
     last = len(chain) - 1
-    # A ring needs three nodes for its edges to be straight and different.
+    # A loop needs three nodes, so that its edges are straight and different.
     stops = [0, last // 3, 2 * last // 3, last] if chain[0] == chain[-1] else [0, last]
     kept, todo = list(stops), list(pairwise(stops))
     while todo:
         low, high = todo.pop()
         if high - low < 2:
             continue
-        off = off_line(at[low + 1 : high], at[low], at[high])
+        off = distance_to_segment_m(at[low + 1 : high], at[low], at[high])
         excess = off - leeway[low + 1 : high]
-        if excess.max() > 0 or not roads.free(roads.at(chain[low]), roads.at(chain[high])):
+        if excess.max() > 0 or not roadmap.is_free(roadmap.at(chain[low]), roadmap.at(chain[high])):
             split = low + 1 + int(off.argmax())
             kept.append(split)
             todo += [(low, split), (split, high)]
