@@ -63,7 +63,7 @@ class Supervised:
     _lines: deque[str] = field(default_factory=lambda: deque(maxlen=50))
 
     async def supervise(self) -> None:
-        """Run until cancelled, which ends the process. Raises StartFailed if it does not answer after its first start."""
+        """Run until cancelled, then end the process. Raises StartFailed if it does not answer after its first start."""
         for delay_s in self._restart_delays():
             self._set_state("waiting", pid=0)
             await asyncio.sleep(delay_s)
