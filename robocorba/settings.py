@@ -117,7 +117,7 @@ class ServerSettings:
         """From `--state DIR --endpoint HOST:PORT [--naming HOST:PORT] [--building FILE]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
-        return cls.given(cls.parser(description).parse_args(arguments))
+        return cls.from_arguments(cls.parser(description).parse_args(arguments))
 
     @staticmethod
     def parser(description: str) -> argparse.ArgumentParser:
@@ -130,7 +130,7 @@ class ServerSettings:
         return parser
 
     @classmethod
-    def given(cls, given: argparse.Namespace) -> ServerSettings:
+    def from_arguments(cls, given: argparse.Namespace) -> ServerSettings:
         """The settings from parsed arguments. Raises InvalidSetting."""
         common = Settings.read(given.naming, given.state)
         return cls(
@@ -180,7 +180,7 @@ class ChannelSettings:
         for name, uri in foreign:
             if not uri:
                 raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
-        return cls(ServerSettings.given(given), given.name, peers, foreign)
+        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign)
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class SimulationSettings:
             "--channel", default="", metavar="NAME", help="the event channel at which to publish events"
         )
         given = parser.parse_args(arguments)
-        return cls(ServerSettings.given(given), given.channel)
+        return cls(ServerSettings.from_arguments(given), given.channel)
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class SensorSettings:
         given = parser.parse_args(arguments)
         if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
             raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
-        return cls(ServerSettings.given(given), given.name)
+        return cls(ServerSettings.from_arguments(given), given.name)
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,7 @@ class SmartPalSettings:
         for place in ("x", "y", "heading"):
             if not math.isfinite(getattr(given, place)):
                 raise InvalidSetting(f"--{place}", str(getattr(given, place)), "not a finite number")
-        return cls(ServerSettings.given(given), given.seed, (given.x, given.y, given.heading))
+        return cls(ServerSettings.from_arguments(given), given.seed, (given.x, given.y, given.heading))
 
 
 def _folder(path: Path, setting: str) -> Path:

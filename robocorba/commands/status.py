@@ -45,7 +45,7 @@ class ProcessStatus(msgspec.Struct):
     objects: list[ObjectStatus]
 
     @property
-    def is_well(self) -> bool:
+    def is_healthy(self) -> bool:
         return self.state == "running" and all(status.answered_ms is not None for status in self.objects)
 
 
@@ -58,7 +58,7 @@ def status(
         settings = Settings.read(state=state)
         record = StateFolder(settings.state).read_record()
         alive = record if record is not None and record.is_alive else None
-        processes = examine(alive) if alive else []
+        processes = check_objects(alive) if alive else []
     except RoboCorbaError as error:
         typer.echo(f"robocorba status: {error}", err=True)
         raise typer.Exit(1) from None
@@ -69,11 +69,11 @@ def status(
         print(f"nothing runs in {settings.state}")
     else:
         _print(processes)
-    if not processes or not all(process.is_well for process in processes):
+    if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)
 
 
-def examine(record: SystemRecord) -> list[ProcessStatus]:
+def check_objects(record: SystemRecord) -> list[ProcessStatus]:
     """Call all objects of a system concurrently; takes little more than TIMEOUT_S at most."""
     with Orb(Address.parse(record.naming)) as orb:
         pairs = [(process, name) for process in record.processes for name in process.names or ("",)]

@@ -15,7 +15,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers
-from robocorba.supervision.subnets import settle, subnets_of
+from robocorba.supervision.subnets import remove_former_links, subnets_of
 from robocorba.supervision.system import NAMING_SERVICE, System
 
 
@@ -55,7 +55,7 @@ def up(
             folder=folder,
             naming=naming,
             servers=servers(names, sensors),
-            settle=functools.partial(settle, folder, names),
+            before_ready=functools.partial(remove_former_links, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,
         )

@@ -25,15 +25,15 @@ class Stop:
     def __init__(self) -> None:
         self.is_asked = False
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
-        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._signals: queue.SimpleQueue[None] = queue.SimpleQueue()
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self._asked.put(None))
+            signal.signal(number, lambda *_: self._signals.put(None))
 
     def wait(self, seconds: float) -> bool:
         """Sleep until the timeout or a stop signal; whether there was a stop signal."""
         if not self.is_asked:
             with contextlib.suppress(queue.Empty):
-                self._asked.get(timeout=max(0.0, seconds))
+                self._signals.get(timeout=max(0.0, seconds))
                 self.is_asked = True
         return self.is_asked
 

@@ -39,7 +39,7 @@ def subnets_of(text: str, setting: str = "--subnets") -> tuple[str, ...]:
     return names
 
 
-def settle(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:
+def remove_former_links(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:
     """Remove the links that an earlier system in this folder made and this one does not make.
 
     Other links stay. Channels store their peers permanently, so the links made are stored here too, including those of

@@ -34,13 +34,13 @@ _LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": loggi
 class System:
     """A naming service at `naming` and `servers` on ports of the same host, with their data in `folder`.
 
-    settle: called in a thread once every server has answered, before the system is ready.
+    before_ready: called in a thread once every server has answered, before the system is ready.
     building: absolute path passed to the servers, or None. start_limit_s: time for each process to answer a call."""
 
     folder: StateFolder
     naming: Address
     servers: Sequence[Server]
-    settle: Callable[[Orb], None] = lambda orb: None
+    before_ready: Callable[[Orb], None] = lambda orb: None
     building: Path | None = None
     start_limit_s: float = 60.0
 
@@ -87,7 +87,7 @@ class System:
                 await _first(asyncio.create_task(_all_ready(group)), stop, *tasks)
                 if stop.done():
                     return
-            await _first(asyncio.create_task(asyncio.to_thread(self.settle, orb)), stop, *tasks)
+            await _first(asyncio.create_task(asyncio.to_thread(self.before_ready, orb)), stop, *tasks)
             if stop.done():
                 return
             _log.info("ready")
