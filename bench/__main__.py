@@ -1,4 +1,4 @@
-"""Run the benches of some subjects, or of all, each in a process of its own: python -m bench [SUBJECT ...]
+"""Run the benches of some or all subjects, each as a process: python -m bench [SUBJECT ...]
 
 `python -m bench.SUBJECT.NAME --help` lists the options of one bench."""
 
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main(subjects: list[str]) -> int:
-    """Exit code: 0 if every bench reached its marks, 1 if one did not, 2 for an unknown subject."""
+    """Returns the exit code: 0 if every bench reached its marks, 1 if one did not, 2 for an unknown subject."""
     unknown = [subject for subject in subjects if subject not in BENCHES]
     if unknown:
         print(f"bench: unknown subject {', '.join(unknown)}; choose from {', '.join(BENCHES)}", file=sys.stderr)

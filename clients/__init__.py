@@ -1,1 +1,1 @@
-"""Programs that call the servers: examples to begin from, and the demo."""
+"""Programs that call the servers: example clients and the demo."""

@@ -1,4 +1,4 @@
-"""A robot of one's own, with nothing but an ORB and the IDL: it drives until something is near.
+"""A minimal robot, with only an ORB and the IDL: it drives until an obstacle is near.
 
 python -m robocorba.clients.new_robot [URI of SimulationServer]"""
 
@@ -17,7 +17,7 @@ robot = server.registerRobot(RoboCorba.RobotDescription("new", start, 0.4, 127, 
 try:
     sensor, waist = robot.sensor, RoboCorba.Mount(0, 0, 0)
     while min(sensor.scan(robot.state().at, waist, sensor.laser()).distances[60:120]) > 1.0:  # ahead
-        robot.command(RoboCorba.Velocity(0.5, 0, 0), 0.5)  # holds for half a second, unless told again
+        robot.command(RoboCorba.Velocity(0.5, 0, 0), 0.5)  # valid for half a second unless repeated
         time.sleep(0.1)
     print("something is near", robot.state().at)
 finally:

@@ -1,15 +1,12 @@
-"""Processes of a client that ends them again: servers, robots, the stand-ins of actual ones, a recorder."""
+"""Processes that a client starts and ends: servers, robots, stand-ins of actual robots, recorders."""
 
 from __future__ import annotations
 
 import contextlib
 import random
 import shutil
-import signal
 import socket
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,76 +17,50 @@ from robocorba.corba.remote.smartpal_units import RemoteSmartPalUnits
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.services import StartFailed
 from robocorba.settings import Address
-from robocorba.supervision.launch import bound_command, module_command
+from robocorba.supervision.launch import ChildProcess, module_command
 from robocorba.supervision.system import find_omninames
 
-#: To get ready, also where kernels are not compiled yet and the machine is busy; to make a file; to end, s.
-START_LIMIT_S, FILE_LIMIT_S, END_LIMIT_S, LOOK_S = 600.0, 60.0, 15.0, 0.05
-#: Naming services listen there: below the ports that the system gives to clients, which come and go.
+#: Time for a process to get ready, even if it has to compile kernels on a busy machine [s].
+START_LIMIT_S = 600.0
+#: Time for a process to create its output file [s].
+FILE_LIMIT_S = 60.0
+#: Interval of polling [s].
+POLL_INTERVAL_S = 0.05
+#: Ports for naming services, below the ephemeral ports that the system gives to clients.
 NAMING_PORTS = range(12000, 20000, 20)
 
 
-class Running:
-    """A program that runs inside a `with`; then SIGTERM ends it. What it complains of is in `log`.
-
-    It ends with our process however that ends, and hears no Ctrl-C of its own. Start it in the main thread."""
-
-    def __init__(self, log: Path, *command: str) -> None:
-        self.log = log
-        with log.open("a") as complaints:
-            self._process = subprocess.Popen(
-                bound_command(*command),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=complaints,
-                text=True,
-                start_new_session=True,
-            )
+class Running(ChildProcess):
+    """A program that prints `ready`, or creates a file, when it is ready."""
 
     def wait_ready(self, limit_s: float = START_LIMIT_S) -> None:
-        """Until it prints `ready`. Raises StartFailed."""
-        too_late = threading.Timer(limit_s, self._process.kill)
-        too_late.start()
-        try:
-            assert self._process.stdout is not None
-            if "ready\n" not in self._process.stdout:
-                raise StartFailed(f"{self.log.stem} did not start: {self.complaint}")
-        finally:
-            too_late.cancel()
+        """Wait until it prints `ready`. Raises StartFailed."""
+        deadline = time.monotonic() + limit_s
+        line = ""
+        while line != "ready\n":
+            try:
+                line = self.read_line(deadline - time.monotonic())
+            except TimeoutError:
+                raise StartFailed(f"{self.log.stem} was not ready within {limit_s:g} s: {self.last_message}") from None
+            if not line:
+                raise StartFailed(f"{self.log.stem} did not start: {self.last_message}")
 
     def wait_file(self, file: Path) -> None:
-        """Until it has made a file. Raises StartFailed."""
+        """Wait until it has created `file`. Raises StartFailed."""
         deadline = time.monotonic() + FILE_LIMIT_S
         while not file.exists():
             if not self.is_running or time.monotonic() > deadline:
-                raise StartFailed(f"{self.log.stem} did not make {file}: {self.complaint}")
-            time.sleep(LOOK_S)
+                raise StartFailed(f"{self.log.stem} did not create {file}: {self.last_message}")
+            time.sleep(POLL_INTERVAL_S)
 
     @property
-    def is_running(self) -> bool:
-        return self._process.poll() is None
-
-    @property
-    def complaint(self) -> str:
-        """The last line."""
-        return (self.log.read_text().strip().splitlines() or ["it says no more"])[-1]
-
-    def __enter__(self) -> Running:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._process.send_signal(signal.SIGTERM)
-        try:
-            self._process.communicate(timeout=END_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
+    def last_message(self) -> str:
+        """The last line of its log."""
+        return (self.log_tail().strip().splitlines() or ["its log is empty"])[-1]
 
 
 class ActualRobot:
-    """The stand-in of an actual SmartPal inside a `with`: its units, and the naming service aboard at `naming`."""
+    """The stand-in for an actual SmartPal inside a `with`: its units, and its own naming service at `naming`."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True)
@@ -105,16 +76,16 @@ class ActualRobot:
         self._folder = folder
 
     def wait_ready(self, orb: Orb) -> None:
-        """Until all units are there. Raises StartFailed."""
+        """Wait until all units answer. Raises StartFailed."""
         deadline = time.monotonic() + START_LIMIT_S
         while True:
             try:
                 RemoteSmartPalUnits(orb, self.naming)
                 return
-            except AdaptorFailed as wrong:
+            except AdaptorFailed as error:
                 if not self._units.is_running or time.monotonic() > deadline:
-                    raise StartFailed(f"the stand-in did not start: {wrong}; {self._units.complaint}") from None
-            time.sleep(LOOK_S)
+                    raise StartFailed(f"the stand-in did not start: {error}; {self._units.last_message}") from None
+            time.sleep(POLL_INTERVAL_S)
 
     def __enter__(self) -> ActualRobot:
         with contextlib.ExitStack() as stack:
@@ -131,7 +102,7 @@ class ActualRobot:
 
 @contextlib.contextmanager
 def servers(state: Path, *options: str) -> Iterator[Address]:
-    """`robocorba up` as long as the `with` lasts; gives where its naming service is. Raises StartFailed."""
+    """Run `robocorba up` inside the `with`; yields the address of its naming service. Raises StartFailed."""
     naming = Address(
         "127.0.0.1", next(port for port in random.sample(NAMING_PORTS, len(NAMING_PORTS)) if _is_free(port))
     )
@@ -143,12 +114,12 @@ def servers(state: Path, *options: str) -> Iterator[Address]:
 
 
 def robocorba() -> str:
-    """The command that belongs to this Python."""
+    """The `robocorba` command of this Python environment."""
     return shutil.which("robocorba", path=str(Path(sys.executable).parent)) or "robocorba"
 
 
 def free_ports(count: int) -> list[int]:
-    """That nobody listens on now."""
+    """Ports on which no process listens now."""
     with contextlib.ExitStack() as stack:
         probes = [stack.enter_context(socket.socket()) for _ in range(count)]
         for probe in probes:

@@ -1,9 +1,8 @@
-"""Logs: a rotating file for each process in STATE/logs, one line an event.
+"""Logs: one rotating file per process in STATE/logs, one line per event.
 
     2026-03-01T12:00:00.123+01:00 WARNING map_editor the naming service does not answer
 
-Whatever could break a line (newlines in messages, tracebacks) is escaped. Warnings and
-worse also go to stderr, in short and without tracebacks.
+Line breaks in messages and tracebacks are escaped. Warnings and errors also go to stderr, without tracebacks.
 """
 
 from __future__ import annotations
@@ -19,19 +18,20 @@ from types import TracebackType
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import ServiceError
 
-#: A process's logs take at most MAX_BYTES * (1 + OLD_FILES) on disk.
+#: Size of a log file [bytes].
 MAX_BYTES = 5 * 1024 * 1024
+#: Rotated files kept per process.
 OLD_FILES = 3
 
-#: Everything that some reader takes for the end of a line, and the other control characters of ASCII.
+#: All characters that some reader treats as a line break, and the other ASCII control characters.
 _ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), 127, 0x85)} | {0x2028: "\\u2028", 0x2029: "\\u2029"}
 _ESCAPES |= {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
 
 
 def setup(name: str, folder: Path) -> None:
-    """Send this process's log to `folder`/`name`.log from INFO up, and to stderr from WARNING up.
+    """Log this process to `folder`/`name`.log from INFO up, and to stderr from WARNING up.
 
-    What ends the process or a thread of it unexpectedly is logged too. Raises ServiceError."""
+    Uncaught exceptions of all threads are logged too. Raises ServiceError."""
     root = logging.getLogger()
     for old in root.handlers[:]:
         root.removeHandler(old)
@@ -48,7 +48,7 @@ def setup(name: str, folder: Path) -> None:
 
 
 def open_log(name: str, folder: Path) -> logging.Logger:
-    """A log of its own for a process that can't write one, such as omniNames. Raises ServiceError."""
+    """A log file for another process that writes none, such as omniNames. Raises ServiceError."""
     log = logging.getLogger(f"process.{name}")
     for old in log.handlers[:]:
         log.removeHandler(old)
@@ -59,7 +59,7 @@ def open_log(name: str, folder: Path) -> logging.Logger:
 
 
 def one_line(text: str) -> str:
-    """`text` with every character escaped that could end a line."""
+    """`text` with all line breaks and control characters escaped."""
     return text.translate(_ESCAPES)
 
 
@@ -73,8 +73,8 @@ def _file(name: str, folder: Path) -> logging.Handler:
             encoding="utf-8",
             errors="backslashreplace",
         )
-    except OSError as wrong:
-        raise ServiceError(f"can't write {folder / name}.log: {wrong.strerror}") from None
+    except OSError as error:
+        raise ServiceError(f"can't write {folder / name}.log: {error.strerror}") from None
     handler.setFormatter(_OneLine(name))
     return handler
 

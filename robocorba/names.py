@@ -1,11 +1,11 @@
-"""Names that servers and their clients agree on."""
+"""Names shared by servers and clients."""
 
-#: Naming contexts below RoboCorba in which objects of one kind are bound by their names.
+#: Naming contexts below RoboCorba; each holds the objects of one kind.
 CHANNELS = "EventChannels"
 SENSORS = "VirtualSensors"
 ROBOTS = "Robots"
 ADAPTORS = "Adaptors"
-#: The folder in the state folder with what is known of missions that a robot led.
+#: Folder in the state folder with the records of missions that a robot led.
 MISSIONS = "missions"
-#: The file in the state folder with the reference of the simulation's administrator.
+#: File in the state folder with the object reference of the simulation's administrator.
 ADMINISTRATOR = "administrator.ior"

@@ -1,4 +1,4 @@
-"""Records of a process that are there again after it was killed: one SQLite file, msgpack values by kind and key."""
+"""Records that survive a kill -9: msgpack values by kind and key in one SQLite file."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _RECORDS = "CREATE TABLE records (kind TEXT NOT NULL, key TEXT NOT NULL, value B
 
 
 class RecordFile:
-    """Opened by one process at a time, used by any of its threads. What a call has written is there after a kill -9.
+    """A store opened by one process at a time, used by any of its threads. What a call has written survives a kill -9.
 
-    application_id, schema_version: tell its files from those of others and of other releases. tables: statements for
-    tables beside the records, and what stands in them at first. Raises AlreadyRunning, or ServiceError for whatever is
-    wrong with the file, now and in every call."""
+    application_id, schema_version: identify the program and release that wrote the file. tables: SQL statements that
+    create further tables and their first rows. All methods raise AlreadyRunning while another process uses the file,
+    and ServiceError for an unusable file."""
 
     def __init__(self, file: Path, application_id: int, schema_version: int, tables: Sequence[str] = ()) -> None:
         self.file = file
@@ -42,7 +42,7 @@ class RecordFile:
     def _open(self, tables: Sequence[str]) -> None:
         self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
         self._db.execute("PRAGMA journal_mode = WAL")
-        # Survives the process that is killed; not a power cut in the last moments.
+        # Commits survive a kill of the process; the last ones may be lost in a power failure.
         self._db.execute("PRAGMA synchronous = NORMAL")
         self._db.execute("BEGIN EXCLUSIVE")
         if not self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
@@ -52,7 +52,7 @@ class RecordFile:
         self._db.execute("COMMIT")
         found = {what: self._db.execute(f"PRAGMA {what}").fetchone()[0] for what in self._marks}
         if found != self._marks:
-            raise ServiceError(f"{self.file} is not such a file of this release")
+            raise ServiceError(f"{self.file} was not written by this release; move it away")
 
     def __enter__(self: S) -> S:
         return self
@@ -63,7 +63,7 @@ class RecordFile:
         self._db.close()
 
     def all(self, kind: str, schema: type[T]) -> list[T]:
-        """The records of a kind, in the order in which they came."""
+        """The records of a kind, in the order in which they were first saved."""
         with self._guarded():
             rows = self._db.execute("SELECT value FROM records WHERE kind = ? ORDER BY rowid", (kind,)).fetchall()
             return [msgspec.msgpack.decode(value, type=schema) for (value,) in rows]
@@ -81,7 +81,7 @@ class RecordFile:
             self._db.execute("DELETE FROM records WHERE kind = ? AND key = ?", (kind, key))
 
     def replace(self, kind: str, records: Iterable[tuple[str, object]]) -> None:
-        """Keep these of a kind, and no others."""
+        """Replace all records of a kind."""
         rows = [(kind, key, msgspec.msgpack.encode(record)) for key, record in records]
         with self._guarded():
             self._db.execute("BEGIN")
@@ -94,19 +94,19 @@ class RecordFile:
                     self._db.execute("ROLLBACK")
 
     def clear(self) -> None:
-        """Forget all records."""
+        """Delete all records."""
         with self._guarded():
             self._db.execute("DELETE FROM records")
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
-        """One thread at a time: all share a connection, and what one does must not get into another's transaction."""
+        """Serialise access: the threads share a connection, so their transactions must not interleave."""
         try:
             with self._lock:
                 yield
-        except sqlite3.OperationalError as wrong:
-            if "locked" in str(wrong):
+        except sqlite3.OperationalError as error:
+            if "locked" in str(error):
                 raise AlreadyRunning(f"another process uses {self.file}") from None
-            raise ServiceError(f"can't use {self.file}: {wrong}") from wrong
-        except (OSError, sqlite3.Error, msgspec.MsgspecError) as wrong:
-            raise ServiceError(f"can't use {self.file}: {wrong}") from wrong
+            raise ServiceError(f"can't use {self.file}: {error}") from error
+        except (OSError, sqlite3.Error, msgspec.MsgspecError) as error:
+            raise ServiceError(f"can't use {self.file}: {error}") from error

@@ -10,7 +10,7 @@ _log = logging.getLogger(__name__)
 
 
 class Repeating:
-    """task: is called every `every_s`, or later where it took longer; a fault in it is logged and ends nothing."""
+    """Calls `task` with a pause of `every_s` between calls; exceptions are logged and the calls continue."""
 
     def __init__(self, name: str, task: Callable[[], None], every_s: float) -> None:
         self._name, self._task, self._every_s = name, task, every_s
@@ -22,7 +22,7 @@ class Repeating:
         return self
 
     def close(self) -> None:
-        """Wait for the call in progress, and make no more."""
+        """Wait for the call in progress; make no further calls."""
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -31,6 +31,6 @@ class Repeating:
         while not self._closing.is_set():
             try:
                 self._task()
-            except Exception:  # whatever the task is: one fault must not end what it does for good
+            except Exception:  # a failed call must not end the repetition
                 _log.exception("%s failed", self._name)
             self._closing.wait(self._every_s)

@@ -1,6 +1,6 @@
-"""Where the naming service listens and where state is kept: the one place that reads the environment.
+"""Settings of all processes: the only module that reads the environment.
 
-What a command line gives wins over the environment, the environment over the defaults.
+Arguments override the environment, which overrides the defaults.
 
 | variable | meaning | default |
 |---|---|---|
@@ -26,12 +26,12 @@ from robocorba.errors.services import ServiceError
 from robocorba.spatial.pose import Pose
 
 DEFAULT_HOST = "127.0.0.1"
-#: The port that CORBA reserves for naming services.
+#: The port registered for CORBA naming services.
 DEFAULT_NAMING_PORT = 2809
 
 
 class InvalidSetting(ServiceError):
-    """`setting` (a variable or an option) has a `value` that can't be used."""
+    """`setting` (a variable or an option) has an unusable `value`."""
 
     def __init__(self, setting: str, value: str, reason: str) -> None:
         self.setting, self.value, self.reason = setting, value, reason
@@ -50,7 +50,7 @@ class Address:
 
     @classmethod
     def parse(cls, text: str, setting: str = "address") -> Address:
-        """HOST:PORT, [IPV6]:PORT. `setting` is what errors call it. Raises InvalidSetting."""
+        """From HOST:PORT or [IPV6]:PORT. setting: its name in errors. Raises InvalidSetting."""
         match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^:\[\]]+)):([0-9]{1,5})", text.strip(), re.ASCII)
         if match is None:
             raise InvalidSetting(setting, text, "not of the form HOST:PORT")
@@ -58,7 +58,7 @@ class Address:
 
     @classmethod
     def checked(cls, host: str, port: int, setting: str = "address") -> Address:
-        """An address that others can be told. Raises InvalidSetting."""
+        """An address that clients can use, so no wildcard. Raises InvalidSetting."""
         if not 1 <= port <= 65535:
             raise InvalidSetting(setting, str(port), "a port is a number from 1 to 65535")
         try:
@@ -68,7 +68,7 @@ class Address:
             if len(host) > 253 or not re.fullmatch(r"[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?", host):
                 raise InvalidSetting(setting, host, "neither a host name nor an IP address") from None
         if wildcard:
-            raise InvalidSetting(setting, host, "clients can't call a wildcard; give the address that they use")
+            raise InvalidSetting(setting, host, "clients can't call a wildcard address; give the address that they use")
         return cls(host, port)
 
     @property
@@ -82,7 +82,7 @@ class Address:
 
 @dataclass(frozen=True)
 class Settings:
-    """What every command needs to know."""
+    """The settings of every command."""
 
     naming: Address
     state: Path
@@ -105,7 +105,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """What `robocorba up` hands to each server: its state folder, where it listens, whom it tells its names to."""
+    """What `robocorba up` passes to each server: its state folder, its endpoint, the naming service, the map."""
 
     state: Path
     endpoint: Address
@@ -116,12 +116,12 @@ class ServerSettings:
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ServerSettings:
         """From `--state DIR --endpoint HOST:PORT [--naming HOST:PORT] [--building FILE]`.
 
-        Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
-        return cls.given(cls.parser(description).parse_args(arguments))
+        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
+        return cls.from_arguments(cls.parser(description).parse_args(arguments))
 
     @staticmethod
     def parser(description: str) -> argparse.ArgumentParser:
-        """For these arguments; a server may add its own."""
+        """The parser for these arguments; a server may add its own."""
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="where to listen")
@@ -130,8 +130,8 @@ class ServerSettings:
         return parser
 
     @classmethod
-    def given(cls, given: argparse.Namespace) -> ServerSettings:
-        """The settings in what the parser found. Raises InvalidSetting."""
+    def from_arguments(cls, given: argparse.Namespace) -> ServerSettings:
+        """The settings from parsed arguments. Raises InvalidSetting."""
         common = Settings.read(given.naming, given.state)
         return cls(
             state=common.state,
@@ -143,10 +143,10 @@ class ServerSettings:
 
 @dataclass(frozen=True)
 class ChannelSettings:
-    """What an event channel's server needs: those of every server, the channel's name, and whom to link it with.
+    """Settings of an event channel's server: those of every server, the channel's name, and the channels to link with.
 
-    A peer's address is empty where the naming service knows it, else HOST:PORT or a URI; that of a foreign channel, one
-    that knows CosEventChannelAdmin only, is always a URI."""
+    peers: (name, address); the address is empty if the peer is bound in the naming service, else HOST:PORT or a URI.
+    foreign: (name, URI) of channels that support only CosEventChannelAdmin."""
 
     server: ServerSettings
     name: str
@@ -157,22 +157,22 @@ class ChannelSettings:
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ChannelSettings:
         """From the arguments of ServerSettings and `--name NAME [--peer NAME[=ADDRESS]]... [--foreign NAME=URI]...`.
 
-        Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
+        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         parser = ServerSettings.parser(description)
-        parser.add_argument("--name", required=True, metavar="NAME", help="of the channel: that of its sub-network")
+        parser.add_argument("--name", required=True, metavar="NAME", help="name of the channel and its sub-network")
         parser.add_argument(
             "--peer",
             action="append",
             default=[],
             metavar="NAME[=ADDRESS]",
-            help="a channel to link with, HOST:PORT or a URI where the naming service does not know it; repeatable",
+            help="a channel to link with; HOST:PORT or a URI if it is not in the naming service; repeatable",
         )
         parser.add_argument(
             "--foreign",
             action="append",
             default=[],
             metavar="NAME=URI",
-            help="a channel that knows CosEventChannelAdmin only, such as omniEvents'; repeatable",
+            help="a channel that supports only CosEventChannelAdmin, such as omniEvents'; repeatable",
         )
         given = parser.parse_args(arguments)
         peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
@@ -180,13 +180,14 @@ class ChannelSettings:
         for name, uri in foreign:
             if not uri:
                 raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
-        return cls(ServerSettings.given(given), given.name, peers, foreign)
+        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign)
 
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """What the simulation server needs: the settings of every server, and the event channel that is told what happens,
-    empty for none."""
+    """Settings of the simulation server: those of every server, and the event channel at which it publishes.
+
+    channel: empty for none."""
 
     server: ServerSettings
     channel: str
@@ -195,14 +196,16 @@ class SimulationSettings:
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SimulationSettings:
         """From the arguments of ServerSettings and `[--channel NAME]`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
-        parser.add_argument("--channel", default="", metavar="NAME", help="the event channel to tell what happens")
+        parser.add_argument(
+            "--channel", default="", metavar="NAME", help="the event channel at which to publish events"
+        )
         given = parser.parse_args(arguments)
-        return cls(ServerSettings.given(given), given.channel)
+        return cls(ServerSettings.from_arguments(given), given.channel)
 
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """What a virtual sensor process needs: the settings of every server, and its name."""
+    """Settings of a virtual sensor process: those of every server, and its name."""
 
     server: ServerSettings
     name: str
@@ -211,18 +214,19 @@ class SensorSettings:
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SensorSettings:
         """From the arguments of ServerSettings and `--name NAME`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
-        parser.add_argument("--name", required=True, metavar="NAME", help="of the virtual sensor")
+        parser.add_argument("--name", required=True, metavar="NAME", help="name of the virtual sensor")
         given = parser.parse_args(arguments)
         if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
             raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
-        return cls(ServerSettings.given(given), given.name)
+        return cls(ServerSettings.from_arguments(given), given.name)
 
 
 @dataclass(frozen=True)
 class RobotSettings:
-    """What a robot process needs. endpoint: where it listens, None: on any port. at: where it begins, None: at a free
-    node of the map on `floor`, or on the first floor where that is empty. channel: of its sub-network, empty for none.
-    record: where every tick of its programs is written, None: nowhere."""
+    """Settings of a robot process.
+
+    endpoint: None for any port. floor: empty for the first. at: its start pose, None for a free node on `floor`.
+    channel: of its sub-network, empty for none. record: CSV file for every tick of its programs, None for no file."""
 
     common: Settings
     name: str
@@ -240,21 +244,23 @@ class RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
         [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
 
-        Raises InvalidSetting; SystemExit with a usage line where the form is wrong."""
+        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
         adaptor_arguments: list[str] = []
         if "--" in given_arguments:
             cut = given_arguments.index("--")
             given_arguments, adaptor_arguments = given_arguments[:cut], given_arguments[cut + 1 :]
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
-        parser.add_argument("name", metavar="NAME", help="of the robot")
-        parser.add_argument("--adaptor", default="simulated", metavar="A", help="such as simulated or smartpal")
-        parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run at once")
-        parser.add_argument("--floor", default="", metavar="F", help="where to begin")
-        parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="where on the floor, m and rad")
+        parser.add_argument("name", metavar="NAME", help="name of the robot")
+        parser.add_argument(
+            "--adaptor", default="simulated", metavar="A", help="the robot adaptor, such as simulated or smartpal"
+        )
+        parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run immediately")
+        parser.add_argument("--floor", default="", metavar="F", help="the floor on which to start")
+        parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
         parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
         parser.add_argument("--record", type=Path, metavar="FILE", help="a CSV file for every tick of its programs")
-        parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; any port if left out")
+        parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(given_arguments)
@@ -288,8 +294,9 @@ def _pose(floor: str, text: str) -> Pose | None:
 
 @dataclass(frozen=True)
 class SmartPalSettings:
-    """What the actual SmartPal's stand-in needs: the settings of every server, whose naming service is the robot's own;
-    the seed of its noise; and where its odometry says that it stands, x, y in m and heading in rad."""
+    """Settings of the stand-in for the actual SmartPal: those of every server, with the robot's own naming service.
+
+    seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad]."""
 
     server: ServerSettings
     seed: int
@@ -300,16 +307,16 @@ class SmartPalSettings:
         """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD]`. Raises as
         ServerSettings.read does."""
         parser = ServerSettings.parser(description)
-        parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise of its encoders")
+        parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
         for place in ("x", "y", "heading"):
-            parser.add_argument(f"--{place}", type=float, default=0.0, metavar="N", help="where it says that it stands")
+            parser.add_argument(f"--{place}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]")
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")
         for place in ("x", "y", "heading"):
             if not math.isfinite(getattr(given, place)):
                 raise InvalidSetting(f"--{place}", str(getattr(given, place)), "not a finite number")
-        return cls(ServerSettings.given(given), given.seed, (given.x, given.y, given.heading))
+        return cls(ServerSettings.from_arguments(given), given.seed, (given.x, given.y, given.heading))
 
 
 def _folder(path: Path, setting: str) -> Path:
@@ -319,6 +326,6 @@ def _folder(path: Path, setting: str) -> Path:
         absolute = path.expanduser().absolute()
         if absolute.exists() and not absolute.is_dir():
             raise InvalidSetting(setting, str(path), "not a folder")
-    except (OSError, RuntimeError) as wrong:
-        raise InvalidSetting(setting, str(path), str(wrong)) from None
+    except (OSError, RuntimeError) as error:
+        raise InvalidSetting(setting, str(path), str(error)) from None
     return absolute

@@ -1,1 +1,1 @@
-"""The servers, one process each: `python -m robocorba.servers.NAME --help` tells what each needs."""
+"""The servers, one process each: `python -m robocorba.servers.NAME --help` lists its arguments."""

@@ -1,4 +1,4 @@
-"""The actual SmartPal's stand-in: its units on their public interface, in a naming service of the robot's own."""
+"""The stand-in for the actual SmartPal: its units with their public interface, in the robot's own naming service."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     be_prompt()
     robot = SmartPal(settings.seed, settings.start)
     robot.warm_up()
-    be_punctual()  # a robot's own computers do nothing else: threads that begin from here on have priority, too
+    be_punctual()  # threads started from here on inherit the priority; a robot's own computers do nothing else
     faults = robot.faults
     with (
         Orb(settings.server.naming, settings.server.endpoint, context="", with_kinds=True) as orb,
         contextlib.closing(faults),
-        contextlib.closing(RealTime(robot.step)) as time,
+        contextlib.closing(RealTime(robot.step)) as clock,
     ):
-        time.start()
+        clock.start()
         orb.serve(
             {
                 "Mobility.Unit": MobilityServant(robot.mobility, faults),

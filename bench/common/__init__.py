@@ -1,1 +1,1 @@
-""""""
+"""What several benches share: processes, network namespaces, buildings, places."""

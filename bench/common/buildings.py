@@ -1,4 +1,4 @@
-"""Large buildings for the benches, the same for the same seed."""
+"""Large generated buildings, reproducible by their seed."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from robocorba.maps.model import (
     Wall,
 )
 
-#: Shares of the edges of a grid that are one-way, and that have a speed limit.
+#: Fractions of a grid's edges that are one-way, and that have a speed limit.
 ONE_WAY, LIMITED = 0.01, 0.02
 
 
 def grid_building(floors: int = 10, side: int = 100, elevators: int = 6, seed: int = 1) -> Building:
-    """Floors of side x side nodes about 2 m apart, moved off the grid by chance, a fifth of the
-    edges missing; a wall stands across every fourth missing edge. ONE_WAY of the edges are one-way,
-    LIMITED have a speed limit. Elevators stand along the diagonal and serve every floor. Every tenth
-    row and both outer columns are whole and two-way, so that nearly all nodes are connected."""
+    """Floors with side x side nodes about 2 m apart, displaced randomly; a fifth of the edges is missing.
+
+    A wall blocks a quarter of the missing edges. Elevators on the diagonal serve every floor. Every tenth row and both
+    outer columns are complete and two-way, so that nearly all nodes are connected."""
     rng = np.random.default_rng(seed)
     pitch = 2.0
     size = pitch * (side + 1)
@@ -58,7 +58,7 @@ def grid_building(floors: int = 10, side: int = 100, elevators: int = 6, seed: i
                     a, b = nodes[f"n{i}-{j}"], nodes[f"n{i2}-{j2}"]
                     at_lift = a.elevator or b.elevator
                     if at_lift and not (axis == 0 and a.elevator):
-                        continue  # a cabin is left and entered on its right side
+                        continue  # robots enter and leave a cabin on its right side
                     keep = (axis == 0 and i % 10 == 5) or j in (0, side - 1)
                     if missing[i, j, axis] and not keep and not at_lift:
                         if walled[i, j, axis]:

@@ -1,7 +1,7 @@
-"""Computers as network namespaces: hosts on a bridge, a gateway, and a TUN device that leads to the other sub-network.
+"""Network namespaces as computers: hosts on a bridge, a gateway, and a TUN device to the other sub-network.
 
-The namespaces have no names. The kernel removes them, with all their devices, when the process that made them and those
-that run in them have ended, however they end.
+The namespaces are anonymous: the kernel removes them with their devices when the process that made them and all
+processes in them have ended, even by SIGKILL.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import TypeVar
 CLONE_NEWNET = 0x40000000
 TUNSETIFF = 0x400454CA
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
-#: Longest command that sets up a device.
+#: Timeout of a command that sets up a device [s].
 COMMAND_LIMIT_S = 10.0
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class Namespace:
-    """A network namespace with its loopback up, open until `close`. Raises OSError where that is not allowed."""
+    """A network namespace with its loopback up, open inside a `with`. Raises OSError without the privilege."""
 
     def __init__(self) -> None:
         self._fd = _in_thread(_unshared)
@@ -50,7 +50,7 @@ class Namespace:
         os.close(self._fd)
 
     def inside(self, call: Callable[[], T]) -> T:
-        """What `call` returns in this namespace: a socket or a device that it opens belongs to it for good."""
+        """The result of `call` in this namespace. Sockets and devices that it opens stay in the namespace."""
 
         def enter_and_call() -> T:
             _checked(_libc.setns(self._fd, CLONE_NEWNET))
@@ -59,7 +59,7 @@ class Namespace:
         return _in_thread(enter_and_call)
 
     def enter(self) -> None:
-        """Let the thread that calls be here from now on, and the threads and processes that it starts."""
+        """Move the calling thread into the namespace, with all threads and processes that it starts later."""
         _checked(_libc.setns(self._fd, CLONE_NEWNET))
 
     def command(self, *command: str) -> tuple[str, ...]:
@@ -67,28 +67,28 @@ class Namespace:
         return ("nsenter", f"--net={self.path}", "--", *command)
 
     def ip(self, *arguments: str) -> None:
-        """Run iproute2's ip here. Raises OSError with what it said."""
+        """Run iproute2's `ip` in the namespace. Raises OSError with its stderr."""
         try:
             done = subprocess.run(
                 self.command("ip", *arguments), capture_output=True, text=True, timeout=COMMAND_LIMIT_S
             )
-        except subprocess.TimeoutExpired as slow:
-            raise OSError(f"ip {' '.join(arguments)}: {slow}") from None
+        except subprocess.TimeoutExpired as error:
+            raise OSError(f"ip {' '.join(arguments)}: {error}") from None
         if done.returncode:
             raise OSError(f"ip {' '.join(arguments)}: {done.stderr.strip()}")
 
     def forward_packets(self) -> None:
-        """Let it be a gateway."""
+        """Make it a gateway."""
         self.inside(lambda: _write("/proc/sys/net/ipv4/ip_forward", "1"))
 
     def add_bridge(self, address: str) -> None:
-        """A switch for the hosts of a sub-network, with the gateway's ADDRESS/BITS on it."""
+        """Add a switch for the hosts of a sub-network, with the gateway's ADDRESS/BITS."""
         self.ip("link", "add", "switch", "type", "bridge")
         self.ip("address", "add", address, "dev", "switch")
         self.ip("link", "set", "switch", "up")
 
     def add_host(self, host: Namespace, number: int, address: str, gateway: str) -> None:
-        """Plug a host into the switch, its ADDRESS/BITS on its device eth0."""
+        """Connect a host's eth0, with its ADDRESS/BITS, to the switch."""
         port = f"port{number}"
         self.ip("link", "add", port, "type", "veth", "peer", "name", "eth0", "netns", host.path)
         self.ip("link", "set", port, "master", "switch", "up")
@@ -97,7 +97,7 @@ class Namespace:
         host.ip("route", "add", "default", "via", gateway)
 
     def add_tun(self, network: str) -> int:
-        """A TUN device toward `network`; the file descriptor at which packets come out and go in, for the caller."""
+        """Add a TUN device that routes to `network`; returns its file descriptor, which the caller closes."""
         fd = self.inside(_new_tun)
         self.ip("link", "set", "line", "up")
         self.ip("route", "add", network, "dev", "line")
@@ -130,7 +130,7 @@ def _checked(result: int) -> None:
 
 
 def _in_thread(call: Callable[[], T]) -> T:
-    """What `call` returns in a thread of its own: namespaces belong to threads, and this one's end with it."""
+    """The result of `call` in a new thread, so that it changes the namespace of no other thread."""
     results: list[T] = []
     errors: list[BaseException] = []
 

@@ -11,7 +11,7 @@ from robocorba.planning.space import FloorSpace
 
 
 def random_places(building: Building, radius_m: float, count: int, seed: int) -> list[Place]:
-    """`count` places outside elevators' cabins where a robot of that radius can stand, on each floor in turn."""
+    """`count` places, on each floor in turn, that are free for a robot of this radius and outside elevator cabins."""
     rng = np.random.default_rng(seed)
     names = list(building.floors)
     spaces = {name: FloorSpace(building, name) for name in names}
@@ -27,7 +27,7 @@ def random_places(building: Building, radius_m: float, count: int, seed: int) ->
 
 
 def random_trips(building: Building, radius_m: float, count: int, seed: int) -> list[tuple[Place, Place]]:
-    """`count` pairs of such places, starts and goals on any two floors or on the same one."""
+    """`count` random pairs of such places: start and goal, on the same or different floors."""
     places = random_places(building, radius_m, 2 * count, seed)
     order = np.random.default_rng(seed).permutation(len(places))
     return [(places[a], places[b]) for a, b in zip(order[::2], order[1::2], strict=True)]

@@ -17,10 +17,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.common.processes import PR_SET_PDEATHSIG
 from robocorba.clients import robot
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.missions import carry
+from robocorba.supervision.child import PR_SET_PDEATHSIG
 
 _libc = ctypes.CDLL(None)
 

@@ -1,4 +1,4 @@
-"""The robocorba command: one module a subcommand, loaded when it is asked for."""
+"""The robocorba command: one module per subcommand, loaded on demand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 from robocorba import __version__
 
-#: Of each subcommand: its module here, and what of it is the command; an `app` has subcommands of its own.
+#: Module and attribute of each subcommand; an `app` has further subcommands.
 SUBCOMMANDS = {
     "up": ("up", "up"),
     "status": ("status", "status"),
@@ -29,8 +29,8 @@ SUBCOMMANDS = {
     "mission": ("mission", "app"),
     "events": ("events", "app"),
 }
-#: All arguments of `robot` are the robot process's, the -- among them too: without interspersed ones it stays.
-_AS_GIVEN = {
+#: All arguments of `robot` go to the robot process. Without interspersed arguments, -- is passed on too.
+_PASS_THROUGH = {
     "allow_extra_args": True,
     "ignore_unknown_options": True,
     "allow_interspersed_args": False,
@@ -39,7 +39,7 @@ _AS_GIVEN = {
 
 
 def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
-    """The command with these subcommands; their modules are loaded."""
+    """The command with these subcommands; loads their modules."""
     app = typer.Typer(
         help="A CORBA-based cooperative mobile robot system.",
         no_args_is_help=True,
@@ -47,12 +47,12 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     for name in names:
-        module, what = SUBCOMMANDS[name]
-        found = getattr(import_module(f"robocorba.commands.{module}"), what)
-        if what == "app":
+        module, attribute = SUBCOMMANDS[name]
+        found = getattr(import_module(f"robocorba.commands.{module}"), attribute)
+        if attribute == "app":
             app.add_typer(found, name=name)
         else:
-            app.command(name, context_settings=_AS_GIVEN if name == "robot" else None)(found)
+            app.command(name, context_settings=_PASS_THROUGH if name == "robot" else None)(found)
 
     @app.command()
     def version() -> None:
@@ -64,14 +64,13 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
 
 def main() -> None:
     """Entry point of the command."""
-    asked = sys.argv[1] if len(sys.argv) > 1 else ""
+    name = sys.argv[1] if len(sys.argv) > 1 else ""
     code = 0
     try:
-        command([asked] if asked in SUBCOMMANDS else SUBCOMMANDS)()
+        command([name] if name in SUBCOMMANDS else SUBCOMMANDS)()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
-    # Without the interpreter's own end: threads of the ORB that are just ending themselves would find it gone, and
-    # abort the process.
+    # Skip the interpreter's finalisation: ORB threads that end during it would abort the process.
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()

@@ -1,4 +1,4 @@
-"""How commands tell what went wrong: one line on stderr."""
+"""How commands report errors: one line on stderr."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from robocorba.errors.base import RoboCorbaError
 
 @contextlib.contextmanager
 def reporting(command: str) -> Iterator[None]:
-    """Errors as one line, with exit code 1."""
+    """Print an error as one line and exit with code 1."""
     try:
         yield
-    except RoboCorbaError as wrong:
-        reason = str(wrong)
-    except CORBA.UserException as wrong:
-        reason = idl_errors.error_of(wrong)
-    except CORBA.SystemException as wrong:
-        reason = f"the call failed ({describe(wrong)})"
+    except RoboCorbaError as error:
+        reason = str(error)
+    except CORBA.UserException as error:
+        reason = idl_errors.error_of(error)
+    except CORBA.SystemException as error:
+        reason = f"the call failed ({describe(error)})"
     else:
         return
     typer.echo(f"robocorba {command}: {reason}", err=True)

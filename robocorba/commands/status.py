@@ -1,4 +1,4 @@
-"""robocorba status: what runs where, asked by real calls."""
+"""robocorba status: the processes of a system, checked by real calls."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of
 
-#: For each object to answer.
+#: Time for each object to answer [s].
 TIMEOUT_S = 2.0
 
 
 class ObjectStatus(msgspec.Struct):
-    """An object and the milliseconds of its answer, or the problem instead of one. The naming service has no name."""
+    """An object with the duration of its answer or its problem. The name of the naming service is empty."""
 
     name: str
     answered_ms: float | None = None
@@ -33,7 +33,7 @@ class ObjectStatus(msgspec.Struct):
 
 
 class ProcessStatus(msgspec.Struct):
-    """A process: memory (resident) in MiB, uptime in s, restarts by the supervisor."""
+    """A process with its resident memory and its restarts by the supervisor."""
 
     name: str
     state: str
@@ -45,22 +45,22 @@ class ProcessStatus(msgspec.Struct):
     objects: list[ObjectStatus]
 
     @property
-    def is_well(self) -> bool:
-        return self.state == "running" and all(thing.answered_ms is not None for thing in self.objects)
+    def is_healthy(self) -> bool:
+        return self.state == "running" and all(status.answered_ms is not None for status in self.objects)
 
 
 def status(
     state: Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show what runs where, and whether it answers. Exit code 0 if all is well, else 1."""
+    """Show the processes that run and whether they answer. Exit code 0 if all do, else 1."""
     try:
         settings = Settings.read(state=state)
         record = StateFolder(settings.state).read_record()
         alive = record if record is not None and record.is_alive else None
-        processes = examine(alive) if alive else []
-    except RoboCorbaError as wrong:
-        typer.echo(f"robocorba status: {wrong}", err=True)
+        processes = check_objects(alive) if alive else []
+    except RoboCorbaError as error:
+        typer.echo(f"robocorba status: {error}", err=True)
         raise typer.Exit(1) from None
     if json:
         answer = {"state": str(settings.state), "naming": alive.naming if alive else None, "processes": processes}
@@ -69,18 +69,18 @@ def status(
         print(f"nothing runs in {settings.state}")
     else:
         _print(processes)
-    if not processes or not all(process.is_well for process in processes):
+    if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)
 
 
-def examine(record: SystemRecord) -> list[ProcessStatus]:
-    """Ask every object of a system, all at the same time. Takes a little over TIMEOUT_S at most."""
+def check_objects(record: SystemRecord) -> list[ProcessStatus]:
+    """Call all objects of a system concurrently; takes little more than TIMEOUT_S at most."""
     with Orb(Address.parse(record.naming)) as orb:
-        asked = [(process, name) for process in record.processes for name in process.names or ("",)]
-        with ThreadPoolExecutor(len(asked) or 1) as threads:
-            answers = list(threads.map(lambda item: _ask(orb, item[1]), asked))
+        pairs = [(process, name) for process in record.processes for name in process.names or ("",)]
+        with ThreadPoolExecutor(len(pairs) or 1) as threads:
+            answers = list(threads.map(lambda pair: _ask(orb, pair[1]), pairs))
     return [
-        _measure(process, [answer for (owner, _), answer in zip(asked, answers, strict=True) if owner is process])
+        _measure(process, [answer for (owner, _), answer in zip(pairs, answers, strict=True) if owner is process])
         for process in record.processes
     ]
 
@@ -90,7 +90,7 @@ def _ask(orb: Orb, name: str) -> ObjectStatus:
     probe = probe_of(key)
     try:
         if name and probe is None:
-            return ObjectStatus(name, problem="not known to this version of robocorba")
+            return ObjectStatus(name, problem="unknown to this version of robocorba")
         if probe:
             answered_ms = probe.ask(orb, key, TIMEOUT_S)
         else:
@@ -127,9 +127,9 @@ def _print(processes: list[ProcessStatus]) -> None:
     for process in processes:
         facts: tuple[Any, ...] = (process.name, process.state, process.pid or "-", process.endpoint)
         facts += (f"{process.memory_mib:.0f} MiB", f"{process.uptime_s:.0f} s", process.restarts)
-        for thing in process.objects:
-            answer = thing.problem if thing.answered_ms is None else f"{thing.answered_ms:.2f} ms"
-            rows.append((*facts, thing.name or "naming service", answer))
+        for status in process.objects:
+            answer = status.problem if status.answered_ms is None else f"{status.answered_ms:.2f} ms"
+            rows.append((*facts, status.name or "naming service", answer))
     console = Console()
     if console.is_terminal:
         table = Table(*header)

@@ -15,13 +15,13 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers
-from robocorba.supervision.subnets import settle, subnets_of
+from robocorba.supervision.subnets import remove_former_links, subnets_of
 from robocorba.supervision.system import NAMING_SERVICE, System
 
 
 def up(
     building: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The map to serve; else the stored one, else the sample.")
+        Path | None, typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample.")
     ] = None,
     state: Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")] = None,
     naming_port: Annotated[
@@ -29,18 +29,18 @@ def up(
     ] = None,
     host: Annotated[
         str | None,
-        typer.Option(metavar="H", help="Address of this machine to listen on and to tell clients [127.0.0.1]."),
+        typer.Option(metavar="H", help="Address of this machine on which to listen and which clients use [127.0.0.1]."),
     ] = None,
     subnets: Annotated[
         str,
         typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
     ] = "main",
-    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="How many virtual sensor processes.")] = 1,
+    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor processes.")] = 1,
     start_limit: Annotated[float, typer.Option(metavar="S", help="Seconds for each process to answer a call.")] = 180.0,
 ) -> None:
-    """Start the naming service and all servers, each a process of its own; print `ready` when all answer.
+    """Start the naming service and all servers, each as a process; print `ready` when all answer.
 
-    A server that dies is started again. Ctrl-C or SIGTERM stops everything."""
+    A server that ends is restarted. Ctrl-C or SIGTERM stops everything."""
     try:
         settings = Settings.read(state=state)
         naming = Address.checked(
@@ -55,18 +55,18 @@ def up(
             folder=folder,
             naming=naming,
             servers=servers(names, sensors),
-            settle=functools.partial(settle, folder, names),
+            before_ready=functools.partial(remove_former_links, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,
         )
         run(system)
-    except RoboCorbaError as wrong:
-        typer.echo(f"robocorba up: {wrong}", err=True)
+    except RoboCorbaError as error:
+        typer.echo(f"robocorba up: {error}", err=True)
         raise typer.Exit(1) from None
 
 
 def run(system: System) -> None:
-    """Run `system` to its end and print the table and `ready` in between. Raises what System.run does."""
+    """Run `system` until a signal; print its processes and `ready` once it is. Raises as System.run does."""
     waiting = Console(stderr=True).status("starting the naming service and the servers ...")
     if Console(stderr=True).is_terminal:
         waiting.start()

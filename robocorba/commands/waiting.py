@@ -1,4 +1,4 @@
-"""How commands that go on wait: for Ctrl-C, for a server that is away, with a bar that shows how far it is."""
+"""Waiting in long-running commands: for Ctrl-C, for an absent server, with a progress bar."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robocorba.errors.services import NotReachable
 
-#: For a server to be found at first, and once more in each attempt after it was lost.
+#: Timeout for resolving a server at first, and in each retry after it was lost [s].
 FIND_S, FIND_AGAIN_S = 3.0, 0.5
-#: A server that is away is waited for so long.
+#: Time for which a command waits for an absent server [s].
 AWAY_LIMIT_S = 10.0
 
 
 class Stop:
-    """Ctrl-C and SIGTERM, which from now on interrupt nothing but `wait`."""
+    """Ctrl-C and SIGTERM, which from now on interrupt only `wait`."""
 
     def __init__(self) -> None:
         self.is_asked = False
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
-        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._signals: queue.SimpleQueue[None] = queue.SimpleQueue()
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self._asked.put(None))
+            signal.signal(number, lambda *_: self._signals.put(None))
 
     def wait(self, seconds: float) -> bool:
-        """Sleep so long, or until somebody asks to stop; whether somebody has."""
+        """Sleep until the timeout or a stop signal; whether there was a stop signal."""
         if not self.is_asked:
             with contextlib.suppress(queue.Empty):
-                self._asked.get(timeout=max(0.0, seconds))
+                self._signals.get(timeout=max(0.0, seconds))
                 self.is_asked = True
         return self.is_asked
 
     def ticks(self, every_s: float, limit_s: float = 0.0) -> Iterator[float]:
-        """The seconds since the first of them, which comes at once, until the stop or a limit (0: none).
+        """Yield every `every_s` the time since the first tick [s], until a stop signal or `limit_s` (0: no limit).
 
-        Whoever takes longer than `every_s` misses some."""
+        The first tick comes immediately; ticks that the caller is too slow for are skipped."""
         began = time.monotonic()
         due_s = now_s = 0.0
         while True:
@@ -55,7 +55,7 @@ class Stop:
 
 
 class Absence:
-    """How long a server has been away: at most `limit_s`."""
+    """The time for which a server has been absent, at most `limit_s`."""
 
     def __init__(self, limit_s: float = AWAY_LIMIT_S) -> None:
         self._limit_s = limit_s
@@ -65,22 +65,22 @@ class Absence:
     def is_on(self) -> bool:
         return self._since is not None
 
-    def go_on(self, wrong: NotReachable) -> str:
-        """It does not answer; a sentence about it. Raises what is `wrong` after the limit."""
+    def go_on(self, error: NotReachable) -> str:
+        """Note that the server does not answer; returns a message. Raises `error` after the limit."""
         now = time.monotonic()
         self._since = now if self._since is None else self._since
         if now - self._since > self._limit_s:
-            raise wrong
-        return f"away for {now - self._since:.0f} s: {wrong}"
+            raise error
+        return f"away for {now - self._since:.0f} s: {error}"
 
     def end(self) -> None:
-        """It answers."""
+        """Note that the server answers."""
         self._since = None
 
 
 @contextlib.contextmanager
 def progress(total: float) -> Iterator[Callable[[float, str], None]]:
-    """A bar on the terminal, up to a total (0: nobody knows it); call what you get with how far it is, and a note."""
+    """A progress bar on the terminal up to `total` (0: unknown); yields a function that sets progress and note."""
     columns = (BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, disable=not Console().is_terminal, transient=True) as bar:
         task = bar.add_task("", total=total or None)

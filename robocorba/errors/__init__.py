@@ -1,4 +1,4 @@
-"""Every error that RoboCorba raises on purpose, one tree with a sentence each.
+"""All errors that RoboCorba raises on purpose, as one tree.
 
 RoboCorbaError
 ├── MapError
@@ -6,75 +6,75 @@ RoboCorbaError
 │   ├── UnknownElement        nothing has this kind, floor and name
 │   ├── DuplicateElement      something has this kind, floor and name already
 │   ├── StaleEdit             the element changed since the editor read it
-│   ├── StaleVersion          the building changed since the editor looked
+│   ├── StaleVersion          the building changed since the editor read it
 │   ├── NothingToUndo, NothingToRedo
-│   ├── VersionUnavailable    the history does not reach back (or forward) that far
+│   ├── VersionUnavailable    the history does not contain this version
 │   ├── TransactionClosed, TooManyTransactions
-│   └── MapFileError          a map file is wrong: file, line, key, reason
+│   └── MapFileError          a map file is invalid: file, line, key, reason
 ├── PathError
 │   ├── InvalidPoint          a coordinate is not a finite number in range
 │   ├── InvalidRequest        a field of the request is out of range
 │   ├── UnknownFloor          the building has no such floor
-│   ├── NotFree               start or goal is too near to an obstacle
-│   └── NoPath                nothing leads there: the blockers are named
+│   ├── NotFree               start or goal is too close to an obstacle
+│   └── NoPath                no path leads there; names the blockers
 ├── SensingError
-│   ├── InvalidScan           a field of a scan's request is out of range
-│   └── SensorBehind          what the sensor knows is too old
+│   ├── InvalidScan           a field of a scan request is out of range
+│   └── SensorBehind          the sensor's floor state is too old
 ├── SimulationError
 │   ├── InvalidDescription    a field of a robot's description is out of range
-│   ├── PlaceTaken            a robot would stand in something there
+│   ├── PlaceTaken            the place is not free for the robot
 │   ├── NameTaken             a robot of this name is logged on
-│   ├── ServerFull            as many robots are logged on as may be: the limit, how many, when to try again
-│   ├── SessionExpired        the robot is not logged on any more
+│   ├── ServerFull            the limit of robots is reached; gives the limit, the number and when to retry
+│   ├── SessionExpired        the robot is no longer logged on
 │   ├── UnknownRobot          no robot of this name is logged on
-│   ├── InvalidCommand        a velocity, or how long it shall hold, can't be
+│   ├── InvalidCommand        a velocity or its validity period is out of range
 │   ├── CannotGrip            the object is out of reach, or can't be moved
-│   ├── InvalidRide           a field of a call for an elevator can't be
+│   ├── InvalidRide           a field of a call for an elevator is invalid
 │   ├── ElevatorFull          too many robots wait for it
-│   ├── InvalidReservation    a field of a reservation of areas can't be
+│   ├── InvalidReservation    a field of a reservation of areas is invalid
 │   ├── ReservationsFull      too many robots have reserved areas
 │   ├── NoRide                a robot has no ride, or not in this phase
-│   ├── InvalidChoice         an administrator set what can't be
+│   ├── InvalidChoice         an administrator set an invalid value
 │   ├── InvalidMission, StaleMission, UnknownMission
-│   ├── InvalidPicture        a picture of a floor can't be drawn like this
-│   ├── VideoError, StateDamaged   a film can't be written, a recording not be read
-│   ├── OutOfStep             an update of a floor does not follow what is known
-│   └── SimulationBusy        there was no time for it; nothing was done
+│   ├── InvalidPicture        a field of a request for a floor's picture is invalid
+│   ├── VideoError, StateDamaged   a film can't be written; a recording can't be read
+│   ├── OutOfStep             a floor update does not continue the known version
+│   └── SimulationBusy        the call was not executed for lack of time
 ├── RobotError
-│   ├── InvalidProgram        an icon of a program can't be: which one, which parameter, and why
-│   ├── Unreachable           a hand can't get there
-│   ├── IllegalOrder          the robot can't do this now
+│   ├── InvalidProgram        an icon of a program is invalid: which one, which parameter, and why
+│   ├── Unreachable           a hand can't reach the pose
+│   ├── IllegalOrder          the robot can't execute the order in its state
 │   ├── UnknownAdaptor        no adaptor has this name
 │   ├── UnknownPlan           the data pool holds no plan of this name
 │   ├── InvalidPlan, StalePlan
-│   ├── InvalidCarry          so many robots can't carry this
-│   ├── ImpossibleCarry       an object can't be carried there: the door, elevator or turn that blocks is named
-│   ├── MotionFailed          the robot did not get where it should
-│   ├── MissionFailed         what robots do together came to nothing: why, who, where
-│   └── AdaptorFailed         the robot does not do what it is told
+│   ├── InvalidCarry          this number of robots can't carry the object
+│   ├── ImpossibleCarry       an object can't be carried there; names the blocking door, elevator or turn
+│   ├── MotionFailed          the robot did not reach its goal
+│   ├── MissionFailed         a cooperative mission failed: why, which robot, where
+│   └── AdaptorFailed         the robot does not execute commands
 │       ├── UnitFailed        a unit of the actual robot refuses: which one, its code, and why
-│       └── RobotLost         nobody answers any more; it may come back
+│       └── RobotLost         the robot does not answer; it may return
 ├── EventError
 │   ├── InvalidEvent          a field of an event is out of range
-│   ├── InvalidSubscription   a subscription can't be used: where in it, and why
-│   ├── InvalidQueue          a queue can't be made like this
-│   ├── TooManyProxies        the channel serves as many clients as it may
-│   ├── AlreadyConnected      the proxy has its client
-│   ├── Disconnected          the proxy has no client, or has none any more
+│   ├── InvalidSubscription   a subscription is invalid: which part, and why
+│   ├── InvalidQueue          a setting of a queue is invalid
+│   ├── TooManyProxies        the channel's limit of clients is reached
+│   ├── AlreadyConnected      the proxy already has a client
+│   ├── Disconnected          the proxy has no client
 │   ├── ProxyGone             the proxy was disconnected, or its channel destroyed
 │   ├── UnknownSubscription   no durable subscription has this name
 │   ├── UnknownPeer           the channel has no such peer
 │   ├── InvalidPeer           a peer can't be linked
-│   ├── SessionOver           a gateway's session has ended; it has to join again
-│   ├── NotDelivered          a client did not get an event: try again
-│   ├── Unconfirmed           a client may have got an event: the answer did not come
-│   ├── Refused               a client answered an event with an exception, or could not take it
+│   ├── SessionOver           a gateway's session has ended; it must join again
+│   ├── NotDelivered          a client did not receive an event; retry
+│   ├── Unconfirmed           a client may have received an event; the reply is missing
+│   ├── Refused               a client raised an exception for an event, or could not accept it
 │   └── ClientGone            a client ended its connection
 └── ServiceError
     ├── AlreadyRunning        another process uses this state folder
-    ├── PortInUse             somebody else listens there
-    ├── StateMismatch         the state folder holds another building
-    ├── StartFailed           a process did not come up in time
-    ├── InvalidSetting        a variable or an option can't be used (in settings.py)
+    ├── PortInUse             another process listens there
+    ├── StateMismatch         the state folder contains another building
+    ├── StartFailed           a process did not start in time
+    ├── InvalidSetting        a variable or an option is invalid (in settings.py)
     └── NotReachable          a name could not be resolved or did not answer in time
 """

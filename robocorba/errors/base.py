@@ -1,4 +1,4 @@
-"""What all errors have in common."""
+"""Base classes of all errors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ class RoboCorbaError(Exception):
 
 
 class FieldError(RoboCorbaError):
-    """Part of what was asked for can't be: `field` says which, `reason` says why."""
+    """`field` of a request is invalid; `reason` is why."""
 
     def __init__(self, field: str, reason: str) -> None:
         self.field, self.reason = field, reason

@@ -6,7 +6,7 @@ from robocorba.errors.base import RoboCorbaError
 
 
 class ServiceError(RoboCorbaError):
-    """A process or its surroundings are not as they must be."""
+    """A process or its environment is unusable."""
 
 
 class AlreadyRunning(ServiceError):
@@ -14,7 +14,7 @@ class AlreadyRunning(ServiceError):
 
 
 class PortInUse(ServiceError):
-    """Somebody else listens on `host`:`port`."""
+    """Another process listens on `host`:`port`."""
 
     def __init__(self, host: str, port: int, purpose: str) -> None:
         self.host, self.port, self.purpose = host, port, purpose
@@ -22,11 +22,11 @@ class PortInUse(ServiceError):
 
 
 class StateMismatch(ServiceError):
-    """The state folder holds another building than the one asked for."""
+    """The state folder contains another building than the requested one."""
 
 
 class StartFailed(ServiceError):
-    """A process did not come up in time."""
+    """A process did not start in time."""
 
 
 class NotReachable(ServiceError):

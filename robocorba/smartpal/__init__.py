@@ -1,4 +1,5 @@
-"""The actual robot's stand-in: MuJoCo's dynamics of SmartPal, and the state machines of its units.
+"""The stand-in for the actual robot: MuJoCo dynamics of SmartPal, and the state machines of its units.
 
-Units speak as their public interface does: millimetres and degrees. Dynamics is SI. Nothing here belongs to the
-simulation server, which has physics of its own."""
+The units use millimetres and degrees, as SmartPal's public interface does; the dynamics uses SI units. Nothing here
+belongs to the simulation server, which has its own physics. "Assumed" marks constants
+that SmartPal's documents do not give."""

@@ -1,4 +1,4 @@
-"""An arm unit: jogs, and a queue of motions from joint to joint or along lines."""
+"""An arm unit: jogs, and a queue of joint motions and line motions."""
 
 from __future__ import annotations
 
@@ -15,28 +15,30 @@ from robocorba.smartpal.arm_kinematics import ArmKinematics
 from robocorba.smartpal.axes import AxesUnit
 from robocorba.smartpal.codes import Answer
 from robocorba.smartpal.dynamics import Dynamics
-from robocorba.smartpal.motion import Motion, joint_motion, most_line_speed
-from robocorba.smartpal.unit import JOG_TIMEOUT_MS, LEAST_JOG_TIMEOUT_MS, MOST_JOG_TIMEOUT_MS
+from robocorba.smartpal.motion import Motion, joint_motion, max_line_rate
+from robocorba.smartpal.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
 from robocorba.spatial.grids import Floats
 
-#: Motions that wait for their turn; ours.
-MOST_MOTIONS = 32
-#: Of lines, mm/s and degrees/s; ours.
-MOST_LINE_MM_S, MOST_LINE_DEG_S = 700.0, 90.0
-#: From standstill to the fastest at power-up, ms; ours.
+#: Length of the motion queue. Assumed.
+MAX_MOTIONS = 32
+#: Maximum speed along lines [mm/s, degrees/s]. Assumed.
+MAX_LINE_MM_S, MAX_LINE_DEG_S = 700.0, 90.0
+#: Time from standstill to maximum speed at power-up [ms]. Assumed.
 ACCELERATION_MS = 1000
-LEAST_JOINT_MS, LEAST_LINE_MS, MOST_MS = 500, 250, 10_000
-#: A line is solved at points so near to each other, m and rad, at most so many.
-_POINT_M, _POINT_RAD, _MOST_POINTS = 0.005, math.radians(1), 1000
-#: A jog along a line is led so often, s.
-LEAD_S = 0.01
-#: Joints that go further from point to point leave the line.
-_MOST_LEAP_RAD = 0.2
-_SLACK_DEG = 1e-6
+#: Limits for setting that time, for joints and for lines [ms].
+MIN_JOINT_MS, MIN_LINE_MS, MAX_MS = 500, 250, 10_000
+#: Spacing of the points at which a line is solved [m, rad], and their maximum number.
+_POINT_M, _POINT_RAD, _MAX_POINTS = 0.005, math.radians(1), 1000
+#: Interval at which a jog along a line computes new joint speeds [s].
+LINE_JOG_PERIOD_S = 0.01
+#: Largest change of a joint between two points; with a larger one the arm would leave the line [rad].
+_MAX_JOINT_STEP_RAD = 0.2
+#: Tolerance at limits, because clients may send a rounded limit [degrees].
+_TOLERANCE_DEG = 1e-6
 
 
 class Arm(AxesUnit):
-    """Millimetres and degrees. Places are px, py, pz, rx, ry, rz; `in_tool` says whether in the hand's own frame."""
+    """Millimetres and degrees. Positions are px, py, pz, rx, ry, rz, in the hand's own frame if `in_tool`."""
 
     def __init__(self, side: Side, dynamics: Dynamics) -> None:
         super().__init__("MnpL" if side is Side.LEFT else "MnpR", dynamics, ARM[side])
@@ -44,14 +46,14 @@ class Arm(AxesUnit):
         self._motions: deque[Motion] = deque()
         self._jog: Floats | None = None
         self._line_jog: tuple[bool, Floats, float] | None = None
-        #: What a jog along a line told the joints last, and how long that holds.
-        self._led: list[float] = []
-        self._jog_until = self._led_until = 0.0
+        #: Joint speeds of a jog along a line [rad/s], and when new ones are due.
+        self._line_jog_speeds: list[float] = []
+        self._jog_until = self._line_jog_due = 0.0
         self._jog_timeout_ms = JOG_TIMEOUT_MS
         self.joint_acceleration_ms = ACCELERATION_MS
         self.line_acceleration_ms = (ACCELERATION_MS, ACCELERATION_MS)
 
-    # ---- what it is asked ----
+    # ---- state ----
 
     @property
     def is_jogging(self) -> bool:
@@ -63,39 +65,39 @@ class Arm(AxesUnit):
 
     @property
     def motion_rate(self) -> int:
-        """How far the motion under way has come, percent."""
+        """Progress of the current motion [percent]."""
         with self._lock:
-            return round(100 * self._motions[0].rate) if self._motions else 100
+            return round(100 * self._motions[0].fraction) if self._motions else 100
 
-    def place(self, joints: Sequence[float]) -> list[float]:
-        """px, py, pz, rx, ry, rz, and the redundancy, of joints (7,) in degrees."""
+    def control_point(self, joints: Sequence[float]) -> list[float]:
+        """px, py, pz, rx, ry, rz and the redundancy for joints (7,) in degrees."""
         angles = np.radians(joints)
-        at = self.kinematics.place(angles)
-        turns = (*at[3:], self.kinematics.redundancy(angles))
-        return [*(1000.0 * way for way in at[:3]), *map(math.degrees, turns)]
+        pose = self.kinematics.pose(angles)
+        rotations = (*pose[3:], self.kinematics.redundancy(angles))
+        return [*(1000.0 * metres for metres in pose[:3]), *map(math.degrees, rotations)]
 
     # ---- settings ----
 
     def set_jog_timeout(self, timeout_ms: int) -> Answer:
-        if not LEAST_JOG_TIMEOUT_MS <= timeout_ms <= MOST_JOG_TIMEOUT_MS:
+        if not MIN_JOG_TIMEOUT_MS <= timeout_ms <= MAX_JOG_TIMEOUT_MS:
             return Answer.OUT_OF_RANGE
         self._jog_timeout_ms = timeout_ms
         return Answer.OK
 
     def set_joint_acceleration(self, time_ms: int) -> Answer:
-        if (wrong := _check_acceleration(time_ms, LEAST_JOINT_MS)) is Answer.OK:
+        if (answer := _check_acceleration(time_ms, MIN_JOINT_MS)) is Answer.OK:
             self.joint_acceleration_ms = time_ms
-        return wrong
+        return answer
 
     def set_line_acceleration(self, translation_ms: int, rotation_ms: int) -> Answer:
         for time_ms in (translation_ms, rotation_ms):
-            if (wrong := _check_acceleration(time_ms, LEAST_LINE_MS)) is not Answer.OK:
-                return wrong
+            if (answer := _check_acceleration(time_ms, MIN_LINE_MS)) is not Answer.OK:
+                return answer
         self.line_acceleration_ms = (translation_ms, rotation_ms)
         return Answer.OK
 
     def set_control_point_offset(self, offset: Sequence[float]) -> Answer:
-        """Of the control point from where it is at power-up; not while the arm moves."""
+        """Set the offset of the control point from its pose at power-up; WRONG_STATE while the arm moves."""
         if not _are_finite(offset) or max(map(abs, offset[:3])) > 1000.0:
             return Answer.OUT_OF_RANGE
         with self._lock:
@@ -111,55 +113,55 @@ class Arm(AxesUnit):
         if len(speeds) != ARM_JOINTS or not _are_finite(speeds):
             return Answer.OUT_OF_RANGE
         wanted = np.radians(speeds)
-        if np.any(np.abs(wanted) > self.most_speed * (1 + _SLACK_DEG)):
+        if np.any(np.abs(wanted) > self.max_speed * (1 + _TOLERANCE_DEG)):
             return Answer.TOO_FAST
         with self._lock:
-            if (wrong := self._may_jog()) is Answer.OK:
-                self._jog, self._line_jog, self._is_told = wanted, None, False
-            return wrong
+            if (answer := self._may_jog()) is Answer.OK:
+                self._jog, self._line_jog, self._is_idle = wanted, None, False
+            return answer
 
     def jog_line(self, in_tool: bool, speeds: Sequence[float], redundancy_speed: float) -> Answer:
-        """The control point moves and turns along the axes of its own frame or that of the arm."""
+        """Move the control point along and about the axes of its own frame or the arm's [mm/s, degrees/s]."""
         if not _are_finite([*speeds, redundancy_speed]):
             return Answer.OUT_OF_RANGE
-        ways, turns = np.array(speeds[:3]), np.array(speeds[3:])
-        turning = max(float(np.linalg.norm(turns)), abs(redundancy_speed))
-        if np.linalg.norm(ways) > MOST_LINE_MM_S + _SLACK_DEG or turning > MOST_LINE_DEG_S + _SLACK_DEG:
+        linear, angular = np.array(speeds[:3]), np.array(speeds[3:])
+        turning = max(float(np.linalg.norm(angular)), abs(redundancy_speed))
+        if np.linalg.norm(linear) > MAX_LINE_MM_S + _TOLERANCE_DEG or turning > MAX_LINE_DEG_S + _TOLERANCE_DEG:
             return Answer.TOO_FAST
         with self._lock:
-            if (wrong := self._may_jog()) is Answer.OK:
-                velocity = np.concatenate((ways / 1000.0, np.radians(turns)))
+            if (answer := self._may_jog()) is Answer.OK:
+                velocity = np.concatenate((linear / 1000.0, np.radians(angular)))
                 self._jog, self._line_jog = None, (in_tool, velocity, math.radians(redundancy_speed))
-                self._led_until = 0.0
-                self._is_told = False
-            return wrong
+                self._line_jog_due = 0.0
+                self._is_idle = False
+            return answer
 
     def _may_jog(self) -> Answer:
-        wrong = self.may_move()
-        if wrong is Answer.OK and self._motions:
+        answer = self.may_move()
+        if answer is Answer.OK and self._motions:
             return Answer.WRONG_STATE
-        if wrong is Answer.OK:
-            self._jog_until = self._seen.time + self._jog_timeout_ms / 1000.0
-        return wrong
+        if answer is Answer.OK:
+            self._jog_until = self._latest.time + self._jog_timeout_ms / 1000.0
+        return answer
 
     # ---- motions ----
 
     def move_joints(self, positions: Sequence[float], speed: float, is_relative: bool = False) -> Answer:
         if len(positions) != ARM_JOINTS or not _are_finite([*positions, speed]) or speed <= 0.0:
             return Answer.OUT_OF_RANGE
-        if math.radians(speed) > self.most_speed.min() * (1 + _SLACK_DEG):
+        if math.radians(speed) > self.max_speed.min() * (1 + _TOLERANCE_DEG):
             return Answer.TOO_FAST
         with self._lock:
-            if (wrong := self._may_queue()) is not Answer.OK:
-                return wrong
+            if (answer := self._may_queue()) is not Answer.OK:
+                return answer
             start = self._end
             end = np.radians(positions) + (start if is_relative else 0.0)
-            slack = math.radians(_SLACK_DEG)
-            if np.any(end < self.lower - slack) or np.any(end > self.upper + slack):
+            tolerance = math.radians(_TOLERANCE_DEG)
+            if np.any(end < self.lower - tolerance) or np.any(end > self.upper + tolerance):
                 return Answer.OUT_OF_RANGE
-            most = float(self.most_speed.min()) / (self.joint_acceleration_ms / 1000.0)
-            self._motions.append(joint_motion(start, end, math.radians(speed), most))
-            self._is_told = False
+            acceleration = float(self.max_speed.min()) / (self.joint_acceleration_ms / 1000.0)
+            self._motions.append(joint_motion(start, end, math.radians(speed), acceleration))
+            self._is_idle = False
             return Answer.OK
 
     def move_line(
@@ -170,97 +172,100 @@ class Arm(AxesUnit):
         speed: tuple[float, float],
         is_relative: bool = False,
     ) -> Answer:
-        """Straight, turning evenly; `speed`: mm/s, degrees/s. SPEED_WARNING where a joint has to slow it down."""
+        """Move straight, turning evenly, at `speed` [mm/s, degrees/s]. SPEED_WARNING where a joint limits the speed."""
         if not _are_finite([*position, redundancy, *speed]) or min(speed) <= 0.0:
             return Answer.OUT_OF_RANGE
-        if speed[0] > MOST_LINE_MM_S + _SLACK_DEG or speed[1] > MOST_LINE_DEG_S + _SLACK_DEG:
+        if speed[0] > MAX_LINE_MM_S + _TOLERANCE_DEG or speed[1] > MAX_LINE_DEG_S + _TOLERANCE_DEG:
             return Answer.TOO_FAST
         with self._lock:
-            if (wrong := self._may_queue()) is not Answer.OK:
-                return wrong
+            if (answer := self._may_queue()) is not Answer.OK:
+                return answer
             start = self._end
-        # Without the lock, as it takes a while; the arm goes on meanwhile.
-        first, elbow = self.kinematics.place(start), self.kinematics.redundancy(start)
+        # Solved without the lock: it is slow, and the arm moves meanwhile.
+        first, first_redundancy = self.kinematics.pose(start), self.kinematics.redundancy(start)
         last = _target(first, _pose(position), in_tool, is_relative)
-        turned = math.radians(redundancy) + (elbow if in_tool or is_relative else 0.0)
+        last_redundancy = math.radians(redundancy) + (first_redundancy if in_tool or is_relative else 0.0)
         try:
-            points, way_m, turn = self._line(start, first, last, turned)
+            points, length_m, turn = self._line(start, first, last, last_redundancy)
         except Unreachable:
             return Answer.OUT_OF_RANGE
         with self._lock:
-            if (wrong := self._may_queue()) is not Answer.OK:
-                return wrong
+            if (answer := self._may_queue()) is not Answer.OK:
+                return answer
             if self._end is not start and not np.array_equal(self._end, start):
-                return Answer.WRONG_STATE  # somebody else was faster
-            wanted = _per_way(speed[0] / 1000.0, way_m, math.radians(speed[1]), turn)
-            most_m_s2 = MOST_LINE_MM_S / self.line_acceleration_ms[0]
-            most_rad_s2 = math.radians(MOST_LINE_DEG_S) * 1000.0 / self.line_acceleration_ms[1]
-            most = most_line_speed(points, self.most_speed)
-            self._motions.append(Motion(points, min(wanted, most), _per_way(most_m_s2, way_m, most_rad_s2, turn)))
-            self._is_told = False
-            return Answer.OK if wanted <= most else Answer.SPEED_WARNING
+                return Answer.WRONG_STATE  # another client queued a motion meanwhile
+            rate = _rate_limit(speed[0] / 1000.0, length_m, math.radians(speed[1]), turn)
+            linear_m_s2 = MAX_LINE_MM_S / self.line_acceleration_ms[0]
+            angular_rad_s2 = math.radians(MAX_LINE_DEG_S) * 1000.0 / self.line_acceleration_ms[1]
+            acceleration = _rate_limit(linear_m_s2, length_m, angular_rad_s2, turn)
+            max_rate = max_line_rate(points, self.max_speed)
+            self._motions.append(Motion(points, min(rate, max_rate), acceleration))
+            self._is_idle = False
+            return Answer.OK if rate <= max_rate else Answer.SPEED_WARNING
 
     def _line(self, start: Floats, first: HandPose, last: HandPose, redundancy: float) -> tuple[Floats, float, float]:
-        """Joints (n, 7) along a line, its length in m, and by how much it turns, the elbow included, in rad."""
-        elbow = self.kinematics.redundancy(start)
-        way_m, hand_turn = first.distance(last)
-        elbow_turn = math.remainder(redundancy - elbow, math.tau)
+        """Joints (n, 7) along a line, its length [m], and the larger rotation of hand and elbow [rad].
+
+        Raises Unreachable."""
+        first_redundancy = self.kinematics.redundancy(start)
+        length_m, hand_turn = first.distance(last)
+        elbow_turn = math.remainder(redundancy - first_redundancy, math.tau)
         turn = max(hand_turn, abs(elbow_turn))
-        parts = min(_MOST_POINTS, 1 + math.ceil(max(way_m / _POINT_M, turn / _POINT_RAD)))
+        parts = min(_MAX_POINTS, 1 + math.ceil(max(length_m / _POINT_M, turn / _POINT_RAD)))
         points = [start]
         for part in range(1, parts + 1):
-            share = part / parts
-            at = _between(first, last, share)
-            joints = self.kinematics.joints_at(at, elbow + share * elbow_turn, points[-1])
-            if np.abs(joints - points[-1]).max() > _MOST_LEAP_RAD:
-                raise Unreachable(self.name, "the line can't be followed without a leap of a joint")
+            fraction = part / parts
+            pose = _interpolated(first, last, fraction)
+            joints = self.kinematics.joints_at(pose, first_redundancy + fraction * elbow_turn, points[-1])
+            if np.abs(joints - points[-1]).max() > _MAX_JOINT_STEP_RAD:
+                raise Unreachable(self.name, "a joint would have to jump to follow the line")
             points.append(joints)
-        return np.array(points), way_m, turn
+        return np.array(points), length_m, turn
 
     @property
     def _end(self) -> Floats:
-        """Where the last motion of the queue will end."""
-        return self._motions[-1].end if self._motions else np.array([axis.at for axis in self._axes])
+        """Joints (7,) at the end of the queue [rad]."""
+        return self._motions[-1].end if self._motions else np.array([axis.position for axis in self._axes])
 
     def _may_queue(self) -> Answer:
-        wrong = self.may_move()
-        if wrong is Answer.OK and (self.is_jogging or (super().is_moving and not self._motions)):
+        answer = self.may_move()
+        if answer is Answer.OK and (self.is_jogging or (super().is_moving and not self._motions)):
             return Answer.WRONG_STATE
-        return Answer.QUEUE_FULL if wrong is Answer.OK and len(self._motions) >= MOST_MOTIONS else wrong
+        return Answer.QUEUE_FULL if answer is Answer.OK and len(self._motions) >= MAX_MOTIONS else answer
 
-    # ---- in the thread of the dynamics ----
+    # ---- in the dynamics thread ----
 
     def _move(self) -> None:
-        if self.is_jogging and self._seen.time > self._jog_until:
+        if self.is_jogging and self._latest.time > self._jog_until:
             self._jog = self._line_jog = None
-        most = self.most_speed * (1000.0 / self.joint_acceleration_ms)
+        acceleration = self.max_speed * (1000.0 / self.joint_acceleration_ms)
         if self._motions:
-            places, speeds = self._motions[0].step(self._is_paused)
-            for axis, place, speed in zip(self._axes, places.tolist(), speeds.tolist(), strict=True):
-                axis.at, axis.speed = place, speed
+            positions, speeds = self._motions[0].step(self._is_paused)
+            for axis, position, speed in zip(self._axes, positions.tolist(), speeds.tolist(), strict=True):
+                axis.position, axis.speed = position, speed
             if self._motions[0].is_done:
                 self._motions.popleft()
         elif self._jog is not None:
-            self._run_axes(self._jog.tolist(), most.tolist())
+            self._step_axes(self._jog.tolist(), acceleration.tolist())
             if not self._jog.any() and not super().is_moving:
                 self._jog = None
         elif self._line_jog is not None:
-            if self._seen.time >= self._led_until:
-                self._led = self._line_speeds(*self._line_jog).tolist()
-                self._led_until = self._seen.time + LEAD_S
-            self._run_axes(self._led, self.most_acceleration.tolist())
+            if self._latest.time >= self._line_jog_due:
+                self._line_jog_speeds = self._line_speeds(*self._line_jog).tolist()
+                self._line_jog_due = self._latest.time + LINE_JOG_PERIOD_S
+            self._step_axes(self._line_jog_speeds, self.max_acceleration.tolist())
         else:
-            self._halt_axes()
+            self._brake_axes()
 
     def _line_speeds(self, in_tool: bool, velocity: Floats, redundancy_speed: float) -> Floats:
-        """Of the joints; all slow down as the one that can least, so that the line stays straight."""
-        joints = np.array([axis.at for axis in self._axes])
+        """Joint speeds (7,); the tightest limit slows all joints down equally, so that the line stays straight."""
+        joints = np.array([axis.position for axis in self._axes])
         if in_tool:
-            turn = self.kinematics.place(joints).rotation
-            velocity = np.concatenate((turn @ velocity[:3], turn @ velocity[3:]))
+            rotation = self.kinematics.pose(joints).rotation
+            velocity = np.concatenate((rotation @ velocity[:3], rotation @ velocity[3:]))
         speeds = self.kinematics.joint_speeds(joints, velocity, redundancy_speed)
         room = np.where(speeds > 0.0, self.upper - joints, joints - self.lower)
-        allowed = np.minimum(self.most_speed, np.sqrt(2.0 * self.most_acceleration * np.maximum(room, 0.0)))
+        allowed = np.minimum(self.max_speed, np.sqrt(2.0 * self.max_acceleration * np.maximum(room, 0.0)))
         return np.asarray(speeds * min(1.0, float((allowed / np.maximum(np.abs(speeds), 1e-9)).min())))
 
     def _brake(self) -> None:
@@ -269,10 +274,10 @@ class Arm(AxesUnit):
         self._jog = self._line_jog = None
 
 
-def _check_acceleration(time_ms: int, least_ms: int) -> Answer:
-    if time_ms > MOST_MS:
+def _check_acceleration(time_ms: int, min_ms: int) -> Answer:
+    if time_ms > MAX_MS:
         return Answer.OUT_OF_RANGE
-    return Answer.OK if time_ms >= least_ms else Answer.TOO_MUCH_ACCELERATION
+    return Answer.OK if time_ms >= min_ms else Answer.TOO_MUCH_ACCELERATION
 
 
 def _are_finite(values: Sequence[float]) -> bool:
@@ -280,13 +285,13 @@ def _are_finite(values: Sequence[float]) -> bool:
 
 
 def _pose(position: Sequence[float]) -> HandPose:
-    x, y, z = (way / 1000.0 for way in position[:3])
+    x, y, z = (millimetres / 1000.0 for millimetres in position[:3])
     roll, pitch, yaw = map(math.radians, position[3:])
     return HandPose(x, y, z, roll, pitch, yaw)
 
 
 def _target(first: HandPose, position: HandPose, in_tool: bool, is_relative: bool) -> HandPose:
-    """What a position says, in the frame of the arm. In the hand's own frame everything is relative to it."""
+    """The pose of a target position in the arm's frame. In the hand's frame a position is always relative."""
     if in_tool:
         return HandPose.of(first.position + first.rotation @ position.position, first.rotation @ position.rotation)
     if is_relative:
@@ -294,31 +299,31 @@ def _target(first: HandPose, position: HandPose, in_tool: bool, is_relative: boo
     return position
 
 
-def _between(first: HandPose, last: HandPose, share: float) -> HandPose:
-    """On the line from one to the other, turned about one axis."""
+def _interpolated(first: HandPose, last: HandPose, fraction: float) -> HandPose:
+    """On the line between two poses, turned about one axis."""
     turn = first.rotation.T @ last.rotation
     angle = first.distance(last)[1]
-    axis = _axis(turn, angle)
-    position = first.position + share * (last.position - first.position)
-    return HandPose.of(position, first.rotation @ _turn_about(axis, share * angle))
+    axis = _rotation_axis(turn, angle)
+    position = first.position + fraction * (last.position - first.position)
+    return HandPose.of(position, first.rotation @ _rotation_about(axis, fraction * angle))
 
 
-def _axis(turn: Floats, angle: float) -> Floats:
+def _rotation_axis(turn: Floats, angle: float) -> Floats:
     if angle < 1e-9:
         return np.array([1.0, 0.0, 0.0])
-    if angle > math.pi - 1e-6:  # half a turn: the axis is what the turn keeps
+    if angle > math.pi - 1e-6:  # half a turn: the axis is the eigenvector of eigenvalue 1
         values, vectors = np.linalg.eigh((turn + turn.T) / 2)
         return np.asarray(vectors[:, int(np.argmax(values))])
     skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return np.asarray(skew / np.linalg.norm(skew))
 
 
-def _turn_about(axis: Floats, angle: float) -> Floats:
+def _rotation_about(axis: Floats, angle: float) -> Floats:
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
 
 
-def _per_way(linear: float, way_m: float, angular: float, turn: float) -> float:
-    """In whole ways a second: the slower of the two."""
-    return min(linear / max(way_m, 1e-9), angular / max(turn, 1e-9))
+def _rate_limit(linear: float, length_m: float, angular: float, turn: float) -> float:
+    """Speeds (or accelerations) along a line as a rate of the fraction completed: the slower of the two."""
+    return min(linear / max(length_m, 1e-9), angular / max(turn, 1e-9))

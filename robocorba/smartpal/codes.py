@@ -1,4 +1,4 @@
-"""The numbers that SmartPal's units answer: states, return codes, alarms."""
+"""Numbers in the replies of SmartPal's units: states, return codes, alarms."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class AxesState(IntEnum):
 
 
 class Answer(IntEnum):
-    """What an arm's operation returns; warnings are below -100."""
+    """Return codes of an arm's operations; from -100 down they are warnings."""
 
     OK = 0
     FAILED = -1
@@ -57,7 +57,7 @@ class AlarmType(IntEnum):
     UNKNOWN = 2
 
 
-#: Codes of alarms; ours.
+#: Codes of alarms. Assumed.
 FOLLOWING_ERROR, EMERGENCY_SWITCH = 0x21, 0x22
 
 

@@ -1,4 +1,4 @@
-"""Faults of the stand-in, switched on and off while it runs; no robot offers this."""
+"""Faults of the stand-in, switched on and off while it runs. An actual robot has no such interface."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from robocorba.errors.robots import RobotError
 from robocorba.smartpal.codes import Alarm
 from robocorba.smartpal.unit import Unit
 
-#: A call is held back so long at most, s, and so many calls at once; others are cut off right away.
-MOST_DELAY_S, MOST_HELD = 5.0, 32
+#: Longest delay of a call [s].
+MAX_DELAY_S = 5.0
+#: Calls delayed simultaneously; further calls fail immediately.
+MAX_HELD_CALLS = 32
 
 
 class InvalidFault(FieldError, RobotError):
-    """`field` of a fault can't be."""
+    """`field` of a fault is invalid."""
 
 
 class Faults:
-    """units: by the names that they are bound as."""
+    """units: by the names under which they are bound."""
 
     def __init__(self, units: Mapping[str, Unit]) -> None:
         self._units = units
@@ -33,8 +35,8 @@ class Faults:
     # ---- switches ----
 
     def alarm(self, unit: str, alarm: Alarm) -> None:
-        """Code 0 switches off."""
-        self._unit(unit).lasting_alarm(alarm if alarm.code else None)
+        """Set a persistent alarm; code 0 removes it."""
+        self._unit(unit).set_persistent_alarm(alarm if alarm.code else None)
 
     def stuck(self, unit: str, on: bool) -> None:
         self._unit(unit).jam(on)
@@ -46,8 +48,8 @@ class Faults:
             self._changed.notify_all()
 
     def slow_network(self, delay_s: float) -> None:
-        if not (math.isfinite(delay_s) and 0.0 <= delay_s <= MOST_DELAY_S):
-            raise InvalidFault("delay", f"{delay_s} is not 0 to {MOST_DELAY_S:g} s")
+        if not (math.isfinite(delay_s) and 0.0 <= delay_s <= MAX_DELAY_S):
+            raise InvalidFault("delay", f"{delay_s} s is outside 0 to {MAX_DELAY_S:g} s")
         self._delay_s = delay_s
 
     def emergency_switch(self, pressed: bool) -> None:
@@ -55,33 +57,33 @@ class Faults:
             unit.emergency_switch(pressed)
 
     def none(self) -> None:
-        """All is well again."""
+        """Switch all faults off."""
         for name, unit in self._units.items():
-            unit.lasting_alarm(None)
+            unit.set_persistent_alarm(None)
             unit.jam(False)
             self.lost(name, False)
         self.emergency_switch(False)
         self.slow_network(0.0)
 
     def close(self) -> None:
-        """Let go of all calls that are held back."""
+        """Fail all calls that are being delayed."""
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
 
-    # ---- on the way of a call ----
+    # ---- called for each call to a unit ----
 
-    def reaches(self, unit: str) -> bool:
-        """Hold a call to a unit back as long as the network does; whether it gets there."""
+    def delivers(self, unit: str) -> bool:
+        """Delay a call to a unit as the faults demand; whether the call reaches the unit."""
         if not self._delay_s and unit not in self._lost:
             return True
         with self._changed:
-            if self._held >= MOST_HELD:
+            if self._held >= MAX_HELD_CALLS:
                 return False
             self._held += 1
             try:
                 if unit in self._lost:
-                    self._changed.wait_for(lambda: unit not in self._lost or self._is_closed, MOST_DELAY_S)
+                    self._changed.wait_for(lambda: unit not in self._lost or self._is_closed, MAX_DELAY_S)
                 elif self._delay_s:
                     self._changed.wait_for(lambda: self._is_closed, self._delay_s)
                 return unit not in self._lost and not self._is_closed
@@ -90,5 +92,5 @@ class Faults:
 
     def _unit(self, name: str) -> Unit:
         if name not in self._units:
-            raise InvalidFault("unit", f"there is no {name[:40]!r}; there are {', '.join(self._units)}")
+            raise InvalidFault("unit", f"unknown unit {name[:40]!r}; the units are {', '.join(self._units)}")
         return self._units[name]

@@ -1,4 +1,4 @@
-"""A gripper unit: one axis; minus opens. Its arm gives it power."""
+"""A gripper unit: one axis; negative angles open it. Its arm supplies its power."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robocorba.smartpal.unit import Unit
 
 
 class Gripper(PositionUnit):
-    """arm: where its power comes from."""
+    """arm: supplies its power."""
 
     def __init__(self, side: Side, dynamics: Dynamics, arm: Unit) -> None:
         super().__init__("GripperL" if side is Side.LEFT else "GripperR", dynamics, slice(GRIP[side], GRIP[side] + 1))
@@ -25,7 +25,7 @@ class Gripper(PositionUnit):
         return self.is_power_on and super().is_servo_on
 
     def _drive(self) -> None:
-        if self._servo_from is not None and not self.is_power_on:
+        if self._servo_ready_at is not None and not self.is_power_on:
             self.servo_off()
         super()._drive()
 

@@ -1,4 +1,4 @@
-"""The lumbar unit: two axes that lean the trunk ahead."""
+"""The lumbar unit: two axes that lean the trunk forward."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Lumbar(PositionUnit):
         super().__init__("Lumbar", dynamics, LUMBAR)
 
     def move_cooperative(self, lean: float, speed: float, acceleration: float) -> Answer:
-        """So that the trunk leans by `lean` in all, the lower axis by as much as it can."""
+        """Lean the trunk by `lean` in total; the lower axis takes as much of it as its limits allow."""
         upper, lower = self.soft_limits[0]
         first = min(max(lean, lower), upper)
         return self.move((first, lean - first), speed, acceleration)

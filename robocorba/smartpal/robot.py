@@ -1,4 +1,4 @@
-"""The robot: its units on its dynamics, and the thread in which its time passes."""
+"""The robot: its units, its dynamics, and the thread that advances them in real time."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ from robocorba.smartpal.faults import Faults
 from robocorba.smartpal.gripper import Gripper
 from robocorba.smartpal.lumbar import Lumbar
 from robocorba.smartpal.mobility import Mobility
+from robocorba.smartpal.segment import BasePose
 from robocorba.smartpal.unit import Unit
-from robocorba.smartpal.way import Place
 
-#: The thread wakes so often, s. Time that it is behind by more is lost, s.
-WAKE_S, MOST_BEHIND_S = 0.003, 0.1
-#: Units look after themselves once in so many steps.
+#: Interval at which the dynamics thread wakes [s].
+WAKE_INTERVAL_S = 0.003
+#: Lag behind real time that the thread makes up for; any lag beyond it is dropped [s].
+MAX_LAG_S = 0.1
+#: Steps between the checks of the units.
 CHECK_EVERY = 5
 _log = logging.getLogger(__name__)
 
 
 class SmartPal:
-    """start: where its odometry says that it stands at power-up, m and rad."""
+    """start: the pose that its odometry reports at power-up [m, rad]."""
 
-    def __init__(self, seed: int = 0, start: Place = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, seed: int = 0, start: BasePose = (0.0, 0.0, 0.0)) -> None:
         self.dynamics = Dynamics(seed)
         self.mobility = Mobility(self.dynamics, start)
         self.arms = {side: Arm(side, self.dynamics) for side in Side}
@@ -41,16 +43,16 @@ class SmartPal:
         self._steps = 0
 
     def warm_up(self) -> None:
-        """Compile what kinematics needs, which takes a while the first time on a machine."""
+        """Compile the kinematics kernels; the first time on a machine this is slow."""
         for arm in self.arms.values():
-            standing = np.zeros(ARM_JOINTS)
-            arm.kinematics.joints_at(arm.kinematics.place(standing), arm.kinematics.redundancy(standing), standing)
+            joints = np.zeros(ARM_JOINTS)
+            arm.kinematics.joints_at(arm.kinematics.pose(joints), arm.kinematics.redundancy(joints), joints)
 
     def step(self) -> None:
-        """Let STEP_S pass."""
-        seen = self.dynamics.seen
+        """Advance all units and the dynamics by STEP_S."""
+        state = self.dynamics.state
         for unit in self.units.values():
-            unit.advance(seen)
+            unit.advance(state)
         if self._steps % CHECK_EVERY == 0:
             for unit in self.units.values():
                 unit.check()
@@ -59,7 +61,7 @@ class SmartPal:
 
 
 class RealTime:
-    """Steps once for each STEP_S of real time, in a thread of its own, until it is closed."""
+    """Calls `step` once per STEP_S of real time, in its own thread, until it is closed."""
 
     def __init__(self, step: Callable[[], None]) -> None:
         self._step = step
@@ -76,12 +78,12 @@ class RealTime:
 
     def _run(self) -> None:
         due = time.monotonic()
-        while not self._closing.wait(WAKE_S):
+        while not self._closing.wait(WAKE_INTERVAL_S):
             now = time.monotonic()
-            due = max(due, now - MOST_BEHIND_S)
+            due = max(due, now - MAX_LAG_S)
             try:
                 while due <= now:
                     due += STEP_S
                     self._step()
-            except Exception:  # one fault must not let all units hang
+            except Exception:  # keep the units running after a failed step
                 _log.exception("a step of the dynamics failed")

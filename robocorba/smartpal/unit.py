@@ -1,7 +1,6 @@
-"""What all units have: power, servo, alarms, the emergency switch, pause; and the state that comes of them.
+"""What all units share: power, servo, alarms, emergency switch and pause, and the state that follows from them.
 
-The thread of the dynamics calls `advance` for each step; whoever calls the unit leaves an order and reads what was so
-after the last step."""
+The dynamics thread calls `advance` for each step. Other threads leave orders and read the state after the last step."""
 
 from __future__ import annotations
 
@@ -9,74 +8,77 @@ import threading
 from abc import ABC, abstractmethod
 
 from robocorba.smartpal.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
-from robocorba.smartpal.dynamics import Dynamics, Snapshot
+from robocorba.smartpal.dynamics import Dynamics, DynamicsState
 
-#: A servo needs so long until its unit is ready, s; ours.
+#: Delay from switching a servo on until its unit is ready [s]. Assumed.
 SERVO_ON_S = 0.3
-#: A jog holds so long at power-up, and may be set to hold, ms; ours.
-JOG_TIMEOUT_MS, LEAST_JOG_TIMEOUT_MS, MOST_JOG_TIMEOUT_MS = 200, 20, 10_000
-#: Alarms that a unit keeps; more of other codes are not noted.
-MOST_ALARMS = 16
+#: A jog ends unless it is repeated within this timeout: at power-up, and the limits for setting it [ms]. Assumed.
+JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS = 200, 20, 10_000
+#: Alarms that a unit keeps; further alarms with other codes are dropped.
+MAX_ALARMS = 16
 VERSION = "RoboCorba's stand-in for SmartPal V"
 
 
 class Unit(ABC):
-    """One unit, under the `name` that it is bound as. Each order answers OK, or why nothing was done."""
+    """One unit, bound under `name`. Each order returns OK, or why it did nothing."""
+
+    #: Whether the unit stays locked after the emergency switch is released, until it is unlocked.
+    _waits_for_unlock = False
 
     def __init__(self, name: str, dynamics: Dynamics) -> None:
         self.name, self._dynamics = name, dynamics
         self._lock = threading.RLock()
-        self._seen: Snapshot = dynamics.seen
+        self._latest: DynamicsState = dynamics.state
         self._is_powered = self._is_locked = self._is_switch_pressed = self._is_paused = False
-        self._is_jammed = self._jammed = False
-        #: Whether the dynamics knows already that the unit stands.
-        self._is_told = True
-        self._servo_from: float | None = None
+        self._jam_wanted = self._jam_applied = False
+        #: Whether the unit has stopped and the dynamics has its last setpoints.
+        self._is_idle = True
+        self._servo_ready_at: float | None = None
         self._alarms: dict[int, Alarm] = {}
-        self._lasting: Alarm | None = None
+        self._persistent_alarm: Alarm | None = None
 
-    # ---- what a unit does by itself ----
+    # ---- what each kind of unit implements ----
 
     @property
     @abstractmethod
     def is_moving(self) -> bool:
-        """Whether it does anything but stand."""
+        """Whether it moves or has motions left."""
 
     @property
     @abstractmethod
     def is_jogging(self) -> bool:
-        """Whether it moves as a jog says."""
+        """Whether it follows a jog."""
 
     @abstractmethod
     def _drive(self) -> None:
-        """Tell the dynamics what to do in the next step."""
+        """Set the setpoints for the next step of the dynamics."""
 
     @abstractmethod
     def _brake(self) -> None:
-        """Forget what was ordered, and halt as hard as the unit can."""
+        """Drop all orders and brake as hard as the unit can."""
 
     @abstractmethod
     def _is_stuck(self) -> bool:
-        """Whether it does not follow its servo."""
+        """Whether an axis does not follow its setpoint."""
 
     @abstractmethod
     def _jam(self, on: bool) -> None:
-        """Hold an axis, or let it go."""
+        """Block an axis, or release it."""
 
-    def advance(self, seen: Snapshot) -> None:
-        """Before each step of the dynamics."""
+    def advance(self, state: DynamicsState) -> None:
+        """Called in the dynamics thread before each step."""
         with self._lock:
-            self._seen = seen
+            self._latest = state
             self._drive()
 
     def check(self) -> None:
-        """Now and then, in the same thread."""
+        """Called every few steps in the dynamics thread."""
         with self._lock:
-            if self._jammed != self._is_jammed:
-                self._jammed = self._is_jammed
-                self._jam(self._jammed)
+            if self._jam_applied != self._jam_wanted:
+                self._jam_applied = self._jam_wanted
+                self._jam(self._jam_applied)
             if self.is_servo_on and FOLLOWING_ERROR not in self._alarms and self._is_stuck():
-                self.alarm(Alarm(FOLLOWING_ERROR, AlarmType.FAULT, "it does not follow its servo"))
+                self.alarm(Alarm(FOLLOWING_ERROR, AlarmType.FAULT, "an axis does not follow its servo"))
 
     # ---- states ----
 
@@ -86,11 +88,11 @@ class Unit(ABC):
 
     @property
     def is_servo_on(self) -> bool:
-        return self._servo_from is not None and self._servo_from <= self._seen.time
+        return self._servo_ready_at is not None and self._servo_ready_at <= self._latest.time
 
     @property
     def state(self) -> AxesState:
-        """Of an arm; other units have those of these states that they know."""
+        """The state as an arm reports it; other units have a subset of these states."""
         with self._lock:
             if self._is_locked:
                 return AxesState.LOCKED
@@ -115,7 +117,7 @@ class Unit(ABC):
         return any(alarm.type is not AlarmType.WARNING for alarm in self._alarms.values())
 
     def may_move(self) -> Answer:
-        """Whether an order to move can be taken, as far as power, servo, alarms and pauses go."""
+        """OK, or why power, servo, alarms, lock or pause forbid an order to move."""
         state = self.state
         if state in (AxesState.UNPOWERED, AxesState.POWERED):
             return Answer.SERVO_OFF
@@ -138,19 +140,19 @@ class Unit(ABC):
             return Answer.OK
 
     def servo_on(self) -> Answer:
-        """It is on, and the unit ready, SERVO_ON_S later."""
+        """The servo is on, and the unit ready, after SERVO_ON_S."""
         with self._lock:
             if self._is_locked or self._has_fault or not self.is_power_on:
                 return Answer.WRONG_STATE
-            if self._servo_from is None:
-                self._servo_from = self._seen.time + SERVO_ON_S
+            if self._servo_ready_at is None:
+                self._servo_ready_at = self._latest.time + SERVO_ON_S
             return Answer.OK
 
     def servo_off(self) -> Answer:
-        """Brakes hold it then."""
+        """Brakes hold the axes then."""
         with self._lock:
             self._halt()
-            self._servo_from = None
+            self._servo_ready_at = None
             return Answer.OK
 
     def stop(self) -> Answer:
@@ -159,7 +161,7 @@ class Unit(ABC):
             return Answer.OK
 
     def pause(self) -> Answer:
-        """Wait on the way of a motion; not of a jog."""
+        """Pause a motion; a jog cannot be paused."""
         with self._lock:
             if self.state is not AxesState.BUSY:
                 return Answer.WRONG_STATE
@@ -174,46 +176,46 @@ class Unit(ABC):
             return Answer.OK
 
     def clear_alarms(self) -> Answer:
-        """FAILED while what the alarm is about lasts."""
+        """FAILED while a persistent alarm or the emergency switch is on."""
         with self._lock:
-            if self._lasting or self._is_switch_pressed:
+            if self._persistent_alarm or self._is_switch_pressed:
                 return Answer.FAILED
             self._alarms.clear()
             return Answer.OK
 
-    def active_alarms(self, most: int) -> list[Alarm]:
-        """At most so many, the oldest first."""
+    def active_alarms(self, max_count: int) -> list[Alarm]:
+        """At most `max_count`, the oldest first."""
         with self._lock:
-            return list(self._alarms.values())[: max(0, most)]
+            return list(self._alarms.values())[: max(0, max_count)]
 
     def _halt(self) -> None:
         self._is_paused = False
         self._brake()
 
-    # ---- what happens to it ----
+    # ---- faults ----
 
     def alarm(self, alarm: Alarm) -> None:
-        """A fault brakes it and takes its servo off."""
+        """Report an alarm; a fault also brakes the unit and switches its servo off."""
         with self._lock:
-            if alarm.code in self._alarms or len(self._alarms) < MOST_ALARMS:
+            if alarm.code in self._alarms or len(self._alarms) < MAX_ALARMS:
                 self._alarms[alarm.code] = alarm
             if alarm.type is not AlarmType.WARNING:
                 self.servo_off()
 
-    def lasting_alarm(self, alarm: Alarm | None) -> None:
-        """One that can't be cleared until there is none any more."""
+    def set_persistent_alarm(self, alarm: Alarm | None) -> None:
+        """An alarm that can't be cleared until it is set to None."""
         with self._lock:
-            self._lasting = alarm
+            self._persistent_alarm = alarm
             if alarm:
                 self.alarm(alarm)
 
     def jam(self, on: bool) -> None:
-        """An axis of it does not move, whatever its servo does."""
+        """Block an axis against its servo, or release it."""
         with self._lock:
-            self._is_jammed = on
+            self._jam_wanted = on
 
     def emergency_switch(self, pressed: bool) -> None:
-        """It brakes and is locked; an axis unit is free again when the switch is, a base when it is unlocked too."""
+        """Pressed: brake and lock. Released: an axes unit is unlocked; the base waits for `unlock`."""
         with self._lock:
             if pressed:
                 self._is_locked = True
@@ -221,5 +223,3 @@ class Unit(ABC):
             elif not self._waits_for_unlock:
                 self._is_locked = False
             self._is_switch_pressed = pressed
-
-    _waits_for_unlock = False

@@ -1,12 +1,13 @@
-"""What starts, names, watches and ends the processes of a RoboCorba system.
+"""Starts, supervises and ends the processes of a RoboCorba system.
 
-A supervisor of our own, because supervisord looks once a second and gives up on a server that keeps
-dying, circus is hardly kept, and neither waits for a real call nor dies together with its children.
+Existing supervisors do not fit: supervisord polls once a second and abandons a server that keeps failing, circus is
+hardly maintained, and neither waits for a real call or ends together with its children.
 
-    system.py    the whole: naming service first, then the servers, until told to stop
-    process.py   one process: start it, wait until it answers, start it again when it ends
-    child.py     runs in a new process before the real program does, so that nothing outlives us
-    folder.py    the state folder: its lock, the ports of the servers, what runs now
-    servers.py   which servers there are
-    subnets.py   which event channels there are, and which of them are linked
+    system.py    the whole system: first the naming service, then the servers, until a signal to stop
+    process.py   one supervised process: start it, wait until it answers, restart it when it ends
+    launch.py    command lines and child processes
+    child.py     binds a new process to the life of its parent, then runs the program
+    folder.py    the state folder: its lock, the ports of the servers, the processes that run
+    servers.py   the servers of a system
+    subnets.py   the event channels of a system, and the links between them
 """

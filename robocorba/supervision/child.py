@@ -1,7 +1,7 @@
-"""Run a program that ends when its supervisor ends: python child.py SUPERVISOR_PID PROGRAM ARGUMENTS.
+"""Run a program that ends when its parent ends: python child.py PARENT_PID CORES PROGRAM ARGUMENTS.
 
-A file of its own, started by a bare interpreter, because code between fork and exec in a process with
-threads (preexec_fn) can deadlock. It imports nothing of RoboCorba.
+CORES: the cores to run on, such as 0,2; empty for all. This is a file of its own, started by a bare interpreter,
+because code between fork and exec in a process with threads (preexec_fn) can deadlock. It imports nothing of RoboCorba.
 """
 
 import ctypes
@@ -12,18 +12,20 @@ import sys
 PR_SET_PDEATHSIG = 1
 
 
-def main(supervisor: int, command: list[str]) -> None:
+def main(parent: int, cores: str, command: list[str]) -> None:
     """Never returns: becomes `command`, or exits."""
-    # SIGKILL, because nobody is left to insist with when a SIGTERM is ignored.
+    # SIGKILL: a program may ignore SIGTERM, and the parent is no longer there to kill it.
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != supervisor:
-        sys.exit("the supervisor has ended already")
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # this interpreter ignores it, the program shall decide itself
+    if os.getppid() != parent:
+        sys.exit("the parent process has already ended")
+    if cores:
+        os.sched_setaffinity(0, map(int, cores.split(",")))
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores SIGPIPE; the program starts with the default
     try:
         os.execvp(command[0], command)
-    except OSError as wrong:
-        sys.exit(f"can't run {command[0]}: {wrong.strerror}")
+    except OSError as error:
+        sys.exit(f"can't run {command[0]}: {error.strerror}")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2:])
+    main(int(sys.argv[1]), sys.argv[2], sys.argv[3:])

@@ -1,9 +1,9 @@
-"""The state folder of a system: who holds it, which port each server has, what runs now.
+"""The state folder of a system: its lock, the port of each server, the processes that run.
 
 lock          held (flock) by the `robocorba up` that uses the folder
 ports.json    the port of each server, kept so that references survive restarts
-links.json    the peers that each event channel was given
-up.json       what runs now, replaced whole at every change
+links.json    the peers with which each event channel was linked
+up.json       the processes that run, replaced atomically at every change
 logs/         a file for each process
 omninames/    the bindings of the naming service
 """
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 class ProcessRecord(msgspec.Struct):
-    """A process as up.json tells it; `started` in POSIX seconds, `pid` 0 while it waits for its next start."""
+    """A process in up.json. started: POSIX time [s]. pid: 0 while it waits for its next start."""
 
     name: str
     state: str
@@ -42,7 +42,7 @@ class ProcessRecord(msgspec.Struct):
 
 
 class SystemRecord(msgspec.Struct):
-    """What up.json holds: the naming service's address, the supervisor and its processes."""
+    """The content of up.json: the naming service's address, the supervisor and its processes."""
 
     naming: str
     pid: int
@@ -51,7 +51,7 @@ class SystemRecord(msgspec.Struct):
 
     @property
     def is_alive(self) -> bool:
-        """Whether the supervisor that wrote it still runs; a process id alone could be somebody else's by now."""
+        """Whether the supervisor that wrote it still runs. Its start time is compared, as process ids are reused."""
         try:
             return abs(psutil.Process(self.pid).create_time() - self.created) < 1.0
         except psutil.Error:
@@ -60,7 +60,7 @@ class SystemRecord(msgspec.Struct):
 
 @dataclass(frozen=True)
 class StateFolder:
-    """Reading and writing what stands at the top of this file."""
+    """Reads and writes the files listed at the top of this module."""
 
     path: Path
 
@@ -74,41 +74,41 @@ class StateFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the folder, made where there is none. Raises AlreadyRunning, or ServiceError where it can't be used.
+        """Lock the folder; create it if it is missing. Raises AlreadyRunning, or ServiceError for an unusable folder.
 
-        The kernel lets go of the lock when this process ends, however it ends."""
+        The kernel releases the lock when this process ends, even by SIGKILL."""
         try:
             self.names.mkdir(parents=True, exist_ok=True)
             lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-        except OSError as wrong:
-            raise ServiceError(f"can't use the state folder {self.path}: {wrong.strerror}") from None
+        except OSError as error:
+            raise ServiceError(f"can't use the state folder {self.path}: {error.strerror}") from None
         try:
-            self._take(lock)
+            self._lock(lock)
             yield
         finally:
             os.close(lock)
 
-    def _take(self, lock: int) -> None:
+    def _lock(self, lock: int) -> None:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             record = self.read_record()
-            who = f" (process id {record.pid})" if record and record.is_alive else ""
-            raise AlreadyRunning(f"another robocorba up{who} uses the state folder {self.path}") from None
+            owner = f" (process id {record.pid})" if record and record.is_alive else ""
+            raise AlreadyRunning(f"another robocorba up{owner} uses the state folder {self.path}") from None
 
     def ports(self, servers: Sequence[str], naming: Address) -> dict[str, int]:
-        """The port of each server on the naming service's host: the one it had, else the first free one after
-        the naming service's, remembered from now on. Raises PortInUse where one that it had is taken."""
+        """The port of each server on the naming service's host: its former port, else the first free one after the
+        naming service's, which is stored. Raises PortInUse if a former port is in use."""
         file = self.path / "ports.json"
-        remembered = self._read(file, dict[str, int]) or {}
+        stored = self._read(file, dict[str, int]) or {}
         for server in servers:
-            port = remembered.get(server)
+            port = stored.get(server)
             if port is None:
-                remembered[server] = self._next_port(naming, {naming.port, *remembered.values()})
+                stored[server] = self._next_port(naming, {naming.port, *stored.values()})
             elif port == naming.port or not is_free(naming.host, port):
-                raise PortInUse(naming.host, port, f"{server} (remembered in {file})")
-        self._write(file, remembered)
-        return {server: remembered[server] for server in servers}
+                raise PortInUse(naming.host, port, f"{server} (stored in {file})")
+        self._write(file, stored)
+        return {server: stored[server] for server in servers}
 
     def _next_port(self, naming: Address, taken: set[int]) -> int:
         for port in range(naming.port + 1, 65536):
@@ -117,7 +117,7 @@ class StateFolder:
         raise ServiceError(f"no port above {naming.port} is free on {naming.host}")
 
     def links(self) -> dict[str, list[str]]:
-        """The peers of each event channel, as the systems in this folder linked them."""
+        """The peers with which systems in this folder linked each event channel."""
         return self._read(self.path / "links.json", dict[str, list[str]]) or {}
 
     def write_links(self, links: Mapping[str, Sequence[str]]) -> None:
@@ -127,7 +127,7 @@ class StateFolder:
         self._write(self.path / "up.json", record)
 
     def read_record(self) -> SystemRecord | None:
-        """What runs, or ran last, here; None where nothing did. Raises ServiceError for a damaged file."""
+        """The system that runs here, or ran last; None where none did. Raises ServiceError for a damaged file."""
         return self._read(self.path / "up.json", SystemRecord)
 
     def remove_record(self) -> None:
@@ -138,35 +138,35 @@ class StateFolder:
             return msgspec.json.decode(file.read_bytes(), type=schema)
         except FileNotFoundError:
             return None
-        except OSError as wrong:
-            raise ServiceError(f"can't read {file}: {wrong.strerror}") from None
-        except msgspec.MsgspecError as wrong:
-            raise ServiceError(f"{file} is damaged ({wrong}); remove it") from None
+        except OSError as error:
+            raise ServiceError(f"can't read {file}: {error.strerror}") from None
+        except msgspec.MsgspecError as error:
+            raise ServiceError(f"{file} is damaged ({error}); remove it") from None
 
     def _write(self, file: Path, content: object) -> None:
-        """Readers see the old file or the new one, never a part. The lock makes us the only writer."""
-        fresh = file.with_suffix(".new")
+        """Replace the file atomically. The lock makes this process the only writer."""
+        new = file.with_suffix(".new")
         try:
-            fresh.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2))
-            fresh.replace(file)
-        except OSError as wrong:
-            raise ServiceError(f"can't write {file}: {wrong.strerror}") from None
+            new.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2))
+            new.replace(file)
+        except OSError as error:
+            raise ServiceError(f"can't write {file}: {error.strerror}") from None
 
 
 def is_free(host: str, port: int) -> bool:
-    """Whether a server could listen there. Raises ServiceError where `host` is another machine or the port denied."""
+    """Whether a server can listen there. Raises ServiceError if `host` is another machine or the port is denied."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
-            # As omniORB does: connections that linger in TIME_WAIT don't keep a server from its port.
+            # As omniORB does: connections in TIME_WAIT do not block the port.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
     except socket.gaierror:
-        raise ServiceError(f"{host} is not known as a host") from None
-    except OSError as wrong:
-        if wrong.errno == errno.EADDRINUSE:
+        raise ServiceError(f"unknown host {host}") from None
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
             return False
-        if wrong.errno == errno.EADDRNOTAVAIL:
+        if error.errno == errno.EADDRNOTAVAIL:
             raise ServiceError(f"{host} is not an address of this machine") from None
-        raise ServiceError(f"can't listen on {host}:{port}: {wrong.strerror}") from None
+        raise ServiceError(f"can't listen on {host}:{port}: {error.strerror}") from None
     return True

@@ -1,4 +1,4 @@
-"""One process from its first start to its end: started, asked until it answers, started again when it ends."""
+"""One supervised process: started, probed until it answers, restarted when it ends."""
 
 from __future__ import annotations
 
@@ -17,23 +17,26 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
 from robocorba.supervision.launch import bound_command
 
-#: A process that ran this long starts again at once; one that keeps ending waits longer each time.
+#: A process that ran at least this long is restarted immediately [s].
 STEADY_S = 2.0
-FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.1, 5.0
-#: From SIGTERM to SIGKILL.
+#: Delay of a restart after shorter runs: doubled each time, from the first to the maximum [s].
+FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
+#: Time from SIGTERM to SIGKILL [s].
 GRACE_S = 5.0
-PROBE_PAUSE_S = 0.05
-LONGEST_LINE = 16 * 1024
+#: Interval between probes while a process starts [s].
+PROBE_INTERVAL_S = 0.05
+#: Longer lines of output are split [bytes].
+MAX_LINE = 16 * 1024
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """What to run and how to tell that it serves.
+    """The command of a process, and how to check that it serves.
 
-    probe: makes a real call, on a thread; raises a RoboCorbaError while there is no answer.
-    output: gets each line that the process prints."""
+    probe: makes a real call, in a thread; raises a RoboCorbaError while there is no answer.
+    output: called with each line that the process prints. start_limit_s: time to answer the first call."""
 
     name: str
     command: tuple[str, ...]
@@ -45,10 +48,10 @@ class ProcessSpec:
 
 @dataclass
 class Supervised:
-    """A process under supervision; `changed` is called whenever a field below it has changed.
+    """A process under supervision. changed: called whenever one of the following fields has changed.
 
-    state: starting, running or waiting (for its next start). pid: of the process that runs, 0 while waiting.
-    started: POSIX time of its last start. restarts: starts after the first one."""
+    state: starting, running or waiting (for its next start). pid: 0 while waiting.
+    started: POSIX time of its last start [s]. restarts: starts after the first one."""
 
     spec: ProcessSpec
     changed: Callable[[], None] = lambda: None
@@ -60,17 +63,17 @@ class Supervised:
     _lines: deque[str] = field(default_factory=lambda: deque(maxlen=50))
 
     async def supervise(self) -> None:
-        """Until cancelled, which ends the process. Raises StartFailed if it never answers in the first place."""
-        for pause_s in self._pauses():
-            self._now("waiting", pid=0)
-            await asyncio.sleep(pause_s)
+        """Run until cancelled, then end the process. Raises StartFailed if it does not answer after its first start."""
+        for delay_s in self._restart_delays():
+            self._set_state("waiting", pid=0)
+            await asyncio.sleep(delay_s)
             process, reader = await self._spawn()
             try:
                 await self._until_ready(process)
-                self._now("running")
+                self._set_state("running")
                 self.ready.set()
                 code = await process.wait()
-                _log.error("%s ended %s", self.spec.name, _how(code))
+                _log.error("%s ended %s", self.spec.name, _cause(code))
             except StartFailed as failure:
                 if not self.ready.is_set():
                     raise
@@ -81,22 +84,22 @@ class Supervised:
             self.restarts += 1
 
     def last_error(self) -> str:
-        """The last line printed that names an error, else the last line; empty if nothing was printed."""
+        """The last printed line that names an error, else the last line, else empty."""
         errors = [line for line in self._lines if line.startswith(("ERROR", "CRITICAL")) or "Error" in line]
         return (errors or list(self._lines) or [""])[-1]
 
-    def _pauses(self) -> Iterator[float]:
-        """Seconds to wait before each start: none before the first two, then growing until a run was steady."""
+    def _restart_delays(self) -> Iterator[float]:
+        """Delay before each start [s]: 0 for the first two and after a steady run, else growing."""
         backoff_s = 0.0
         yield 0.0
         while True:
             if time.time() - self.started >= STEADY_S:
                 backoff_s = 0.0
             yield backoff_s
-            backoff_s = min(2 * backoff_s or FIRST_BACKOFF_S, LONGEST_BACKOFF_S)
+            backoff_s = min(2 * backoff_s or FIRST_BACKOFF_S, MAX_BACKOFF_S)
 
     async def _spawn(self) -> tuple[asyncio.subprocess.Process, asyncio.Task[None]]:
-        # A pipe of our own: with asyncio's, some versions of Python take a process for alive while others hold its end.
+        # Not asyncio's pipe: some Python versions consider a process alive while others hold the pipe's write end.
         read_end, write_end = os.pipe()
         reader = asyncio.StreamReader()
         await asyncio.get_running_loop().connect_read_pipe(
@@ -104,18 +107,17 @@ class Supervised:
         )
         try:
             process = await asyncio.create_subprocess_exec(
-                # -I -S: a bare interpreter starts in 20 ms and can't be led astray by the environment.
                 *bound_command(*self.spec.command),
                 cwd=self.spec.cwd,
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=write_end,
                 stderr=write_end,
-                start_new_session=True,  # Ctrl-C in the terminal is for the supervisor alone
+                start_new_session=True,  # Ctrl-C in the terminal reaches only the supervisor
             )
         finally:
             os.close(write_end)
         self.started = time.time()
-        self._now("starting", pid=process.pid)
+        self._set_state("starting", pid=process.pid)
         _log.info("%s started with process id %d", self.spec.name, process.pid)
         return process, asyncio.create_task(self._read(reader))
 
@@ -129,24 +131,23 @@ class Supervised:
                 await asyncio.wait({ended, probe}, return_when=asyncio.FIRST_COMPLETED)
                 if ended.done():
                     await _ignore(probe)
-                    # Its last words may still be on their way through the pipe.
-                    await asyncio.sleep(PROBE_PAUSE_S)
-                    raise StartFailed(self._failure(f"ended {_how(ended.result())} before it answered a call"))
+                    await asyncio.sleep(PROBE_INTERVAL_S)  # its last lines may still be in the pipe
+                    raise StartFailed(self._failure(f"ended {_cause(ended.result())} before it answered a call"))
                 try:
                     return probe.result()
-                except RoboCorbaError as wrong:
+                except RoboCorbaError as error:
                     if time.monotonic() > deadline:
-                        raise StartFailed(self._failure(f"did not answer within {limit_s:g} s: {wrong}")) from None
-                await asyncio.wait({ended}, timeout=PROBE_PAUSE_S)
+                        raise StartFailed(self._failure(f"did not answer within {limit_s:g} s: {error}")) from None
+                await asyncio.wait({ended}, timeout=PROBE_INTERVAL_S)
         finally:
             ended.cancel()
 
-    def _failure(self, what: str) -> str:
+    def _failure(self, description: str) -> str:
         last = self.last_error()
-        return f"{self.spec.name} {what}" + (f"; its last error: {last}" if last else "")
+        return f"{self.spec.name} {description}" + (f"; its last error: {last}" if last else "")
 
     async def _end(self, process: asyncio.subprocess.Process) -> None:
-        """End the process, and with it whatever it started in its session."""
+        """End the process and all processes in its session."""
         if process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 process.terminate()
@@ -166,25 +167,25 @@ class Supervised:
         rest = b""
         while chunk := await stream.read(65536):
             *lines, rest = (rest + chunk).split(b"\n")
-            if len(rest) > LONGEST_LINE:
+            if len(rest) > MAX_LINE:
                 lines, rest = [*lines, rest], b""
             for line in lines:
-                self._printed(line)
-        self._printed(rest)
+                self._handle_line(line)
+        self._handle_line(rest)
 
-    def _printed(self, line: bytes) -> None:
+    def _handle_line(self, line: bytes) -> None:
         text = line.decode(errors="backslashreplace").strip()
         if text:
             self._lines.append(text)
             self.spec.output(text)
 
-    def _now(self, state: str, pid: int | None = None) -> None:
+    def _set_state(self, state: str, pid: int | None = None) -> None:
         self.state = state
         self.pid = self.pid if pid is None else pid
         self.changed()
 
 
-def _how(code: int) -> str:
+def _cause(code: int) -> str:
     if code >= 0:
         return f"with exit code {code}"
     try:
@@ -193,6 +194,6 @@ def _how(code: int) -> str:
         return f"by signal {-code}"
 
 
-async def _ignore(work: Awaitable[None]) -> None:
+async def _ignore(probe: Awaitable[None]) -> None:
     with contextlib.suppress(RoboCorbaError):
-        await work
+        await probe

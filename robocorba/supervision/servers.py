@@ -1,4 +1,5 @@
-"""Which servers `robocorba up` runs: map editor, simulation, virtual sensors, an event channel for each sub-network."""
+"""The servers that `robocorba up` runs: map editor, simulation, virtual sensors, and one event channel per
+sub-network."""
 
 from __future__ import annotations
 
@@ -18,26 +19,27 @@ from robocorba.stubs import RoboCorba
 
 @dataclass(frozen=True)
 class Probe:
-    """How to ask an object whether it serves: its `interface`, and a `call` that is cheap and changes nothing."""
+    """How to check that an object serves: its `interface`, and a cheap `call` that changes nothing."""
 
     interface: Any
     call: Callable[[Any], object]
 
     def ask(self, orb: Orb, name: str, timeout_s: float = 1.0) -> float:
-        """Make the call to what is bound to `name`; the milliseconds that it took. Raises NotReachable."""
+        """Call the object bound to `name`; returns the duration of the call [ms]. Raises NotReachable."""
         reference = orb.resolve(name, self.interface, timeout_s, call_timeout_s=timeout_s)
         began = time.perf_counter()
         try:
             self.call(reference)
-        except CORBA.Exception as wrong:
-            raise NotReachable(f"{name} does not answer ({describe(wrong)})") from None
+        except CORBA.Exception as error:
+            raise NotReachable(f"{name} does not answer ({describe(error)})") from None
         return (time.perf_counter() - began) * 1000
 
 
 @dataclass(frozen=True)
 class Server:
-    """A server process: `python -m module` with the arguments of settings.ServerSettings and its own, binding
-    `objects`."""
+    """A server process: `python -m module` with the arguments of settings.ServerSettings and its own.
+
+    objects: the names that it binds."""
 
     name: str
     module: str
@@ -58,9 +60,9 @@ _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
 def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
-    """The servers of a system with these sub-networks, whose channels are all linked, and so many virtual sensors.
+    """The servers of a system with these sub-networks, whose channels are all linked, and `sensors` virtual sensors.
 
-    The simulation server tells the first channel what happens."""
+    The simulation server publishes its events at the first channel."""
     return [
         Server("map_editor", "robocorba.servers.map_editor", _MAP_EDITOR),
         Server("simulation", "robocorba.servers.simulation", _SIMULATION, ("--channel", subnets[0])),
@@ -70,7 +72,7 @@ def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
 
 
 def probe_of(name: str) -> Probe | None:
-    """How to ask what is bound to `name`; None where no server of this version binds it."""
+    """The probe for the object bound to `name`; None where no server of this version binds it."""
     contexts = {CHANNELS: _CHANNEL, SENSORS: _SENSOR}
     return contexts.get(name.partition("/")[0]) or {**_MAP_EDITOR, **_SIMULATION}.get(name)
 

@@ -1,4 +1,4 @@
-"""The sub-networks of a system: their names, and the links between their channels as these come and go."""
+"""The sub-networks of a system: their names, and the removal of links between their channels."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
 
-#: For each channel to answer.
+#: Time for each channel to answer [s].
 TIMEOUT_S = 2.0
 
 _log = logging.getLogger(__name__)
 
 
 def subnets_of(text: str, setting: str = "--subnets") -> tuple[str, ...]:
-    """The names in a list with commas, such as lab,hall. Raises InvalidSetting."""
+    """The names in a comma-separated list such as lab,hall. Raises InvalidSetting."""
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         try:
             check_name(name)
-        except InvalidPeer as wrong:
-            raise InvalidSetting(setting, text, f"the name {wrong.reason}") from None
+        except InvalidPeer as error:
+            raise InvalidSetting(setting, text, f"the name {error.reason}") from None
         if names.count(name) > 1:
-            raise InvalidSetting(setting, text, f"{name} stands there twice")
+            raise InvalidSetting(setting, text, f"{name} is listed twice")
     if len(names) > MAX_CHANNELS:
         raise InvalidSetting(setting, text, f"{len(names)} channels; a federation has at most {MAX_CHANNELS}")
     return names
 
 
-def settle(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:
-    """End the links that an earlier system in this folder made, and this one does not.
+def remove_former_links(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:
+    """Remove the links that an earlier system in this folder made and this one does not make.
 
-    Links that somebody else made stay. Each channel keeps its peers for good, those that don't run now too: that is
-    why what was linked is remembered here, for the channels that don't run now as well."""
+    Other links stay. Channels store their peers permanently, so the links made are stored here too, including those of
+    channels that do not run now."""
     links = folder.links()
     for name in subnets:
         peers = sorted(set(subnets) - {name})
@@ -52,9 +52,11 @@ def settle(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:
             if former:
                 _unlink(orb, name, former)
             links[name] = peers
-        except (NotReachable, CORBA.Exception) as wrong:  # the next start tries again
-            reason = str(wrong) if isinstance(wrong, NotReachable) else describe(wrong)
-            _log.warning("channel %s keeps its links with %s (%s)", name, ", ".join(former), reason)
+        except (NotReachable, CORBA.Exception) as error:  # the next start retries
+            reason = str(error) if isinstance(error, NotReachable) else describe(error)
+            _log.warning(
+                "channel %s keeps its links with %s until the next start (%s)", name, ", ".join(former), reason
+            )
     folder.write_links(links)
 
 
@@ -63,4 +65,4 @@ def _unlink(orb: Orb, name: str, former: Sequence[str]) -> None:
     for peer in former:
         with contextlib.suppress(RoboCorba.UnknownPeer):
             channel.removePeer(peer)
-            _log.info("channel %s has no link with %s any more", name, peer)
+            _log.info("removed the link of channel %s with %s", name, peer)

@@ -1,4 +1,4 @@
-"""The whole system: the naming service first, then every server, until told to stop; then in reverse."""
+"""The whole system: starts the naming service, then all servers; stops them in reverse order on a signal."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ _LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": loggi
 
 @dataclass(frozen=True)
 class System:
-    """What shall run: `servers`, on ports of the host of `naming`, with everything they keep in `folder`.
+    """A naming service at `naming` and `servers` on ports of the same host, with their data in `folder`.
 
-    settle: is called, on a thread, once every server has answered; what it does belongs to the start.
-    building: absolute path handed to the servers, or None. start_limit_s: for each process to answer a call."""
+    before_ready: called in a thread once every server has answered, before the system is ready.
+    building: absolute path passed to the servers, or None. start_limit_s: time for each process to answer a call."""
 
     folder: StateFolder
     naming: Address
     servers: Sequence[Server]
-    settle: Callable[[Orb], None] = lambda orb: None
+    before_ready: Callable[[Orb], None] = lambda orb: None
     building: Path | None = None
     start_limit_s: float = 60.0
 
     def run(self, ready: Callable[[SystemRecord], None]) -> None:
-        """Run until SIGINT, SIGTERM or SIGHUP; `ready` is told once every server has answered a real call.
+        """Run until SIGINT, SIGTERM or SIGHUP; calls `ready` once every server has answered a real call.
 
-        Raises AlreadyRunning, PortInUse, StartFailed and other ServiceErrors; nothing runs any more then."""
+        Raises AlreadyRunning, PortInUse, StartFailed and other ServiceErrors, after all processes have ended."""
         with self.folder.locked():
             logs.setup("up", self.folder.logs)
             if not is_free(self.naming.host, self.naming.port):
@@ -60,10 +60,10 @@ class System:
                 self.folder.remove_record()
 
     async def _run(self, orb: Orb, ports: dict[str, int], ready: Callable[[SystemRecord], None]) -> None:
-        told_to_stop = asyncio.Event()
+        stop_requested = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            asyncio.get_running_loop().add_signal_handler(number, told_to_stop.set)
-        stop = asyncio.create_task(told_to_stop.wait())
+            asyncio.get_running_loop().add_signal_handler(number, stop_requested.set)
+        stop = asyncio.create_task(stop_requested.wait())
         created = psutil.Process().create_time()
         processes: list[Supervised] = []
 
@@ -74,20 +74,20 @@ class System:
         def changed() -> None:
             try:
                 self.folder.write_record(record())
-            except ServiceError as wrong:  # a full disk is no reason to stop what runs
-                _log.error("%s", wrong)
+            except ServiceError as error:  # a full disk must not stop the system
+                _log.error("%s", error)
 
         names = Supervised(self._naming_service(orb), changed)
         servers = [Supervised(self._server(server, ports[server.name], orb), changed) for server in self.servers]
         processes += [names, *servers]
         tasks: list[asyncio.Task[None]] = []
         try:
-            for group in ([names], servers):  # servers want a naming service, so they come second and go first
+            for group in ([names], servers):  # servers need the naming service: they start after it and end before it
                 tasks += [asyncio.create_task(process.supervise()) for process in group]
                 await _first(asyncio.create_task(_all_ready(group)), stop, *tasks)
                 if stop.done():
                     return
-            await _first(asyncio.create_task(asyncio.to_thread(self.settle, orb)), stop, *tasks)
+            await _first(asyncio.create_task(asyncio.to_thread(self.before_ready, orb)), stop, *tasks)
             if stop.done():
                 return
             _log.info("ready")
@@ -112,16 +112,16 @@ class System:
         )
 
     def _naming_service(self, orb: Orb) -> ProcessSpec:
-        # Without -nohostname the data would be lost to a machine that is renamed.
+        # With -nohostname the data stay readable after the machine is renamed.
         own = ("-start", str(self.naming.port), "-always", "-nohostname", "-datadir", str(self.folder.names))
         command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{self.naming}")
         log = logs.open_log(NAMING_SERVICE, self.folder.logs)
 
-        def keep(line: str) -> None:
+        def log_line(line: str) -> None:
             log.info("%s", re.sub(r"^omniNames: \(\d+\) [\d-]+ [\d:.]+: ", "", line))  # without its own time
 
         return ProcessSpec(
-            NAMING_SERVICE, command, self.folder.path, orb.check_naming, keep, start_limit_s=self.start_limit_s
+            NAMING_SERVICE, command, self.folder.path, orb.check_naming, log_line, start_limit_s=self.start_limit_s
         )
 
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
@@ -132,25 +132,25 @@ class System:
             command += ["--building", str(self.building)]
 
         def probe() -> None:
-            for name, question in server.objects.items():
-                question.ask(orb, name)
+            for name, object_probe in server.objects.items():
+                object_probe.ask(orb, name)
 
         def relay(line: str) -> None:
             level, _, text = line.partition(" ")
             text = text if level in _LEVELS else line
             _log.log(_LEVELS.get(level, logging.WARNING), "%s: %s", server.name, text)
 
-        # In the state folder, so that nothing in the user's folder is taken for one of our modules.
+        # In the state folder, so that files in the user's folder cannot replace modules.
         return ProcessSpec(
             server.name, tuple(command), self.folder.path, probe, relay, start_limit_s=self.start_limit_s
         )
 
 
 def find_omninames() -> str:
-    """The program of the omniORB that is installed beside us, else the one on PATH. Raises ServiceError."""
+    """omniNames of the omniORB in this Python environment, else from PATH. Raises ServiceError."""
     package = importlib.util.find_spec("jeteve_omniorb")
     for folder in package.submodule_search_locations or () if package else ():
-        # Not the command of that name in the environment: it wraps this one, and a kill would hit the wrapper only.
+        # Not the environment's command omniNames: it is a wrapper, and a kill would reach only the wrapper.
         program = Path(folder) / "bin" / "omniNames"
         if program.is_file():
             return str(program)
@@ -166,7 +166,7 @@ async def _all_ready(processes: Sequence[Supervised]) -> None:
 
 
 async def _first(*awaited: asyncio.Future) -> None:
-    """Wait for the first one to be done; raise what any of them raised."""
+    """Wait until one is done; raises its exception."""
     done, _ = await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
     for future in done:
         future.result()

@@ -1,4 +1,4 @@
-"""A real naming service of a robot's own, and a real servers/smartpal process bound in it."""
+"""A robot's own naming service and a servers/smartpal process bound in it, as real processes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class RobotPlace(NamedTuple):
-    """naming: the robot's own. process: its stand-in's. orb: of this process, which has another naming service."""
+    """naming: of the robot itself. process: the stand-in. orb: of this process, for another naming service."""
 
     naming: Address
     process: Popen[str]
@@ -28,7 +28,7 @@ class RobotPlace(NamedTuple):
 
     @property
     def faults(self) -> Any:
-        """The switches of the stand-in's faults."""
+        """The stand-in's SmartPalFaults."""
         return self.orb.resolve_elsewhere(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
 
     def unit(self, name: str, interface: Any) -> Any:
@@ -37,7 +37,7 @@ class RobotPlace(NamedTuple):
 
 @contextlib.contextmanager
 def robot_place(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[RobotPlace]:
-    """Both processes, ready; ended with the `with`. orb: of this process, where it has one already."""
+    """Both processes, ready, until the end of the `with`. orb: of this process if it already has one."""
     with claimed_ports() as port, Launcher(folder) as launch:
         naming = Address("127.0.0.1", port)
         names = folder / "names"
@@ -51,11 +51,11 @@ def robot_place(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterat
         )
         with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
             place = RobotPlace(naming, process, ours)
-            eventually(lambda: _is_there(place), 60.0, "the stand-in")
+            eventually(lambda: _is_ready(place), 60.0, "the stand-in")
             yield place
 
 
-def _is_there(place: RobotPlace) -> bool:
+def _is_ready(place: RobotPlace) -> bool:
     assert place.process.poll() is None, place.process.communicate()[1]
     try:
         place.faults.none()

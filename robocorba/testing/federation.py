@@ -1,4 +1,4 @@
-"""Event channels as real processes, linked in any shape, with consumers in the test's own process."""
+"""Event channels as real processes in any topology, with consumers in the test's process."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
 from robocorba.testing.processes import Launcher, claimed_ports, eventually, hang
 
-#: Of waits for what normally takes a second or two, on a busy machine.
+#: Timeout of waits that normally take a second or two, for a busy machine [s].
 LIMIT_S = 30.0
 
 
 class Counts(NamedTuple):
-    """An Account's numbers, to be compared and added."""
+    """The counters of an Account."""
 
     received: int
     delivered: int
@@ -46,7 +46,7 @@ class Counts(NamedTuple):
 
 
 class Consumer:
-    """Keeps what it got at one channel, of any type unless some are named."""
+    """Keeps the events that it received at one channel. types: empty for all."""
 
     def __init__(self, client: EventClient, types: Sequence[str], name: str = "") -> None:
         self.events: list[Event] = []
@@ -57,7 +57,7 @@ class Consumer:
 
 
 class Channels:
-    """Channel processes by name, one naming service, and one client of each channel for the test."""
+    """Channel processes by name, one naming service, and one client per channel."""
 
     def __init__(self, launch: Launcher, folder: Path, port: int, orb: Orb) -> None:
         self.orb, self.port, self.folder = orb, port, folder
@@ -81,7 +81,7 @@ class Channels:
         return f"127.0.0.1:{self._port_of[name]}"
 
     def spawn(self, name: str, *more: str) -> None:
-        """Start a channel, or start it again; not waited for."""
+        """Start or restart a channel; does not wait until it is ready."""
         where = ("--state", str(self.folder / name), "--endpoint", self.address(name))
         naming = ("--naming", f"127.0.0.1:{self.port}", "--name", name)
         self.processes[name] = self._launch(*module_command("robocorba.servers.event_channel"), *where, *naming, *more)
@@ -112,19 +112,19 @@ class Channels:
         self.naming.wait(10)
 
     def forget(self, name: str) -> None:
-        """Delete what a channel that is not running kept on disk."""
+        """Delete the state folder of a channel that does not run."""
         shutil.rmtree(self.folder / name)
 
     @contextlib.contextmanager
     def stopped(self, name: str) -> Iterator[None]:
-        """A channel that is there, and does nothing."""
+        """A channel whose process hangs (SIGSTOP)."""
         hang(self.processes[name].pid)
         try:
             yield
         finally:
             self.processes[name].send_signal(signal.SIGCONT)
 
-    # ---- what channels say ----
+    # ---- states of channels ----
 
     def channel(self, name: str) -> Any:
         return self.orb.reference(
@@ -142,7 +142,7 @@ class Channels:
         return self.links(name)[peer, RoboCorba.INCOMING]
 
     def is_up(self, *pairs: str) -> bool:
-        """Whether links are up in both directions and at both ends: "AB" and so on."""
+        """Whether the links (such as "AB") are up in both directions and at both ends."""
         try:
             states = {name: self.links(name) for name in {end for pair in pairs for end in (pair[0], pair[1])}}
         except CORBA.SystemException:
@@ -157,7 +157,7 @@ class Channels:
     # ---- the federation ----
 
     def shape(self, *pairs: str) -> None:
-        """End all links, and make these, each told to one end only; until all is known everywhere."""
+        """Replace all links by these, each requested at one end only; wait until all are up."""
         for name in self.clients:
             for peer in self.channel(name).peers():
                 with contextlib.suppress(RoboCorba.UnknownPeer):
@@ -167,30 +167,30 @@ class Channels:
         eventually(lambda: self.is_up(*pairs), LIMIT_S, f"links {' '.join(pairs)}")
 
     def wait_reaches(self, consumers: Mapping[str, Consumer], origins: str) -> None:
-        """Until what is said at any of these channels reaches the consumers at all others; they take probes as well."""
-        ways = [(origin, there) for there in consumers for origin in origins if origin != there]
+        """Wait until events pushed at each origin reach the consumers at all other channels, which see the probes."""
+        routes = [(origin, there) for there in consumers for origin in origins if origin != there]
         deadline = time.monotonic() + LIMIT_S
-        while ways:
-            assert time.monotonic() < deadline, f"nothing comes these ways: {ways}"
+        while routes:
+            assert time.monotonic() < deadline, f"no events arrive on {routes}"
             probe = next(self._probes)
-            for origin in {origin for origin, _ in ways}:
+            for origin in {origin for origin, _ in routes}:
                 self.clients[origin].push("probe", probe)
             time.sleep(0.1)
-            ways = [
-                (origin, there) for origin, there in ways if probe not in consumers[there].payloads(origin, "probe")
+            routes = [
+                (origin, there) for origin, there in routes if probe not in consumers[there].payloads(origin, "probe")
             ]
 
     def check_links(self, *pairs: str) -> None:
-        """Every link's account is exact, and what one end delivered the other has received."""
+        """Check that every link's account is exact, and that one end received what the other delivered."""
         for a, b in [(pair[at], pair[1 - at]) for pair in pairs for at in (0, 1)]:
 
             def agree(a: str = a, b: str = b) -> bool:
-                out, came = self.outgoing(a, b), self.incoming(b, a)
-                assert Counts.of(out.events).is_exact and Counts.of(came.events).is_exact
-                is_all = out.events.delivered == came.events.received + came.repeated
-                # A batch whose answer came too late was said twice, and is counted twice where it came.
-                same = came.repeated > 0 or (out.batches, out.bytes) == (came.batches, came.bytes)
-                return not out.events.queued and is_all and same
+                sent, received = self.outgoing(a, b), self.incoming(b, a)
+                assert Counts.of(sent.events).is_exact and Counts.of(received.events).is_exact
+                is_all = sent.events.delivered == received.events.received + received.repeated
+                # A batch whose reply was late is sent twice, and counted twice by the receiver.
+                same = received.repeated > 0 or (sent.batches, sent.bytes) == (received.batches, received.bytes)
+                return not sent.events.queued and is_all and same
 
             eventually(agree, LIMIT_S, f"the same counts at both ends of {a}{b}")
 

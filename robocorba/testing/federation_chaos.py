@@ -1,4 +1,4 @@
-"""Kills of channels and of the naming service under traffic, and what became of every event."""
+"""Kills of channels and of the naming service under traffic, with an account of every event."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from robocorba.testing.processes import eventually
 
 LINKS = ("AB", "BC")
 NAMING = "omniNames"
+#: Pause between two events of a supplier [s].
 PAUSE_S = 0.002
 
 
 class Outcome(NamedTuple):
-    """Of one kill. Times in s: from the start of the new process to its first answer, and until all links are up.
+    """The result of one kill.
 
-    lost: copies that did not come to a consumer, of events whose supplier was told that they were taken. in_victim: as
-    many as the accounts of the survivors say that the killed process had taken over and not passed on. lost_later: of
-    those lost, the ones said when the killed process was gone."""
+    to_ready_s, to_links_s: from the restart to the first answer, and until all links are up. said: events that channels
+    accepted. duplicates: copies delivered twice. disorder: streams delivered out of order. lost: copies of accepted
+    events that did not reach a consumer. in_victim: copies that, by the accounts of the survivors, the killed process
+    had accepted and not passed on. lost_later: lost copies of events pushed after the kill."""
 
     victim: str
     to_ready_s: float
@@ -40,17 +42,17 @@ class Outcome(NamedTuple):
 
     @property
     def is_right(self) -> bool:
-        """Nothing twice, nothing out of order, and nothing lost but what died with the process that held it."""
+        """No duplicates, no disorder, and no losses except what the killed process held."""
         return not (self.duplicates or self.disorder or self.lost_later) and self.lost == self.in_victim
 
 
-class Speaker(threading.Thread):
-    """Pushes numbers at one channel. said: those taken, and when; doubtful: those perhaps taken."""
+class Supplier(threading.Thread):
+    """Pushes numbers at one channel. accepted: the accepted numbers with their times; unconfirmed: the others."""
 
     def __init__(self, at: Channels, name: str, first: int) -> None:
-        super().__init__(name=f"speaker at {name}", daemon=True)
-        self.said: dict[int, float] = {}
-        self.doubtful: set[int] = set()
+        super().__init__(name=f"supplier at {name}", daemon=True)
+        self.accepted: dict[int, float] = {}
+        self.unconfirmed: set[int] = set()
         self._client, self._number = at.clients[name], first
         self._ended = threading.Event()
 
@@ -60,9 +62,9 @@ class Speaker(threading.Thread):
             began = time.monotonic()
             try:
                 self._client.push("t", self._number, retry_s=LIMIT_S)
-                self.said[self._number] = began
+                self.accepted[self._number] = began
             except (Unconfirmed, NotReachable):
-                self.doubtful.add(self._number)
+                self.unconfirmed.add(self._number)
 
     def end(self) -> None:
         self._ended.set()
@@ -71,7 +73,7 @@ class Speaker(threading.Thread):
 
 
 class Chaos:
-    """Channels A - B - C in a chain; each has a supplier, and a consumer of everything."""
+    """Channels A - B - C in a chain, each with a supplier and a consumer of all events."""
 
     def __init__(self, at: Channels, seed: int) -> None:
         self.at, self._random = at, random.Random(seed)
@@ -81,49 +83,49 @@ class Chaos:
         self._last = 0
 
     def round(self, victim: str) -> Outcome:
-        """Kill a channel, or the naming service, and start it again; wait until all is quiet."""
+        """Kill and restart a channel or the naming service; wait until all events have arrived."""
         self._settle({})
         for consumer in self.consumers.values():
             consumer.events.clear()
         before = self._delivered_to(victim)
-        speakers = {name: Speaker(self.at, name, self._last) for name in self.consumers}
-        for speaker in speakers.values():
-            speaker.start()
+        suppliers = {name: Supplier(self.at, name, self._last) for name in self.consumers}
+        for supplier in suppliers.values():
+            supplier.start()
         try:
             time.sleep(self._random.uniform(0.2, 0.6))
             (self.at.kill_naming if victim == NAMING else lambda: self.at.kill(victim))()
             killed = time.monotonic()
-            time.sleep(0.1)  # what the killed process had sent has been handled
-            taken = {name: consumer.events[:] for name, consumer in self.consumers.items()}
+            time.sleep(0.1)  # let the receivers handle what the killed process had sent
+            received = {name: consumer.events[:] for name, consumer in self.consumers.items()}
             time.sleep(self._random.uniform(0.0, 0.4))
-            to_ready_s, to_links_s = self._start_again(victim)
+            to_ready_s, to_links_s = self._restart(victim)
             time.sleep(0.3)
         finally:
-            for speaker in speakers.values():
-                speaker.end()
-        said = {name: speaker.said for name, speaker in speakers.items()}
-        self._last = max(max(numbers) for numbers in said.values()) + 1000
-        self._settle(said)
+            for supplier in suppliers.values():
+                supplier.end()
+        accepted = {name: supplier.accepted for name, supplier in suppliers.items()}
+        self._last = max(max(numbers) for numbers in accepted.values()) + 1000
+        self._settle(accepted)
 
-        lost = self._lost(said)
+        lost = self._lost(accepted)
         return Outcome(
             victim,
             to_ready_s,
             to_links_s,
-            sum(map(len, said.values())),
-            sum(len(got) - len(set(got)) for got in self._all_got().values()),
-            sum(got != sorted(got) for got in self._all_got().values()),
+            sum(map(len, accepted.values())),
+            sum(len(numbers) - len(set(numbers)) for numbers in self._streams().values()),
+            sum(numbers != sorted(numbers) for numbers in self._streams().values()),
             len(lost),
-            self._died_with(victim, before, taken, lost) if victim != NAMING else 0,
-            sum(said[origin][number] > killed for _, origin, number in lost),
+            self._lost_in(victim, before, received, lost) if victim != NAMING else 0,
+            sum(accepted[origin][number] > killed for _, origin, number in lost),
         )
 
-    def _start_again(self, victim: str) -> tuple[float, float]:
+    def _restart(self, victim: str) -> tuple[float, float]:
         began = time.monotonic()
         if victim == NAMING:
-            assert self.at.is_up(*LINKS)  # links need it for nothing
+            assert self.at.is_up(*LINKS)  # links do not need the naming service
             self.at.start_naming()
-            eventually(self._is_naming_back, LIMIT_S, "the names")
+            eventually(self._has_naming, LIMIT_S, "the naming service")
             return time.monotonic() - began, time.monotonic() - began
         self.at.spawn(victim)
         self.at.wait_ready(victim)
@@ -131,39 +133,40 @@ class Chaos:
         eventually(lambda: self.at.is_up(*LINKS), LIMIT_S, "all links")
         return ready - began, time.monotonic() - began
 
-    def _is_naming_back(self) -> bool:
+    def _has_naming(self) -> bool:
         try:
             self.at.orb.check_naming()
         except NotReachable:
             return False
         return True
 
-    def _all_got(self) -> dict[tuple[str, str], list[int]]:
+    def _streams(self) -> dict[tuple[str, str], list[int]]:
+        """Numbers received, by consumer and origin."""
         return {
             (name, origin): consumer.payloads(origin)
             for name, consumer in self.consumers.items()
             for origin in self.consumers
         }
 
-    def _lost(self, said: dict[str, dict[int, float]]) -> list[tuple[str, str, int]]:
-        """Consumer, origin and number of what did not come."""
-        got = {way: set(numbers) for way, numbers in self._all_got().items()}
-        return [(n, o, number) for (n, o) in got for number in said[o] if number not in got[n, o]]
+    def _lost(self, accepted: dict[str, dict[int, float]]) -> list[tuple[str, str, int]]:
+        """Consumer, origin and number of each copy that did not arrive."""
+        received = {stream: set(numbers) for stream, numbers in self._streams().items()}
+        return [(n, o, number) for (n, o) in received for number in accepted[o] if number not in received[n, o]]
 
-    def _settle(self, said: dict[str, dict[int, float]]) -> None:
-        """Until nothing is on its way: the last event has come everywhere, all links and proxies are empty."""
+    def _settle(self, accepted: dict[str, dict[int, float]]) -> None:
+        """Wait until no event is in transit: the last one has arrived everywhere, all links and proxies are empty."""
 
         def is_quiet() -> bool:
-            for name, origin in self._all_got():
-                got = self.consumers[name].payloads(origin)
-                if said and (not got or got[-1] < max(said[origin])):
+            for name, origin in self._streams():
+                numbers = self.consumers[name].payloads(origin)
+                if accepted and (not numbers or numbers[-1] < max(accepted[origin])):
                     return False
             states = [self.at.channel(name).state() for name in self.consumers]
             accounts = [part.events for state in states for part in [*state.links, *state.proxies]]
             assert all(Counts.of(account).is_exact for account in accounts)
             return not any(account.queued for account in accounts)
 
-        eventually(is_quiet, LIMIT_S, "quiet")
+        eventually(is_quiet, LIMIT_S, "the last event everywhere")
 
     def _delivered_to(self, victim: str) -> dict[str, int]:
         return {n: self.at.outgoing(n, victim).events.delivered for n in self._neighbours(victim)}
@@ -172,34 +175,36 @@ class Chaos:
     def _neighbours(victim: str) -> list[str]:
         return [pair.replace(victim, "") for pair in LINKS if victim in pair]
 
-    def _died_with(
+    def _lost_in(
         self,
         victim: str,
         before: dict[str, int],
-        taken: dict[str, list[Any]],
+        received: dict[str, list[Any]],
         lost: list[tuple[str, str, int]],
     ) -> int:
-        """How many copies the killed process had taken over and not passed on. What it took over: a neighbour's
-        delivered, less what the new process received; and what its own supplier was told. What it passed on to its
-        consumer and to the other neighbour: what came there until it was gone."""
-        took = {
+        """The number of copies that the killed process had accepted and not passed on.
+
+        It accepted what its neighbours delivered, less what the new process received, and what its own supplier pushed.
+        It passed on what its consumer and the other neighbour received before it was killed."""
+        accepted = {
             neighbour: delivered - before[neighbour] - self.at.incoming(victim, neighbour).events.received
             for neighbour, delivered in self._delivered_to(victim).items()
         }
         missing = 0
-        # Toward its own consumer: what came from other channels.
-        missing += sum(took.values()) - sum(event.origin != victim and event.type == "t" for event in taken[victim])
-        # Toward the far side of each neighbour, at every consumer there.
-        for neighbour, count in took.items():
+        # Towards its own consumer: events from other channels.
+        at_victim = sum(event.origin != victim and event.type == "t" for event in received[victim])
+        missing += sum(accepted.values()) - at_victim
+        # From each neighbour towards every consumer on the other side.
+        for neighbour, count in accepted.items():
             for there in self.consumers:
                 if there != victim and not self._is_behind(there, neighbour, victim):
                     origins = [o for o in self.consumers if o != victim and self._is_behind(o, neighbour, victim)]
-                    missing += count - sum(event.origin in origins and event.type == "t" for event in taken[there])
-        # What its own supplier was told that it took, and that stayed in it.
+                    missing += count - sum(event.origin in origins and event.type == "t" for event in received[there])
+        # Events of its own supplier that it accepted and kept.
         missing += sum(origin == victim for _, origin, _ in lost)
         return missing
 
     @staticmethod
     def _is_behind(name: str, neighbour: str, victim: str) -> bool:
-        """Whether a channel lies on that neighbour's side of the victim in the chain."""
+        """Whether a channel is on the neighbour's side of the victim in the chain."""
         return name == neighbour or (name < neighbour < victim) or (victim < neighbour < name)

@@ -1,4 +1,4 @@
-"""Real processes for tests: started, watched, and ended with whatever they started."""
+"""Real processes for tests, ended together with their child processes."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from robocorba.settings import Address
 from robocorba.supervision.folder import StateFolder, SystemRecord
 
 ROBOCORBA = str(Path(sys.executable).with_name("robocorba"))
-#: Ports of a test: the naming service's, then those of its servers; the last one is held while the test has the block.
-BLOCK = 16
+#: Ports per test: the naming service's, then its servers'; the last one stays bound and so reserves the block.
+PORTS_PER_TEST = 16
 
 
 def eventually(condition: Callable[[], Any], timeout_s: float = 10.0, what: str = "") -> Any:
@@ -36,19 +36,19 @@ def eventually(condition: Callable[[], Any], timeout_s: float = 10.0, what: str 
 
 
 def hang(pid: int) -> None:
-    """Stop a process by SIGSTOP, and wait until it has: on a busy machine its threads may go on for a while."""
+    """Send SIGSTOP to a process and wait until it has stopped; on a busy machine its threads run on for a while."""
     os.kill(pid, signal.SIGSTOP)
     eventually(lambda: psutil.Process(pid).status() == psutil.STATUS_STOPPED, what=f"the stop of process {pid}")
 
 
 @contextlib.contextmanager
 def claimed_ports() -> Iterator[int]:
-    """A port for a naming service such that it and the 14 after it are the caller's alone inside the `with`."""
-    for base in range(20000 + BLOCK * (os.getpid() % 700), 32000, BLOCK):
+    """A port for a naming service; it and the next 14 are reserved for the caller inside the `with`."""
+    for base in range(20000 + PORTS_PER_TEST * (os.getpid() % 700), 32000, PORTS_PER_TEST):
         claim = socket.socket()
         try:
-            claim.bind(("127.0.0.1", base + BLOCK - 1))
-            for port in range(base, base + BLOCK - 1):
+            claim.bind(("127.0.0.1", base + PORTS_PER_TEST - 1))
+            for port in range(base, base + PORTS_PER_TEST - 1):
                 with socket.socket() as probe:
                     probe.bind(("127.0.0.1", port))
         except OSError:
@@ -61,7 +61,7 @@ def claimed_ports() -> Iterator[int]:
 
 
 class Launcher:
-    """Starts commands in `folder`; at the end of its `with` what still runs of them is killed, children included."""
+    """Starts commands in `folder`; the end of its `with` kills those that still run, with their child processes."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -97,7 +97,7 @@ class Launcher:
 
 
 class Running:
-    """A `robocorba up` of a test: `process`, its state folder and the address of its naming service."""
+    """A running `robocorba up`: its process, its state folder and the address of its naming service."""
 
     def __init__(self, process: subprocess.Popen[str], state: Path, naming: Address) -> None:
         self.process, self.state, self.naming = process, state, naming
@@ -105,7 +105,7 @@ class Running:
         self.descendants: list[psutil.Process] = []
 
     def wait_ready(self) -> Running:
-        """Until it printed `ready`; fails the test with what it printed on stderr where it ends before."""
+        """Wait until it prints `ready`; fails the test with its stderr if it ends before."""
         assert self.process.stdout is not None and self.process.stderr is not None
         for line in self.process.stdout:
             if line == "ready\n":
@@ -115,38 +115,38 @@ class Running:
         raise AssertionError(f"robocorba up ended: {self.process.stderr.read()}")
 
     def note_descendants(self) -> list[psutil.Process]:
-        """All processes below it now, added to those known before."""
+        """Add all its present descendants to those noted before; returns all."""
         self.descendants += psutil.Process(self.process.pid).children(recursive=True)
         return self.descendants
 
     def record(self) -> SystemRecord:
-        """What up.json says."""
+        """The content of up.json."""
         found = StateFolder(self.state).read_record()
         assert found is not None
         return found
 
     def pid(self, name: str) -> int:
-        """The process id of a process by its name, 0 while it waits for its next start."""
+        """The process id of the process `name`, 0 while it waits for its next start."""
         return next(process.pid for process in self.record().processes if process.name == name)
 
     def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
-        """Signal it and wait for its end; its exit code."""
+        """Send it a signal and wait until it ends; returns its exit code."""
         self.process.send_signal(number)
         return self.process.wait(15)
 
     def left_behind(self) -> list[psutil.Process]:
-        """Which of the processes noted still run."""
+        """The noted descendants that still run."""
         return [process for process in self.descendants if is_running(process)]
 
 
 def real_system(launch: Callable[..., subprocess.Popen[str]], state: Path, naming_port: int, *more: str) -> Running:
-    """`robocorba up` with the real servers, not waited for. Servers that find no compiled planner take a minute."""
+    """Start `robocorba up` with the real servers; does not wait. Servers without a compiled planner take a minute."""
     command = (ROBOCORBA, "up", "--state", str(state), "--naming-port", str(naming_port), "--start-limit", "300")
     return Running(launch(*command, *more), state, Address("127.0.0.1", naming_port))
 
 
 def refusal(process: subprocess.Popen[str], timeout_s: float = 20.0) -> str:
-    """The one line with which a process refused; nothing on stdout, exit code 1."""
+    """The error line of a process that must fail with exit code 1, an empty stdout and no traceback."""
     out, err = process.communicate(timeout=timeout_s)
     assert process.returncode == 1
     assert out == ""
@@ -155,7 +155,7 @@ def refusal(process: subprocess.Popen[str], timeout_s: float = 20.0) -> str:
 
 
 def is_running(process: psutil.Process) -> bool:
-    """Whether it has not ended; one that nobody waited for yet has."""
+    """Whether it runs; a zombie has ended."""
     try:
         return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
@@ -163,5 +163,5 @@ def is_running(process: psutil.Process) -> bool:
 
 
 def read_json(text: str) -> Any:
-    """The value of a JSON text."""
+    """Decode JSON."""
     return msgspec.json.decode(text)

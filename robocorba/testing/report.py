@@ -1,4 +1,4 @@
-"""How a bench tells what it found: a table, a JSON file and a picture, side by side in bench/results."""
+"""Reports the results of a bench: a table, and JSON, CSV and PNG files in bench/results."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from rich.console import Console
 from rich.table import Table
 
 RESULTS = Path(__file__).resolve().parents[2] / "bench" / "results"
-#: Where a bench shows what it is waiting for.
+#: Console for the progress of a bench.
 PROGRESS = Console(stderr=True)
-#: Processes that wanted a core in the minute before the bench: figures of a busy machine are worth little.
+#: Load average of the minute before the bench; results of a busy machine are unreliable.
 LOAD_BEFORE = os.getloadavg()[0]
 T = TypeVar("T")
 Rows = Sequence[Mapping[str, Any]]
 
 
 class Mark(NamedTuple):
-    """Something that has to be reached: `value` is to be at most or at least `limit`."""
+    """A requirement: `value` must be "at most" or "at least" (`relation`) `limit`."""
 
     what: str
     value: float
@@ -41,7 +41,7 @@ class Mark(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """For the terminal."""
+        """The requirement and its verdict, in Rich markup."""
         verdict = "[green]reached[/green]" if self.is_reached else "[red]missed[/red]"
         return f"{self.what}: {cell(self.value)}, must be {self.relation} {cell(self.limit)}: {verdict}"
 
@@ -60,9 +60,9 @@ def at_least(what: str, value: float, limit: float) -> Mark:
 def write(
     name: str, title: str, rows: Sequence[Mapping[str, Any]], samples: Mapping[str, Sequence[float]], unit: str
 ) -> None:
-    """Print `rows` as a table, write them to NAME.json, and the distribution of each of `samples` to NAME.png.
+    """Print `rows` as a table, write them to NAME.json, and plot the distribution of each of `samples` to NAME.png.
 
-    The rows have the same columns; None where a row has nothing to say."""
+    All rows have the same columns; None prints as an empty cell."""
     table = Table(title=title)
     for column in rows[0]:
         table.add_column(column)
@@ -84,7 +84,7 @@ def write(
 
 
 def cell(value: Any) -> str:
-    """A value in a table."""
+    """A value as text in a table."""
     if value is None:
         return ""
     if isinstance(value, float):
@@ -93,9 +93,9 @@ def cell(value: Any) -> str:
 
 
 def tell(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
-    """Print the rows and the marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
+    """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
-    The rows have the same columns; None where a row has nothing to say."""
+    All rows have the same columns; None prints as an empty cell."""
     console = Console(width=160)
     table = Table(title=title)
     for column in rows[0]:
@@ -119,7 +119,7 @@ def tell(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callabl
 
 
 def write_json(name: str, title: str, found: Mapping[str, Any]) -> None:
-    """NAME.json: on which machine it was measured, and what was found."""
+    """Write the results and the machine's properties to NAME.json."""
     RESULTS.mkdir(parents=True, exist_ok=True)
     machine = {
         "machine": platform.machine(),
@@ -131,7 +131,7 @@ def write_json(name: str, title: str, found: Mapping[str, Any]) -> None:
 
 
 def write_csv(name: str, rows: Rows) -> None:
-    """NAME.csv."""
+    """Write NAME.csv."""
     RESULTS.mkdir(parents=True, exist_ok=True)
     with (RESULTS / f"{name}.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
@@ -140,13 +140,13 @@ def write_csv(name: str, rows: Rows) -> None:
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """The value below which that share of the values lies."""
+    """The value below which the fraction `share` of the values lies."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
 
 
 def timed_ms(call: Callable[..., T], *arguments: object) -> tuple[T, float]:
-    """What a call returns, and the milliseconds it took."""
+    """The result of a call and its duration [ms]."""
     began = time.perf_counter()
     answer = call(*arguments)
     return answer, (time.perf_counter() - began) * 1e3

@@ -1,4 +1,4 @@
-"""The same program on a virtual robot and on an actual one, and how far apart both end."""
+"""The same program on a virtual and an actual robot, and how much their final states differ."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from robocorba.kinematics.body import Body
 from robocorba.kinematics.smartpal import Side
 from robocorba.testing.processes import ROBOCORBA, Launcher
 
-#: How far apart both may end.
+#: Largest differences allowed at the end: position of the base [m], heading [rad], position of a hand [m].
 BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
+#: Time for a command and for the end of a robot process [s].
 RUN_LIMIT_S, END_LIMIT_S = 180.0, 20.0
 
 
 class Apart(NamedTuple):
-    """base_m, turned_rad: between two bases. hands_m: between the same hands, each in the frame of its robot."""
+    """Differences between two robots. hands_m: each hand in the frame of its robot."""
 
     base_m: float
     turned_rad: float
@@ -32,7 +33,7 @@ class Apart(NamedTuple):
 
 
 def apart(one: AgentState, other: AgentState, body: Body) -> Apart:
-    """How far apart two robots stand."""
+    """The differences between the states of two robots."""
     a, b = one.actor, other.actor
     hands = {side: math.dist(body.hand(side, a.joints).position, body.hand(side, b.joints).position) for side in Side}
     turned = abs(math.remainder(a.heading - b.heading, math.tau))
@@ -40,7 +41,7 @@ def apart(one: AgentState, other: AgentState, body: Body) -> Apart:
 
 
 class RobotProcess(NamedTuple):
-    """Its folder, its agent, and what runs another command of `robocorba` there and answers what that printed."""
+    """A robot process. robocorba: runs a `robocorba` command in its folder and returns its output."""
 
     folder: Path
     agent: RemoteAgent
@@ -49,7 +50,7 @@ class RobotProcess(NamedTuple):
 
 @contextlib.contextmanager
 def robot_process(folder: Path, orb: Orb, name: str, *arguments: str) -> Iterator[RobotProcess]:
-    """`robocorba robot NAME ...`, ready; ended with the `with`."""
+    """`robocorba robot NAME ...`, ready, until the end of the `with`."""
     settings = {"ROBOCORBA_NAMING": str(orb.naming), "ROBOCORBA_STATE": str(folder / "state")}
     with Launcher(folder) as launch:
         process = launch(ROBOCORBA, "robot", name, *arguments, **settings)
@@ -57,7 +58,7 @@ def robot_process(folder: Path, orb: Orb, name: str, *arguments: str) -> Iterato
         assert process.stderr is not None
         if process.stdout.readline() != "ready\n":
             raise AssertionError(process.stderr.read())
-        # Nobody reads its stderr any more; a full pipe would stop it.
+        # Drain its stderr: a full pipe would block it.
         threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
 
         def robocorba(*command: str) -> str:

@@ -15,8 +15,8 @@ def run(robot: SmartPal, seconds: float) -> None:
         robot.step()
 
 
-def until_it_stands(robot: SmartPal, limit_s: float = 30.0) -> float:
-    """Seconds until no unit moves any more."""
+def until_stopped(robot: SmartPal, limit_s: float = 30.0) -> float:
+    """Seconds until all units have stopped."""
     passed = 0.0
     while any(unit.is_moving for unit in robot.units.values()):
         assert passed < limit_s
@@ -26,7 +26,7 @@ def until_it_stands(robot: SmartPal, limit_s: float = 30.0) -> float:
 
 
 def ready(seed: int = 1, is_fast: bool = True) -> SmartPal:
-    """With power and servos on; its base as fast as it can, or as at power-up."""
+    """With power and servos on; its base's limits at their maximum (`is_fast`) or as at power-up."""
     robot = SmartPal(seed)
     for unit in (robot.mobility, robot.lumbar, *robot.arms.values()):
         assert unit.power_on() is Answer.OK
@@ -40,5 +40,5 @@ def ready(seed: int = 1, is_fast: bool = True) -> SmartPal:
 
 
 def speed(robot: SmartPal) -> float:
-    """Of the base, as it is, m/s."""
-    return math.hypot(*robot.dynamics.seen.base_velocity[:2])
+    """Of the base, without noise [m/s]."""
+    return math.hypot(*robot.dynamics.state.base_velocity[:2])

@@ -33,7 +33,7 @@ class AnyOrders(RuleBasedStateMachine):
 
     @rule(unit=st.sampled_from(UNITS), kind=st.sampled_from(AlarmType), lasts=st.booleans())
     def alarm(self, unit: str, kind: AlarmType, lasts: bool) -> None:
-        self.robot.units[unit].lasting_alarm(Alarm(9, kind, "by the test") if lasts else None)
+        self.robot.units[unit].set_persistent_alarm(Alarm(9, kind, "by the test") if lasts else None)
 
     @rule(pressed=st.booleans())
     def press(self, pressed: bool) -> None:
@@ -70,7 +70,7 @@ class AnyOrders(RuleBasedStateMachine):
 
     @rule()
     def stop_all(self) -> None:
-        """From whatever it does, it stands within half a second."""
+        """Whatever it does, it stops within half a second."""
         for unit in self.robot.units.values():
             assert unit.stop() is Answer.OK
         for _ in range(250):
@@ -90,7 +90,7 @@ class AnyOrders(RuleBasedStateMachine):
         assert np.all(dynamics.joints <= UPPER + 1e-6)
         assert np.all(np.abs(dynamics.joint_velocities) <= SPEED + 1e-6)
         assert math.hypot(*dynamics.base_velocity[:2]) <= 1.2
-        assert np.all(np.isfinite(dynamics.seen.true_joints))
+        assert np.all(np.isfinite(dynamics.state.true_joints))
 
     @invariant()
     def what_is_off_does_not_go_on(self) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, LOWER, UPPER, Side
-from robocorba.smartpal.arm import MOST_MOTIONS, Arm
+from robocorba.smartpal.arm import MAX_MOTIONS, Arm
 from robocorba.smartpal.codes import Answer, AxesState
 from robocorba.smartpal.robot import SmartPal
-from tests.smartpal.robots import ready, run, until_it_stands
+from tests.smartpal.robots import ready, run, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (
     Answer.OK,
@@ -31,7 +31,7 @@ def bent(side: Side = Side.LEFT) -> tuple[SmartPal, Arm]:
     robot = ready()
     arm = robot.arms[side]
     assert arm.move_joints(BENT, 90.0) is OK
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
     return robot, arm
 
@@ -90,14 +90,14 @@ def test_answers_while_it_stands(order: Callable[[Arm], Answer], answer: Answer)
 def test_motions_wait_their_turn_and_the_queue_is_bounded() -> None:
     robot = ready()
     arm = robot.arms[Side.LEFT]
-    for _ in range(MOST_MOTIONS):
+    for _ in range(MAX_MOTIONS):
         assert arm.move_joints([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 60.0, is_relative=True) is OK
     assert arm.move_joints(BENT, 60.0) is Answer.QUEUE_FULL
     assert arm.state is AxesState.BUSY
     assert arm.jog_joints([1.0] * 7) is WRONG
     assert arm.jog_line(False, [1.0] * 6, 0.0) is WRONG
     assert arm.set_control_point_offset([0.0] * 6) is WRONG
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
     assert arm.feedback == pytest.approx([32.0, 0.0, 0.0, 32.0, 0.0, 0.0, 0.0], abs=0.05)
 
@@ -110,10 +110,10 @@ def test_joints_end_together_at_the_speed_that_was_asked_for() -> None:
     run(robot, 0.8)
     assert arm.feedback[0] == pytest.approx(-2 * arm.feedback[1], abs=0.3)
     assert 0 < arm.motion_rate < 100
-    speeds = np.degrees(robot.dynamics.seen.joint_velocities[ARM[Side.LEFT]])
+    speeds = np.degrees(robot.dynamics.state.joint_velocities[ARM[Side.LEFT]])
     assert speeds[0] == pytest.approx(45.0, abs=1.0)
     # 60 degrees at 45 degrees/s, and 0.25 s to get there and back.
-    assert until_it_stands(robot) == pytest.approx(60 / 45 + 0.25 - 0.8, abs=0.02)
+    assert until_stopped(robot) == pytest.approx(60 / 45 + 0.25 - 0.8, abs=0.02)
     assert arm.motion_rate == 100
 
 
@@ -130,7 +130,7 @@ def test_pause_and_resume() -> None:
     assert arm.feedback[0] == pytest.approx(at, abs=0.05)
     assert arm.move_joints(BENT, 10.0) is WRONG
     assert arm.resume() is OK
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
     assert arm.feedback[0] == pytest.approx(60.0, abs=0.05)
 
@@ -144,25 +144,25 @@ def test_stop_forgets_the_queue() -> None:
     assert arm.stop() is OK
     run(robot, 0.15)
     assert arm.state is AxesState.READY
-    assert np.abs(robot.dynamics.seen.joint_velocities[ARM[Side.LEFT]]).max() < 0.02
+    assert np.abs(robot.dynamics.state.joint_velocities[ARM[Side.LEFT]]).max() < 0.02
     assert arm.feedback[0] < 30.0
 
 
 @pytest.mark.parametrize("side", Side)
 def test_a_line_is_straight_and_ends_where_it_shall(side: Side) -> None:
     robot, arm = bent(side)
-    start = arm.place(arm.command)
+    start = arm.control_point(arm.command)
     last = [start[0] + 80.0, start[1], start[2] + 60.0, *start[3:6]]
     answer = arm.move_line(False, last, start[6] + 10.0, (100.0, 60.0))
     assert answer is OK
     for _ in range(40):
         run(robot, 0.05)
-        at = np.array(arm.place(arm.command)[:3]) - start[:3]
+        at = np.array(arm.control_point(arm.command)[:3]) - start[:3]
         along = np.array([0.8, 0.0, 0.6])
         assert np.linalg.norm(at - (at @ along) * along) < 0.5
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
-    end = arm.place(arm.feedback)
+    end = arm.control_point(arm.feedback)
     assert end[:3] == pytest.approx(last[:3], abs=0.7)
     assert end[3:6] == pytest.approx(last[3:], abs=0.2)
     assert end[6] == pytest.approx(start[6] + 10.0, abs=0.3)
@@ -170,18 +170,18 @@ def test_a_line_is_straight_and_ends_where_it_shall(side: Side) -> None:
 
 def test_frames_of_lines() -> None:
     _, arm = bent()
-    start = arm.place(arm.command)
+    start = arm.control_point(arm.command)
     ahead = HandPose(0.0, 0.0, 0.0, *np.radians(start[3:6])).rotation[:, 0]  # x of the hand
     assert arm.move_line(True, [50.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0, (100.0, 60.0)) is OK
     assert arm.move_line(False, [0.0, 0.0, 30.0, 0.0, 0.0, 0.0], 0.0, (100.0, 60.0), is_relative=True) is OK
-    end = arm.place(np.degrees(arm._end).tolist())
+    end = arm.control_point(np.degrees(arm._end).tolist())
     assert end[:3] == pytest.approx(np.array(start[:3]) + 50.0 * ahead + (0.0, 0.0, 30.0), abs=0.05)
     assert end[3:] == pytest.approx(start[3:], abs=0.05)
 
 
 def test_a_line_that_no_joint_can_follow_as_fast_is_slower() -> None:
     robot, arm = bent()
-    start = arm.place(arm.command)
+    start = arm.control_point(arm.command)
     slow = [*start[:5], start[5] + 20.0]
     assert arm.move_line(False, slow, start[6], (700.0, 90.0)) in (OK, Answer.SPEED_WARNING)
     fast = arm.move_line(True, [-250.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0, (700.0, 90.0))
@@ -193,13 +193,13 @@ def test_a_line_that_no_joint_can_follow_as_fast_is_slower() -> None:
 
 def test_the_control_point_can_be_moved() -> None:
     _, arm = bent()
-    before = np.array(arm.place(arm.command)[:3])
+    before = np.array(arm.control_point(arm.command)[:3])
     assert arm.set_control_point_offset([100.0, 0.0, 0.0, 0.0, 0.0, 0.0]) is OK
-    after = np.array(arm.place(arm.command)[:3])
+    after = np.array(arm.control_point(arm.command)[:3])
     assert np.linalg.norm(after - before) == pytest.approx(100.0, abs=1e-6)
-    last = [*after[:2], after[2] + 40.0, *arm.place(arm.command)[3:6]]
-    assert arm.move_line(False, last, arm.place(arm.command)[6], (100.0, 60.0)) is OK
-    assert arm.place(np.degrees(arm._end).tolist())[:3] == pytest.approx(last[:3], abs=0.05)
+    last = [*after[:2], after[2] + 40.0, *arm.control_point(arm.command)[3:6]]
+    assert arm.move_line(False, last, arm.control_point(arm.command)[6], (100.0, 60.0)) is OK
+    assert arm.control_point(np.degrees(arm._end).tolist())[:3] == pytest.approx(last[:3], abs=0.05)
 
 
 def test_a_jog_holds_for_its_time() -> None:
@@ -213,11 +213,11 @@ def test_a_jog_holds_for_its_time() -> None:
     assert arm.state is AxesState.JOG_BUSY
     assert arm.move_joints(BENT, 10.0) is WRONG
     run(robot, 0.07)
-    speeds = robot.dynamics.seen.joint_velocities
+    speeds = robot.dynamics.state.joint_velocities
     assert math.degrees(speeds[0]) == pytest.approx(30.0, abs=0.5)
     run(robot, 0.12)
     assert arm.state is AxesState.READY
-    assert abs(math.degrees(robot.dynamics.seen.joint_velocities[0])) < 2.0
+    assert abs(math.degrees(robot.dynamics.state.joint_velocities[0])) < 2.0
 
 
 def test_jogs_halt_at_limits() -> None:
@@ -226,8 +226,8 @@ def test_jogs_halt_at_limits() -> None:
     for _ in range(250):
         assert arm.jog_joints([0.0, -60.0, 0.0, -60.0, 0.0, 60.0, -60.0]) is OK
         run(robot, 0.02)
-        assert np.all(robot.dynamics.seen.true_joints[ARM[Side.LEFT]] <= UPPER[ARM[Side.LEFT]] + 0.003)
-        assert np.all(robot.dynamics.seen.true_joints[ARM[Side.LEFT]] >= LOWER[ARM[Side.LEFT]] - 0.003)
+        assert np.all(robot.dynamics.state.true_joints[ARM[Side.LEFT]] <= UPPER[ARM[Side.LEFT]] + 0.003)
+        assert np.all(robot.dynamics.state.true_joints[ARM[Side.LEFT]] >= LOWER[ARM[Side.LEFT]] - 0.003)
     assert arm.feedback == pytest.approx([0.0, -109.5, 0.0, -1.5, 0.0, 44.0, -89.5], abs=0.1)
 
 
@@ -246,11 +246,11 @@ def test_an_arm_that_runs_into_the_body_is_stuck() -> None:
 @pytest.mark.parametrize("side", Side)
 def test_a_line_jog_moves_the_control_point_straight(side: Side) -> None:
     robot, arm = bent(side)
-    start = np.array(arm.place(arm.command))
+    start = np.array(arm.control_point(arm.command))
     for _ in range(50):
         assert arm.jog_line(False, [50.0, 0.0, 0.0, 0.0, 0.0, 0.0], 8.0) is OK
         run(robot, 0.02)
-    moved = np.array(arm.place(arm.command)) - start
+    moved = np.array(arm.control_point(arm.command)) - start
     assert moved[0] == pytest.approx(50.0, abs=4.0)
     assert np.abs(moved[1:3]).max() < 1.0
     assert np.abs(moved[3:6]).max() < 1.0
@@ -260,7 +260,7 @@ def test_a_line_jog_moves_the_control_point_straight(side: Side) -> None:
 def test_redundancy_mirrors() -> None:
     robot = ready()
     joints = [20.0, -30.0, 15.0, 60.0, 10.0, 5.0, -5.0]
-    left, right = (robot.arms[side].place(joints) for side in Side)
+    left, right = (robot.arms[side].control_point(joints) for side in Side)
     assert left[6] == pytest.approx(right[6], abs=1e-6)
     assert left[0] == pytest.approx(right[0], abs=1e-6)
     assert left[1] == pytest.approx(-right[1], abs=1e-6)

@@ -1,4 +1,4 @@
-"""MuJoCo's dynamics of the stand-in, stepped by hand."""
+"""MuJoCo's dynamics of the stand-in, stepped by the test."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_it_weighs_what_the_robot_weighs_and_holds_its_posture() -> None:
     assert dynamics.mass_kg == pytest.approx(MASS_KG)
     dynamics.joints[ARM[Side.LEFT]] = np.radians([60, -40, 10, 60, 0, 0, 0])
     steps(dynamics, 1.0)
-    assert np.abs(dynamics.seen.true_joints - dynamics.joints).max() < 1e-3
+    assert np.abs(dynamics.state.true_joints - dynamics.joints).max() < 1e-3
 
 
 def test_joints_follow_with_lag() -> None:
@@ -32,17 +32,17 @@ def test_joints_follow_with_lag() -> None:
     for _ in range(500):
         dynamics.joints[0] += 0.5 * STEP_S
         dynamics.step()
-    assert dynamics.joints[0] - dynamics.seen.true_joints[0] == pytest.approx(0.5 * SERVO_LAG_S, abs=0.002)
-    assert dynamics.seen.joint_velocities[0] == pytest.approx(0.5, abs=0.01)
+    assert dynamics.joints[0] - dynamics.state.true_joints[0] == pytest.approx(0.5 * SERVO_LAG_S, abs=0.002)
+    assert dynamics.state.joint_velocities[0] == pytest.approx(0.5, abs=0.01)
 
 
 def test_encoders_err_by_their_seed() -> None:
     one, same, other = Dynamics(3), Dynamics(3), Dynamics(4)
     for dynamics in (one, same, other):
         steps(dynamics, 0.5)
-    assert np.array_equal(one.seen.joints, same.seen.joints)
-    assert not np.array_equal(one.seen.joints, other.seen.joints)
-    errors = one.seen.joints - one.seen.true_joints
+    assert np.array_equal(one.state.joints, same.state.joints)
+    assert not np.array_equal(one.state.joints, other.state.joints)
+    errors = one.state.joints - one.state.true_joints
     assert 0.0 < np.abs(errors).max() < 5 * JOINT_NOISE_RAD
 
 
@@ -51,7 +51,7 @@ def test_the_same_seed_and_orders_give_the_same_run() -> None:
         robot.mobility.move_by(200.0, 100.0, 30.0)
         robot.arms[Side.RIGHT].move_joints([10.0, -20.0, 0.0, 30.0, 0.0, 0.0, 0.0], 40.0)
         run(robot, 1.0)
-        return np.concatenate((robot.dynamics.seen.base, robot.dynamics.seen.joints))
+        return np.concatenate((robot.dynamics.state.base, robot.dynamics.state.joints))
 
     assert np.array_equal(drive(ready(5)), drive(ready(5)))
 
@@ -62,11 +62,11 @@ def test_a_jammed_axis_does_not_move() -> None:
     dynamics.jam(slice(first, first + 1), True)
     dynamics.joints[:2] = 0.3, -0.3
     steps(dynamics, 0.5)
-    assert abs(dynamics.seen.true_joints[0]) < 0.005
-    assert dynamics.seen.true_joints[1] == pytest.approx(-0.3, abs=0.01)
+    assert abs(dynamics.state.true_joints[0]) < 0.005
+    assert dynamics.state.true_joints[1] == pytest.approx(-0.3, abs=0.01)
     dynamics.jam(slice(first, first + 1), False)
     steps(dynamics, 0.5)
-    assert dynamics.seen.true_joints[0] == pytest.approx(0.3, abs=0.01)
+    assert dynamics.state.true_joints[0] == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.parametrize("direction", [0.0, 1.0, 2.5, math.pi])
@@ -79,4 +79,4 @@ def test_the_base_stands_within_100_ms_from_0_45_m_s(direction: float) -> None:
     robot.mobility.stop()
     run(robot, 0.1)
     assert speed(robot) < 0.005
-    assert len(robot.dynamics.seen.joints) == len(JOINTS)
+    assert len(robot.dynamics.state.joints) == len(JOINTS)

@@ -11,7 +11,7 @@ from robocorba.kinematics.smartpal import Side
 from robocorba.smartpal.codes import Answer, AxesState
 from robocorba.smartpal.lumbar import Lumbar
 from robocorba.smartpal.robot import SmartPal
-from tests.smartpal.robots import ready, run, until_it_stands
+from tests.smartpal.robots import ready, run, until_stopped
 
 OK, WRONG, RANGE, FAST = Answer.OK, Answer.WRONG_STATE, Answer.OUT_OF_RANGE, Answer.TOO_FAST
 ACCELERATION = Answer.TOO_MUCH_ACCELERATION
@@ -31,7 +31,7 @@ def test_the_lumbar_goes_where_it_shall(order: Callable[[Lumbar], Answer], ends:
     robot = ready()
     assert order(robot.lumbar) is OK
     assert robot.lumbar.state is AxesState.BUSY
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
     assert robot.lumbar.feedback == pytest.approx(ends, abs=0.05)
     assert robot.lumbar.command == pytest.approx(ends, abs=1e-9)
@@ -61,7 +61,7 @@ def test_a_new_target_takes_the_place_of_the_one_before() -> None:
     lumbar.move([None, 60.0], 30.0, 60.0)
     run(robot, 1.0)
     assert lumbar.move([-2.0, 5.0], 30.0, 60.0) is OK
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
     assert lumbar.feedback == pytest.approx([-2.0, 5.0], abs=0.05)
 
@@ -96,7 +96,7 @@ def test_a_gripper_has_its_power_from_its_arm(side: Side) -> None:
     run(robot, 0.4)
     assert gripper.state is AxesState.READY
     assert gripper.move([-58.0], 120.0, 480.0) is OK
-    until_it_stands(robot)
+    until_stopped(robot)
     run(robot, 0.2)
     assert gripper.feedback == pytest.approx([-58.0], abs=0.1)
     arm.power_off()

@@ -1,4 +1,4 @@
-"""The mobility unit: states, answers, ways, jogs."""
+"""The mobility unit: states, answers, segments, jogs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from robocorba.smartpal.codes import Alarm, AlarmType, Answer, MobilityState
 from robocorba.smartpal.mobility import Mobility
 from robocorba.smartpal.robot import SmartPal
-from tests.smartpal.robots import ready, run, speed, until_it_stands
+from tests.smartpal.robots import ready, run, speed, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (
     Answer.OK,
@@ -82,7 +82,7 @@ def test_answers_while_it_moves() -> None:
     assert speed(robot) < 0.002
     assert base.move_by(1.0, 0.0, 0.0, is_continuous=True) is WRONG
     assert base.resume() is OK
-    until_it_stands(robot)
+    until_stopped(robot)
     assert base.position[0] == pytest.approx(500.0, abs=2.0)
 
 
@@ -104,7 +104,7 @@ def test_ways_end_where_they_shall(order: Callable[[Mobility], Any], place: tupl
     robot = ready()
     assert robot.mobility.set_position(1000.0, 2000.0, 0.0) is OK
     assert order(robot.mobility) is OK
-    until_it_stands(robot)
+    until_stopped(robot)
     x, y, theta = robot.mobility.position
     assert (x, y) == pytest.approx(place[:2], abs=2.5)
     assert abs(math.remainder(theta - place[2], 360.0)) < 0.2
@@ -146,7 +146,7 @@ def test_a_continuous_way_takes_the_place_of_another_without_a_halt() -> None:
         robot.step()
         slowest = min(slowest, speed(robot))
     assert slowest > 0.8 * before
-    until_it_stands(robot)
+    until_stopped(robot)
     assert robot.mobility.position[0] > 650.0
 
 
@@ -157,7 +157,7 @@ def test_a_jog_is_in_the_base_s_own_frame() -> None:
         robot.mobility.jog(300.0, 0.0, 0.0)
         run(robot, 0.02)
     robot.mobility.stop()
-    until_it_stands(robot)
+    until_stopped(robot)
     x, y, _ = robot.mobility.position
     assert abs(x) < 2.0
     assert y > 100.0
@@ -169,14 +169,14 @@ def test_an_alarm_stops_it_until_it_is_cleared() -> None:
     base.move_by(1000.0, 0.0, 0.0)
     run(robot, 0.4)
     hot = Alarm(7, AlarmType.FAULT, "hot")
-    base.lasting_alarm(hot)
+    base.set_persistent_alarm(hot)
     assert base.mobility_state is MobilityState.ALARM
     assert base.active_alarms(5) == [hot]
     assert base.active_alarms(0) == base.active_alarms(-3) == []
     run(robot, 0.1)
     assert speed(robot) < 0.005
     assert base.clear_alarms() is Answer.FAILED
-    base.lasting_alarm(None)
+    base.set_persistent_alarm(None)
     assert base.clear_alarms() is OK
     assert base.mobility_state is MobilityState.POWERED
     assert base.servo_on() is OK

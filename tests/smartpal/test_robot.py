@@ -1,4 +1,4 @@
-"""The thread in which the robot's time passes, and what its process is told."""
+"""The dynamics thread, and the settings of the stand-in's process."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_settings(tmp_path: Path) -> None:
     assert SmartPalSettings.read(COMMON).start == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("wrong", [["--seed", "-1"], ["--x", "nan"], ["--heading", "inf"]])
-def test_settings_that_can_t_be(wrong: list[str]) -> None:
-    with pytest.raises(InvalidSetting, match=wrong[0]):
-        SmartPalSettings.read([*COMMON, *wrong])
+@pytest.mark.parametrize("error", [["--seed", "-1"], ["--x", "nan"], ["--heading", "inf"]])
+def test_settings_that_can_t_be(error: list[str]) -> None:
+    with pytest.raises(InvalidSetting, match=error[0]):
+        SmartPalSettings.read([*COMMON, *error])

@@ -1,4 +1,4 @@
-"""Servants of the robot's units, as its public interface has them, and of the stand-in's faults."""
+"""Servants of the stand-in's units, with SmartPal's public interface, and of its faults."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from robocorba.stubs import (
 Servant = TypeVar("Servant", bound=type)
 
 
-def over_the_network(servant: Servant) -> Servant:
-    """Each call of a servant of a unit goes by way of the faults' network, and may not arrive."""
+def with_network_faults(servant: Servant) -> Servant:
+    """Apply the network faults to each call of a unit's servant; a lost call raises COMM_FAILURE."""
 
     def guarded(operation: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(operation)
         def call(self: Any, *arguments: Any) -> Any:
-            if not self._faults.reaches(self._unit.name):
+            if not self._faults.delivers(self._unit.name):
                 raise CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
             return operation(self, *arguments)
 
@@ -49,21 +49,21 @@ def _is_ok(answer: Answer) -> bool:
     return answer is Answer.OK
 
 
-def _alarms(unit: Unit, most: int) -> tuple[int, list[Any]]:
+def _alarms(unit: Unit, max_count: int) -> tuple[int, list[Any]]:
     types = {
         AlarmType.FAULT: _GlobalIDL.FAULT,
         AlarmType.WARNING: _GlobalIDL.WARNING,
         AlarmType.UNKNOWN: _GlobalIDL.UNKNOWN,
     }
-    alarms = unit.active_alarms(most)
+    alarms = unit.active_alarms(max_count)
     return len(alarms), [_GlobalIDL.Alarm(alarm.code, types[alarm.type], alarm.description) for alarm in alarms]
 
 
-def _words(state: Any) -> str:
+def _state_text(state: Any) -> str:
     return str(state.name.replace("_", " ").capitalize())
 
 
-@over_the_network
+@with_network_faults
 class MobilityServant(YeRTUnitMobility__POA.mobility):
     """YeRTUnitMobility::mobility."""
 
@@ -97,8 +97,8 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
     def getServoStatus(self, axis: int) -> tuple[bool, bool]:
         return axis < WHEELS, axis < WHEELS and self._unit.is_servo_on
 
-    def getActiveAlarm(self, most: int) -> tuple[bool, int, list[Any]]:
-        return (True, *_alarms(self._unit, most))
+    def getActiveAlarm(self, max_count: int) -> tuple[bool, int, list[Any]]:
+        return (True, *_alarms(self._unit, max_count))
 
     def setPosition(self, x: float, y: float, theta: float) -> bool:
         return _is_ok(self._unit.set_position(x, y, theta))
@@ -108,7 +108,7 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
 
     def getState(self) -> tuple[bool, int, str]:
         state = self._unit.mobility_state
-        return True, int(state), _words(state)
+        return True, int(state), _state_text(state)
 
     def setVelocity(self, translation: float, rotation: float) -> bool:
         return _is_ok(self._unit.set_velocity(translation, rotation))
@@ -153,7 +153,7 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
         return True, self._unit.battery_v
 
 
-@over_the_network
+@with_network_faults
 class ArmServant(_GlobalIDL__POA.ArmUnit):
     """ArmUnit."""
 
@@ -187,8 +187,8 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
     def clearAlarms(self) -> int:
         return self._unit.clear_alarms()
 
-    def getActiveAlarm(self, most: int) -> tuple[int, int, list[Any]]:
-        return (Answer.OK, *_alarms(self._unit, most))
+    def getActiveAlarm(self, max_count: int) -> tuple[int, int, list[Any]]:
+        return (Answer.OK, *_alarms(self._unit, max_count))
 
     def getCommandPos(self, frame: Any) -> tuple[int, list[float]]:
         return Answer.OK, self._in_frame(frame, self._unit.command)
@@ -197,7 +197,7 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
         return Answer.OK, self._in_frame(frame, self._unit.feedback)
 
     def _in_frame(self, frame: Any, joints: list[float]) -> list[float]:
-        return joints if frame == _GlobalIDL.JOINT else self._unit.place(joints)
+        return joints if frame == _GlobalIDL.JOINT else self._unit.control_point(joints)
 
     def getJointAcceleration(self) -> tuple[int, int]:
         return Answer.OK, self._unit.joint_acceleration_ms
@@ -209,17 +209,17 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
         return Answer.OK, [_GlobalIDL.LimitValue(upper, lower) for upper, lower in self._unit.soft_limits]
 
     def getMaxJointVelocity(self) -> tuple[int, list[float]]:
-        return Answer.OK, self._unit.most_speed_deg
+        return Answer.OK, self._unit.max_speed_deg
 
     def getMaxJointAcceleration(self) -> tuple[int, list[float]]:
-        return Answer.OK, self._unit.most_acceleration_deg
+        return Answer.OK, self._unit.max_acceleration_deg
 
     def getMotionRate(self) -> tuple[int, int]:
         return Answer.OK, self._unit.motion_rate
 
     def getState(self) -> tuple[int, int, str]:
         state = self._unit.state
-        return Answer.OK, int(state), _words(state)
+        return Answer.OK, int(state), _state_text(state)
 
     def getVersion(self) -> tuple[int, str]:
         return Answer.OK, VERSION
@@ -237,8 +237,8 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
         return self._unit.jog_joints(speeds)
 
     def moveJogLinear(self, frame: Any, speeds: Any, redundancy_speed: float) -> int:
-        wanted = (speeds.x, speeds.y, speeds.z, speeds.rx, speeds.ry, speeds.rz)
-        return self._unit.jog_line(frame == _GlobalIDL.TOOL, wanted, redundancy_speed)
+        velocity = (speeds.x, speeds.y, speeds.z, speeds.rx, speeds.ry, speeds.rz)
+        return self._unit.jog_line(frame == _GlobalIDL.TOOL, velocity, redundancy_speed)
 
     def moveJointAbs(self, positions: Sequence[float], speed: float) -> int:
         return self._unit.move_joints(positions, speed)
@@ -247,12 +247,12 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
         return self._unit.move_joints(positions, speed, is_relative=True)
 
     def moveLinearAbs(self, frame: Any, position: Any, redundancy: float, speed: Any) -> int:
-        way = speed.translation, speed.rotation
-        return self._unit.move_line(frame == _GlobalIDL.TOOL, _position(position), redundancy, way)
+        speeds = speed.translation, speed.rotation
+        return self._unit.move_line(frame == _GlobalIDL.TOOL, _position(position), redundancy, speeds)
 
     def moveLinearRel(self, frame: Any, position: Any, redundancy: float, speed: Any) -> int:
-        way = speed.translation, speed.rotation
-        return self._unit.move_line(frame == _GlobalIDL.TOOL, _position(position), redundancy, way, is_relative=True)
+        speeds = speed.translation, speed.rotation
+        return self._unit.move_line(frame == _GlobalIDL.TOOL, _position(position), redundancy, speeds, is_relative=True)
 
     def setControlPointOffset(self, offset: Any) -> int:
         return self._unit.set_control_point_offset(_position(offset))
@@ -312,8 +312,8 @@ class _AxesServant:
     def clearAlarms(self) -> bool:
         return _is_ok(self._unit.clear_alarms())
 
-    def getActiveAlarm(self, most: int) -> tuple[bool, int, list[Any]]:
-        return (True, *_alarms(self._unit, most))
+    def getActiveAlarm(self, max_count: int) -> tuple[bool, int, list[Any]]:
+        return (True, *_alarms(self._unit, max_count))
 
     def getSoftLimit(self) -> tuple[bool, int, list[Any]]:
         return _soft_limits(self._unit)
@@ -322,10 +322,10 @@ class _AxesServant:
         return True, VERSION
 
 
-over_the_network(_AxesServant)
+with_network_faults(_AxesServant)
 
 
-@over_the_network
+@with_network_faults
 class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
     """GripperUnit."""
 
@@ -342,7 +342,7 @@ class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
         return True, self._unit.command[0]
 
 
-@over_the_network
+@with_network_faults
 class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
     """LumbarUnit."""
 
@@ -358,7 +358,7 @@ class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
 
     def getState(self) -> tuple[bool, int, str]:
         state = self._unit.state
-        return True, int(state), _words(state)
+        return True, int(state), _state_text(state)
 
     def getNumberOfAxes(self) -> int:
         return len(self._unit.soft_limits)
@@ -391,16 +391,16 @@ class FaultsServant(RoboCorba__POA.SmartPalFaults):
         self._faults = faults
 
     def alarm(self, unit: str, code: int, type: Any, description: str) -> None:
-        _told(self._faults.alarm, unit, Alarm(code, AlarmType(type._v), description[:200]))
+        _switch(self._faults.alarm, unit, Alarm(code, AlarmType(type._v), description[:200]))
 
     def stuck(self, unit: str, on: bool) -> None:
-        _told(self._faults.stuck, unit, on)
+        _switch(self._faults.stuck, unit, on)
 
     def lost(self, unit: str, on: bool) -> None:
-        _told(self._faults.lost, unit, on)
+        _switch(self._faults.lost, unit, on)
 
     def slowNetwork(self, delay: float) -> None:
-        _told(self._faults.slow_network, delay)
+        _switch(self._faults.slow_network, delay)
 
     def emergencySwitch(self, pressed: bool) -> None:
         self._faults.emergency_switch(pressed)
@@ -409,8 +409,8 @@ class FaultsServant(RoboCorba__POA.SmartPalFaults):
         self._faults.none()
 
 
-def _told(switch: Callable[..., None], *arguments: Any) -> None:
+def _switch(switch: Callable[..., None], *arguments: Any) -> None:
     try:
         switch(*arguments)
-    except InvalidFault as wrong:
-        raise RoboCorba.InvalidFault(wrong.field, wrong.reason) from None
+    except InvalidFault as error:
+        raise RoboCorba.InvalidFault(error.field, error.reason) from None
