@@ -15,7 +15,7 @@ from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Begun, Others, Report, Result, Runner
+from robocorba.control.runner import Begun, OtherRobots, Report, Result, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
@@ -37,7 +37,7 @@ from robocorba.spatial.frames import into, turned
 FOLLOW_GAIN, FOLLOW_VALID_S = 5.0, 0.1
 #: A body that is so far behind is held up by who or what stands there in the building: for its robot that is as if it
 #: stood in its own way. One that is still farther away can't get there, m.
-BODY_HELD_M, BODY_LOST_M = 0.1, 1.0
+BODY_BLOCKED_M, BODY_LOST_M = 0.1, 1.0
 #: The lease is renewed so often also where no command does it, s.
 LEASE_CHECK_S = 0.5
 #: A program that was told to end has so long for it, s.
@@ -94,7 +94,7 @@ class ControlAgent:
         self,
         surroundings: Surroundings,
         planner: Planner,
-        others: Others,
+        others: OtherRobots,
         check: Callable[[Program, AgentState], None] = lambda program, state: None,
         ticks: TickFile | None = None,
         nearby: Nearby | None = None,
@@ -233,7 +233,7 @@ class ControlAgent:
         if (robot := self._robot) and self._is_running:
             robot.course.abort(reason)
         if controller := self._controller:
-            controller.halt(reason)
+            controller.emergency_stop(reason)
 
     def reset_stop(self) -> None:
         """Let the robot be started again. Raises IllegalOrder where it was not stopped, AdaptorFailed."""
@@ -241,7 +241,7 @@ class ControlAgent:
             self._refuse_while_running("start again")
             if self._controller is None:
                 raise IllegalOrder("start again", "was never started")
-            self._controller.resume_from_halt()
+            self._controller.reset_stop()
 
     def cap_speed(self, speed: float) -> None:
         """Nothing moves faster, m/s. Raises InvalidChoice."""
@@ -349,7 +349,7 @@ class ControlAgent:
 
     def _renew(self) -> None:
         if controller := self._controller:
-            controller.watch()
+            controller.check_alive()
         with contextlib.suppress(RobotLost):  # the controller notices it too, and tells
             self.session.heartbeat()
 
@@ -361,12 +361,12 @@ class ControlAgent:
         missing = math.hypot(state.x - body.at.x, state.y - body.at.y)
         if missing > BODY_LOST_M:
             raise RobotLost(_why_away(body, missing))
-        if missing < BODY_HELD_M / 2:
-            self._held_at_m = BODY_HELD_M
+        if missing < BODY_BLOCKED_M / 2:
+            self._held_at_m = BODY_BLOCKED_M
         elif math.isinf(self._held_at_m):
-            self._held_at_m = missing + BODY_HELD_M
+            self._held_at_m = missing + BODY_BLOCKED_M
         elif missing > self._held_at_m:
-            self._held_at_m = missing + BODY_HELD_M  # it has to brake, and may go back
+            self._held_at_m = missing + BODY_BLOCKED_M  # it has to brake, and may go back
             if self._controller:
                 self._controller.cancel(MotionFailed(_why_away(body, missing)))
         self.session.command(_towards(state, body.at), FOLLOW_VALID_S)

@@ -24,7 +24,7 @@ class SensorStop(RobotError):
         super().__init__(reason)
 
 
-class Course:
+class ExecutionControl:
     """interrupt: ends what the robot is doing with an error. hold: lets it stand, or go on.
 
     One thread follows the course, any thread steers it."""

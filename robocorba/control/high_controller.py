@@ -18,7 +18,7 @@ from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.realtime import be_punctual
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.motion.motion import Motion, Wish
-from robocorba.motion.robot_state import STANDING, ActorCommand, RobotState, Velocity
+from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.spatial.frames import turned
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import Limits
@@ -75,7 +75,7 @@ class HighController:
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         #: That was told last, in the building's frame.
-        self._velocity: Velocity = STANDING
+        self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(lower))
         self.is_paused = False
         #: Why the robot was stopped, empty while it was not; and whether it may be started again by itself.
@@ -128,8 +128,8 @@ class HighController:
         """End the motion that runs, if one does: `move` raises `why`, the robot slows down and stands."""
         self._end_motion(why)
 
-    def halt(self, reason: str, is_lost: bool = False) -> None:
-        """Emergency: the robot stands as soon as it can, and stays so until `resume_from_halt`."""
+    def emergency_stop(self, reason: str, is_lost: bool = False) -> None:
+        """Emergency: the robot stands as soon as it can, and stays so until `reset_stop`."""
         with self._lock:
             if self.stopped and not is_lost:
                 self._is_lost = False  # what a person has stopped, a person lets go
@@ -142,7 +142,7 @@ class HighController:
             _log.warning("stopped: %s", reason)
         self._end_motion(_stopped(reason, is_lost))
 
-    def resume_from_halt(self) -> None:
+    def reset_stop(self) -> None:
         """Start the robot again. Raises IllegalOrder where it was not stopped, and as `start` does."""
         if not self.stopped:
             raise IllegalOrder("start again", "was not stopped")
@@ -150,10 +150,10 @@ class HighController:
             raise AdaptorFailed("the adaptor still hangs")
         self._begin()
 
-    def watch(self) -> None:
+    def check_alive(self) -> None:
         """Stop a robot whose ticks do not come any more; it may come back. To be called now and then by any thread."""
         if not self.stopped and not self._closing.is_set() and self._silent_s > HANG_LIMIT_S:
-            self.halt(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
+            self.emergency_stop(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
 
     def check(self) -> None:
         """Raise IllegalOrder or RobotLost where the robot is stopped."""
@@ -200,7 +200,7 @@ class HighController:
                 if self._rests():
                     due = time.monotonic()
                 self.late_s.append(max(0.0, time.monotonic() - due))
-                self.watch()  # the whole process may have hung: nothing goes on as if it had not
+                self.check_alive()  # the whole process may have hung: nothing goes on as if it had not
                 self._ticked_at = time.monotonic()
                 self._tick()
                 if self.stopped and self._is_lost:
@@ -229,7 +229,7 @@ class HighController:
 
     def _fail(self, reason: str, is_lost: bool = False) -> None:
         if not self.stopped:  # whoever is stopping the robot lets its calls fail, and has said why
-            self.halt(reason, is_lost)
+            self.emergency_stop(reason, is_lost)
 
     def _rests(self) -> bool:
         """Whether there is nothing to do: then it has waited until a motion came, or for a while."""

@@ -15,10 +15,10 @@ from itertools import product
 import numpy as np
 
 from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
-from robocorba.collision_avoidance.neighbours import Nearby, Other
+from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.collision_avoidance.stepping_aside import aside
-from robocorba.collision_avoidance.temporary_obstacles import Standing
-from robocorba.control.execution_control import Course
+from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
+from robocorba.control.execution_control import ExecutionControl
 from robocorba.control.high_controller import HighController
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
@@ -28,7 +28,7 @@ from robocorba.errors.robots import MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, GRIP, JOINTS, RADIUS_M, SPEED, Side
-from robocorba.motion.driving import Drive, DriveAt, DriveBy, Stand
+from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
 from robocorba.motion.joint_motion import GripMotion, JointMotion
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import Velocity
@@ -72,7 +72,7 @@ class Robot:
         self._nearby = nearby
         self.controller, self.session, self.sensors = controller, session, sensors
         self.kinematics, self._planner = kinematics, planner
-        self.course = Course(controller.cancel, self._hold)
+        self.course = ExecutionControl(controller.cancel, self._hold)
         self._held: dict[Side, str] = {}
 
     # ---- the base ----
@@ -133,8 +133,8 @@ class Robot:
         """Around what stands there now, and another robot; None where that is not known, or there is no way."""
         here = self.session.latest
         there = (goal.x, goal.y) if goal.floor == here.at.floor else None
-        known = self._nearby.standing(other, there, here.holding) if self._nearby else Standing()
-        if known == Standing():
+        known = self._nearby.temporary_obstacles(other, there, here.holding) if self._nearby else TemporaryObstacles()
+        if known == TemporaryObstacles():
             return None
         request = self._request(goal, speed)._replace(**known._asdict())
         for room_m, mode in product(ROOMS_M, (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
@@ -146,15 +146,15 @@ class Robot:
         here, state = self.session.latest.at, self.controller.state
         return PathRequest(Place(here.floor, state.x, state.y), goal, radius=RADIUS_M, speed=speed)
 
-    def _go_aside(self, nearby: Nearby, other: Other) -> None:
+    def _go_aside(self, nearby: Nearby, other: OtherRobot) -> None:
         """As far as that can be done, so that the other one gets by; and give it some time."""
         state = self.controller.state
         with contextlib.suppress(MotionFailed, NotReachable):
             if place := aside(nearby, (state.x, state.y), other):
-                self.move(GiveWay(Drive([place], None, ASIDE_SPEED, BASE), nearby, heeds_walls=True))
+                self.move(GiveWay(Drive([place], None, ASIDE_SPEED, BASE), nearby, avoid_walls=True))
         self.wait(random.uniform(*PAUSES_S))
 
-    def _after(self, other: Other, goal: Place, speed: float) -> list[PathPoint]:
+    def _after(self, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
         """As soon as there is a way around the other one, or it is gone; as on the map where that takes too long."""
         deadline = self.clock() + LONGEST_PAUSE_S
         while self.clock() < deadline:
@@ -182,7 +182,7 @@ class Robot:
 
     def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
         """Straight to a point on this floor."""
-        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), is_fine=True))
+        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), precise_positioning=True))
 
     def drive_by(
         self, ahead: float, left: float, turn: float, speed: float = 0.0, as_far_as_free: bool = False
@@ -190,7 +190,7 @@ class Robot:
         """So far from where it is, m, turned by so much, rad; or only until something is in the way."""
         motion = DriveBy(ahead, left, turn, self._speed(speed), BASE)
         try:
-            self.move(self._giving_way(motion, is_fine=True, heeds_walls=as_far_as_free))
+            self.move(self._giving_way(motion, precise_positioning=True, avoid_walls=as_far_as_free))
         except Blocked as blocked:
             if not as_far_as_free:
                 raise
@@ -202,7 +202,7 @@ class Robot:
 
     def stand(self) -> None:
         """Until the base does not move any more."""
-        self.move(Stand())
+        self.move(StopBase())
 
     def _drive(
         self,
@@ -214,9 +214,9 @@ class Robot:
         self.move(self._giving_way(Drive(points, heading, speed, BASE, speeds), points[-1]))
 
     def _giving_way(
-        self, motion: Motion, goal: XY | None = None, is_fine: bool = False, heeds_walls: bool = False
+        self, motion: Motion, goal: XY | None = None, precise_positioning: bool = False, avoid_walls: bool = False
     ) -> Motion:
-        return GiveWay(motion, self._nearby, goal, is_fine, heeds_walls) if self._nearby else motion
+        return GiveWay(motion, self._nearby, goal, precise_positioning, avoid_walls) if self._nearby else motion
 
     def _speed(self, wanted: float) -> float:
         cap = self.controller.speed_cap

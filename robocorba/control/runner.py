@@ -22,9 +22,9 @@ from robocorba.programs.icons import Condition, Icon, Outcome, kind, sides
 from robocorba.programs.program import Program, walk
 
 #: Events that no condition has used up yet; the oldest go first.
-MOST_EVENTS = 1000
+MAX_EVENTS = 1000
 #: Icons that began, and can still be asked for.
-MOST_BEGUN = 1000
+MAX_ICONS_BEGUN = 1000
 #: Sensors that don't answer for so long end what they watch over, s.
 BLIND_LIMIT_S = 1.0
 
@@ -68,7 +68,7 @@ class Heard(NamedTuple):
     payload: Any
 
 
-class Others(Protocol):
+class OtherRobots(Protocol):
     """The other robots: what the program tells them, and what it does together with them."""
 
     def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
@@ -84,13 +84,13 @@ class Others(Protocol):
 class Runner:
     """One run of a program on a robot, by one thread; how it gets on may be asked by any."""
 
-    def __init__(self, program: Program, robot: Robot, others: Others) -> None:
+    def __init__(self, program: Program, robot: Robot, others: OtherRobots) -> None:
         self._program, self._robot, self._others = program, robot, others
         self._began = time.monotonic()
         self._report_so_far = Report(program.name)
-        self._begun: deque[Begun] = deque(maxlen=MOST_BEGUN)
+        self._begun: deque[Begun] = deque(maxlen=MAX_ICONS_BEGUN)
         self._last: Outcome = "done"
-        self._heard: deque[Heard] = deque(maxlen=MOST_EVENTS)
+        self._heard: deque[Heard] = deque(maxlen=MAX_EVENTS)
 
     @property
     def report(self) -> Report:

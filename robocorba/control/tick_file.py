@@ -24,7 +24,7 @@ COLUMNS = (
     *("told_ahead", "told_left", "told_turn", *JOINTS, *(f"told_{joint}" for joint in JOINTS)),
 )
 #: A file holds no more ticks, one hour of programs and 100 MB; so many may wait for a slow disk.
-MOST_TICKS, MOST_WAITING = 180_000, 500
+MAX_TICKS, MAX_QUEUED = 180_000, 500
 END_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
@@ -46,13 +46,13 @@ class TickFile:
     """A new file. `add` never waits, so that no disk delays a robot: a thread of its own writes. Ticks that a slow disk
     can't take are left out, and the log tells how many. Raises RoboCorbaError where the file can't be made."""
 
-    def __init__(self, file: Path, most_ticks: int = MOST_TICKS) -> None:
+    def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
         try:
             self._file = file.open("w", newline="")
         except OSError as wrong:
             raise RoboCorbaError(f"can't write {file}: {wrong.strerror or wrong}") from None
-        self._waiting: queue.Queue[Tick | None] = queue.Queue(MOST_WAITING)
-        self._left, self.left_out = most_ticks, 0
+        self._waiting: queue.Queue[Tick | None] = queue.Queue(MAX_QUEUED)
+        self._left, self.left_out = max_ticks, 0
         self._thread = threading.Thread(target=self._write, name="tick file", daemon=True)
         self._thread.start()
 

@@ -160,7 +160,7 @@ def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, a
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.hangs.set()
     stops = adaptor.stops
-    high.halt("button")
+    high.emergency_stop("button")
     assert adaptor.stops == stops + 1
     assert high.stopped == "button"
     thread.join(5.0)
@@ -169,10 +169,10 @@ def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, a
     adaptor.goes_on.set()
     with pytest.raises(IllegalOrder, match="is stopped: button"):
         high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
-    high.resume_from_halt()
+    high.reset_stop()
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
     with pytest.raises(IllegalOrder, match="was not stopped"):
-        high.resume_from_halt()
+        high.reset_stop()
 
 
 def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighController, adaptor: Watched) -> None:
@@ -184,7 +184,7 @@ def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighContr
     adaptor.failure = None
     time.sleep(0.7)
     assert high.stopped == "the arm smokes"
-    high.resume_from_halt()
+    high.reset_stop()
     assert high.stopped == ""
 
 
@@ -203,7 +203,7 @@ def test_a_robot_that_was_lost_is_found_again(high: HighController, adaptor: Wat
 def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, adaptor: Watched) -> None:
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
-    high.halt("button")
+    high.emergency_stop("button")
     adaptor.failure = None
     time.sleep(1.2)
     assert high.stopped == "button"
@@ -218,19 +218,19 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.hangs.set()
-    eventually(lambda: high.watch() or high.stopped != "", "noticed")
+    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
     thread.join(5.0)
     assert isinstance(raised[0], RobotLost) and "adaptor or process hung for 1." in str(raised[0])
     with pytest.raises(RobotLost, match="hung"):
         high.check()
-    high.halt("button")
+    high.emergency_stop("button")
     with pytest.raises(AdaptorFailed, match="still hangs"):
-        high.resume_from_halt()
+        high.reset_stop()
     adaptor.hangs.clear()
     adaptor.goes_on.set()
     ticks = len(high.late_s)
     eventually(lambda: len(high.late_s) > ticks, "ticks again")
-    high.resume_from_halt()
+    high.reset_stop()
     high.check()
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
 
@@ -260,7 +260,7 @@ def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighCo
     count = len(adaptor.commands)
     eventually(lambda: len(adaptor.commands) > count, "a write that hangs")
     adaptor.failure = AdaptorFailed("it was stopped")
-    high.halt("button")
+    high.emergency_stop("button")
     adaptor.hangs.clear()
     adaptor.goes_on.set()
     time.sleep(0.2)
@@ -288,5 +288,5 @@ def test_the_end_ends_a_motion(adaptor: Watched, monkeypatch: pytest.MonkeyPatch
     thread.join(5.0)
     assert [str(error) for error in raised] == ["can't go on: the robot is switched off"]
     monkeypatch.setattr(high_controller, "HANG_LIMIT_S", 0.0)
-    high.watch()
+    high.check_alive()
     assert high.stopped == ""

@@ -54,7 +54,7 @@ def test_a_robot_without_joints(tmp_path: Path) -> None:
 
 
 def test_a_file_has_a_bound(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with TickFile(tmp_path / "ticks.csv", most_ticks=10) as ticks:
+    with TickFile(tmp_path / "ticks.csv", max_ticks=10) as ticks:
         for number in range(15):
             ticks.add(tick(number))
     assert len(rows(tmp_path / "ticks.csv")) == 10
@@ -70,11 +70,11 @@ def test_a_slow_disk_delays_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(tick_file, "_row", slow)
     with TickFile(tmp_path / "ticks.csv") as ticks:
-        for number in range(tick_file.MOST_WAITING + 50):
+        for number in range(tick_file.MAX_QUEUED + 50):
             ticks.add(tick(number))
         assert ticks.left_out >= 49
         disk.set()
-    assert len(rows(tmp_path / "ticks.csv")) == tick_file.MOST_WAITING + 50 - ticks.left_out
+    assert len(rows(tmp_path / "ticks.csv")) == tick_file.MAX_QUEUED + 50 - ticks.left_out
 
 
 def test_a_file_that_can_t_be_made(tmp_path: Path) -> None:
