@@ -23,5 +23,6 @@ class Motion(Protocol):
     """One movement of the robot, used once."""
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
-        """The command for this cycle; None once the motion has ended. elapsed_s: since its start, without pauses. Raises
-        MotionFailed."""
+        """The command for this cycle; None once the motion has ended. Raises MotionFailed.
+
+        elapsed_s: since its start, without pauses."""
