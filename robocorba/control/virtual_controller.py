@@ -13,7 +13,7 @@ GAIN = 20.0
 
 
 class VirtualController:
-    """joints (n,): initial angles [rad]. lower, upper [rad], speed [rad/s], acceleration [rad/s^2], (n,) each: limits."""
+    """joints (n,): initial angles [rad]. Limits (n,): lower, upper [rad], speed [rad/s], acceleration [rad/s^2]."""
 
     def __init__(self, joints: Floats, lower: Floats, upper: Floats, speed: Floats, acceleration: Floats) -> None:
         self.joints, self.velocities = joints.copy(), np.zeros(len(joints))
