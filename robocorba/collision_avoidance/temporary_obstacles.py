@@ -27,8 +27,8 @@ CORNERS = 16
 
 
 class TemporaryObstacles(NamedTuple):
-    """Fields of a PathRequest: polygons on floors [m], and floors whose movable objects are all among them, so that the
-    planner ignores the map's ones."""
+    """Fields of a PathRequest: polygons on floors [m], and floors whose movable objects are all among the polygons, so
+    that the planner ignores these objects' places on the map."""
 
     forbidden_areas: tuple[FloorArea, ...] = ()
     without_movables: tuple[str, ...] = ()

@@ -35,22 +35,22 @@ class ArmMovements(Movements):
         waypoints = np.array([self.joints, *postures])
         self.move(JointMotion(waypoints, JOINTS, SPEED, ACCELERATION, seconds))
 
-    def grip(self, sides: Sequence[Side], angle: float, force_n: float | None = None, thing: str = "") -> None:
-        """Move grippers to an angle [rad], with at most `force_n` [N]. thing: name of an object to hold at the hand's
-        position. Also raises CannotGrip."""
+    def grip(self, sides: Sequence[Side], angle: float, force_n: float | None = None, object_name: str = "") -> None:
+        """Move grippers to an angle [rad], with at most `force_n` [N]. object_name: an object to hold at the hand's
+        position, or empty. Also raises CannotGrip."""
         wanted = self.joints.copy()
         wanted[[GRIP[side] for side in sides]] = angle
         fingers = [GRIP[side] for side in sides]
         self.move(GripMotion(self.joints, wanted, fingers, JOINTS, SPEED, ACCELERATION, force_n))
-        if thing:
+        if object_name:
             state = self.controller.state
             hand = self.kinematics.body.hand(sides[0], state.joints)
-            self.hold(thing, *out_of(hand.x, hand.y, (state.x, state.y, state.heading)))
-            self._held.update(dict.fromkeys(sides, thing))
+            self.hold(object_name, *out_of(hand.x, hand.y, (state.x, state.y, state.heading)))
+            self._held.update(dict.fromkeys(sides, object_name))
 
-    def hold(self, thing: str, x: float, y: float) -> None:
+    def hold(self, object_name: str, x: float, y: float) -> None:
         """Hold an object at a point (x, y) [m] of the floor. Raises CannotGrip."""
-        self.session.grip(thing, x, y)
+        self.session.grip(object_name, x, y)
         self.session.state()  # the latest state now has the object
 
     def release(self, sides: Sequence[Side], angle: float) -> None:

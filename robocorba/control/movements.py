@@ -11,7 +11,7 @@ from robocorba.motion.motion import Motion
 
 
 class Movements:
-    """Base class of what moves the parts of a robot. One thread at a time moves it; `course` may be used by any."""
+    """Base class for the movements of a robot's parts. One thread at a time moves the robot; any may use `course`."""
 
     def __init__(self, controller: HighController, session: BuildingSession) -> None:
         self.controller, self.session = controller, session

@@ -16,7 +16,7 @@ from robocorba.programs.base_checks import Planner
 
 
 class Robot(BaseMovements, ArmMovements):
-    """nearby: other robots and obstacles; without it the robot gives way to nobody."""
+    """nearby: other robots and obstacles; without it the robot does not give way."""
 
     def __init__(
         self,
