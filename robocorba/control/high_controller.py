@@ -52,8 +52,9 @@ _log = logging.getLogger(__name__)
 class HighController:
     """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. Thread-safe.
 
-    Callbacks, all from the control loop's thread: on_state after each read, may raise RobotLost; on_command after each
-    write, with the state it is based on; before_start before each start of the adaptor, may raise RobotError."""
+    Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
+    before it; before_start before each start of the adaptor, may raise RobotError. The control loop's thread calls the
+    first two."""
 
     def __init__(
         self,
@@ -177,7 +178,7 @@ class HighController:
         """The greatest lateness of a tick in the last ten seconds [s]."""
         return max(list(self.late_s), default=0.0)
 
-    # ---- in the control loop's thread ----
+    # ---- the control loop ----
 
     def _begin(self) -> None:
         self._before_start()

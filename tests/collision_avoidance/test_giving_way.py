@@ -30,7 +30,7 @@ TICK_S, KNOWN_LATE_TICKS = 0.02, 3
 
 
 class Base:
-    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is all that stands."""
+    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is the only obstacle."""
 
     def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
         self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
@@ -44,7 +44,7 @@ class Base:
         self.seen.append(OtherRobot(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
-        """As they were some ticks ago, taken on to now."""
+        """As they were some ticks ago, extrapolated to the present."""
         found = [base.seen[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
         late_s = KNOWN_LATE_TICKS * TICK_S
         return [one._replace(x=one.x + one.vx * late_s, y=one.y + one.vy * late_s) for one in found]
@@ -178,7 +178,7 @@ def test_who_may_not_come_nearer_may_leave(
         assert share == 1.0
     elif math.dist(here, there) < 2 * RADIUS_M + NEAR_MARGIN_M:
         assert share == 0.0
-    assert not should_yield(state, *velocity, other)  # who stands needs no way
+    assert not should_yield(state, *velocity, other)  # a stationary robot needs no path
 
 
 # ---- in the building ----

@@ -27,7 +27,7 @@ HERE = SimpleNamespace(session=SimpleNamespace(latest=SimpleNamespace(at=Pose("L
 
 
 class Watched(RobotAdaptor):
-    """In front of the documented adaptor; remembers commands, and fails as it is told."""
+    """Wraps the documented adaptor; records commands, and fails with `failure`."""
 
     def __init__(self) -> None:
         self.disc = documented_adaptor()(HERE)  # type: ignore[arg-type]
