@@ -22,7 +22,7 @@ FEVER = _GlobalIDL.Alarm(0x99, _GlobalIDL.FAULT, "fever")
 
 
 class Notes:
-    """In the place of an ORB and of all units: `calls` records all calls, `answers` those that are not plain success."""
+    """Replaces an ORB and all units: `calls` records all calls; `answers` are those other than success."""
 
     def __init__(self) -> None:
         self.calls: list[tuple[Any, ...]] = []

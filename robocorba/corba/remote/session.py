@@ -148,7 +148,7 @@ class RemoteSession:
             uri = self._orb.uri(found)
             self._session, self._slow_session = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
             limit_calls(self._session, CALL_LIMIT_S)
-            limit_calls(self._slow, CHANGE_LIMIT_S)
+            limit_calls(self._slow_session, CHANGE_LIMIT_S)
             self._sensor = self._slow_session._get_sensor()
             limit_calls(self._sensor, CHANGE_LIMIT_S)  # the first call may wait for the sensor server
         except NotReachable as wrong:
