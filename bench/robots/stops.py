@@ -208,7 +208,7 @@ class Stage:
         return float(hangs[0]["at"])
 
     def stop_while_it_hangs(self) -> float:
-        self._until_hang_is_over = self.hang_adaptor() + HANG_S
+        self.hang_adaptor()
         time.sleep(0.03)  # its last command is still valid
         return self.stop()
 
