@@ -159,7 +159,7 @@ def test_without_joints_only_the_base_is_told(units: Units, adaptor: SmartPalAda
 def test_jogs_hold_as_long_as_commands_are_valid(units: Units, adaptor: SmartPalAdaptor) -> None:
     for valid_s in (0.1, 0.2, 0.2, 60.0):
         adaptor.write(ActorCommand(valid_s=valid_s))
-    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.1, 0.2, smartpal_adaptor.MOST_JOG_S]
+    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.1, 0.2, smartpal_adaptor.MAX_JOG_S]
 
 
 def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartPalAdaptor) -> None:
