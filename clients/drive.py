@@ -1,8 +1,8 @@
-"""A robot that drives along a path, over floors and elevators.
+"""Example: a robot that drives along a path, across floors by elevator.
 
     python -m robocorba.clients.drive NAME FLOOR X Y FLOOR X Y
 
-The naming service is that of ROBOCORBA_NAMING, 127.0.0.1:2809 if it is not set."""
+The naming service is that of ROBOCORBA_NAMING, by default 127.0.0.1:2809."""
 
 from __future__ import annotations
 
@@ -22,28 +22,30 @@ from robocorba.stubs import RoboCorba
 
 RADIUS_M, MASS_KG = 0.4, 127.0
 LIMITS = RoboCorba.MotionLimits(1.0, 1.75, 1.0, 1.75)
-#: Between commands, and how long each of them holds, s of simulated time.
-TICK_S, VALID_S = 0.05, 0.3
-#: How near a point of the path counts as there; where the next one is in another direction, m.
+#: Interval between commands [s].
+TICK_S = 0.05
+#: Validity of each command [s of simulated time].
+VALID_S = 0.3
+#: Distance at which a point of the path counts as reached [m].
 NEAR_M = 0.05
-#: A point that is not reached, or an elevator that does not come, within so much simulated time is given up, s.
+#: Timeouts for reaching a point, and for an elevator [s of simulated time].
 POINT_LIMIT_S, ELEVATOR_LIMIT_S = 60.0, 300.0
 
 
 class Lost(RoboCorbaError):
-    """The robot did not get where it should."""
+    """The robot did not reach a point, or its elevator did not come."""
 
 
-def drive(robot: Any, path: Sequence[Any], tell: Callable[[str], None] = lambda text: None) -> None:
-    """Drive a session's robot along a path. Raises Lost; InvalidRide and ElevatorFull where an elevator refuses it."""
+def drive(robot: Any, path: Sequence[Any], report: Callable[[str], None] = lambda text: None) -> None:
+    """Drive a session's robot along a path. Raises Lost; InvalidRide and ElevatorFull if an elevator refuses it."""
     for point, after in zip(path, [*path[1:], None], strict=True):
         if point.kind == RoboCorba.ELEVATOR_ENTRY:
-            tell(f"calls {point.elevator}")
+            report(f"calls {point.elevator}")
             robot.callElevator(point.elevator, after.position.floor)
             _wait(robot, lambda state: state.riding.phase == RoboCorba.BOARDING, f"{point.elevator} did not come")
         if point.kind == RoboCorba.ELEVATOR_EXIT:
             _wait(robot, lambda state: state.riding.phase == RoboCorba.ALIGHTING, f"{point.elevator} did not arrive")
-            tell(f"is on {point.position.floor}")
+            report(f"is on {point.position.floor}")
         _go_to(robot, point.position)
 
 
@@ -62,13 +64,13 @@ def _go_to(robot: Any, goal: Any) -> None:
 
 
 def _towards(at: Any, goal: Any) -> Any:
-    """Slower near the goal, facing it."""
+    """The velocity towards a goal: slower near it, and turning to face it."""
     dx, dy = goal.x - at.x, goal.y - at.y
     distance = math.hypot(dx, dy)
     speed = min(LIMITS.speed, 2.0 * distance)
-    beside = math.remainder(math.atan2(dy, dx) - at.heading, math.tau)
-    turn = max(-LIMITS.turn, min(LIMITS.turn, 2.0 * beside)) if distance > 4 * NEAR_M else 0.0
-    return RoboCorba.Velocity(speed * math.cos(beside), speed * math.sin(beside), turn)
+    bearing = math.remainder(math.atan2(dy, dx) - at.heading, math.tau)
+    turn = max(-LIMITS.turn, min(LIMITS.turn, 2.0 * bearing)) if distance > 4 * NEAR_M else 0.0
+    return RoboCorba.Velocity(speed * math.cos(bearing), speed * math.sin(bearing), turn)
 
 
 def _wait(robot: Any, is_there: Callable[[Any], bool], otherwise: str) -> None:
@@ -82,7 +84,7 @@ def _wait(robot: Any, is_there: Callable[[Any], bool], otherwise: str) -> None:
 
 
 def log_on(orb: Orb, name: str, path: Sequence[Any]) -> Any:
-    """The session of a robot that stands where a path begins."""
+    """Log a robot on at the start of a path; returns its session."""
     server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     at = path[0].position
     start = RoboCorba.Pose(at.floor, at.x, at.y, path[0].heading)
@@ -99,7 +101,7 @@ def main(name: str, *places: str) -> None:
         try:
             drive(robot, path, lambda text: print(f"{name} {text}", flush=True))
             at = robot.state().at
-            print(f"{name} is there: {at.floor} ({at.x:.2f}, {at.y:.2f})", flush=True)
+            print(f"{name} has arrived: {at.floor} ({at.x:.2f}, {at.y:.2f})", flush=True)
         finally:
             robot.deregister()
 

@@ -1,4 +1,4 @@
-"""A robot: its data pool, its control agent on a virtual or an actual robot, and the programs that it is given."""
+"""A robot client: a data pool, and a control agent that runs programs on a virtual or an actual robot."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from robocorba.repeating import Repeating
 from robocorba.settings import RobotSettings
 from robocorba.simulation.registry import Description, Pose
 
-#: The data pool goes where the robot goes: it is looked after so often, s.
+#: Interval at which the data pool is switched to the robot's floor [s].
 FLOOR_CHECK_S = 0.05
 
 
 class Checker:
-    """Proves a program from where the robot is, before it is taken."""
+    """Checks a program from the robot's present state before the agent accepts it."""
 
     def __init__(self, planner: RemotePlanner) -> None:
         self._planner, self._kinematics = planner, InverseKinematics()
@@ -56,7 +56,7 @@ class Checker:
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
-    """Where the settings say, else at the first free node of the topological map. Raises as `RemoteSession.log_on`."""
+    """Log on at the settings' pose, by default at the first free path node. Raises as `RemoteSession.log_on`."""
     if settings.at:
         session.log_on(settings.at)
         return
@@ -64,7 +64,7 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
         with contextlib.suppress(PlaceTaken):
             session.log_on(Pose(*place))
             return
-    raise PlaceTaken(settings.floor, 0.0, 0.0, "all nodes of the map are taken; say where by --at X,Y")
+    raise PlaceTaken(settings.floor, 0.0, 0.0, "all path nodes are occupied; give a place by --at X,Y")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start = settings.at or Pose(settings.floor, 0.0, 0.0)
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:
         planner = RemotePlanner(orb)
-        # Before it logs on: a robot is silent while kernels are compiled, and would be lost.
+        # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.
         checker = Checker(planner)
         if settings.channel:
             carry.warm_up()

@@ -1,10 +1,10 @@
-"""The control loop of a robot at 50 Hz, while another process keeps a core busy.
+"""Lateness of a robot's 50 Hz control loop while another process keeps a core busy.
 
     python -m bench.robots.control [--seconds 60] [--pin]
 
-A real system and a real robot process that runs a program: the base drives, arms and lumbar move. First virtual, then
-on the actual robot's stand-in. One core, the last, is kept busy by a process that is bound to it. Everything else may
-run on all cores, as with a user; with --pin, on all the others only."""
+A real robot process runs a program in a real system: the base drives, arms and lumbar move; first the virtual robot,
+then the actual robot's stand-in. A process keeps the last core busy. All other processes may run on all cores, as for
+a user; with --pin, on the other cores only."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell
 
 NAME = "control"
 MOST_P99_MS = 5.0
-#: It begins to count so long after the program, s.
+#: Time between the program's start and the first measured tick [s].
 WARM_UP_S = 3.0
-#: Limits are kept to so much: of rounding.
+#: Tolerance of limits, for rounding.
 SLACK = 1e-6
 BUSY = "while True: pass"
 
 
 def program() -> Program:
-    """Some minutes of work."""
+    """A program of some minutes."""
     builder = ProgramBuilder("work")
     with builder.repeat(100):
         builder.mhand_posture("both", "ready").mbase_by(ahead=1.0, turn=0.8).lumbar(-0.1, 0.3).mbase_by(ahead=-1.0)
@@ -51,16 +51,16 @@ def program() -> Program:
 
 @contextlib.contextmanager
 def loaded(core: int, folder: Path) -> Iterator[None]:
-    """A core that is busy all the time."""
+    """Keeps a core busy."""
     with Process((sys.executable, "-c", BUSY), folder / "busy.log", [core]):
         yield
 
 
 def lateness_s(begun: Floats) -> tuple[Floats, int]:
-    """Of ticks that began then: how late each one was, and how many were missed altogether.
+    """Lateness of ticks that began at these times [s], and the number of missed ticks.
 
-    As the controller counts: ticks are due every TICK_S, and where one is later than that, from there on anew. When the
-    first was due is not known: the most punctual tick is taken to be on time."""
+    As in the controller, ticks are due every TICK_S; after a tick that is later than that, the schedule restarts. The
+    due time of the first tick is unknown: the earliest tick of a schedule counts as on time."""
     grids: list[list[float]] = [[]]
     due = missed = 0
     offset = float(begun[0])
@@ -76,18 +76,18 @@ def lateness_s(begun: Floats) -> tuple[Floats, int]:
 
 
 def broken_limits(ticks: Floats) -> dict[str, int]:
-    """How many commands were beyond a limit, by its name."""
-    time_s, heading, told = ticks[:, 4], ticks[:, 5], ticks[:, 6:9]
+    """Numbers of commands beyond each limit, by its name."""
+    time_s, heading, base = ticks[:, 4], ticks[:, 5], ticks[:, 6:9]
     joints, speeds = ticks[:, 9 : 9 + len(JOINTS)], ticks[:, 9 + len(JOINTS) :]
     c, s = np.cos(heading), np.sin(heading)
-    velocity = np.column_stack((c * told[:, 0] - s * told[:, 1], s * told[:, 0] + c * told[:, 1]))
+    velocity = np.column_stack((c * base[:, 0] - s * base[:, 1], s * base[:, 0] + c * base[:, 1]))
     passed = np.maximum(np.diff(time_s), TICK_S)[:, np.newaxis]
     more = 1.0 + SLACK
     found = {
-        "base: speed": np.hypot(told[:, 0], told[:, 1]) > SPEED_CAP * more,
-        "base: turn": np.abs(told[:, 2]) > BASE.turn * more,
+        "base: speed": np.hypot(base[:, 0], base[:, 1]) > SPEED_CAP * more,
+        "base: turn": np.abs(base[:, 2]) > BASE.turn * more,
         "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE.acceleration * TICK_S * more,
-        "base: turn acceleration": np.abs(np.diff(told[:, 2])) > BASE.turn_acceleration * TICK_S * more,
+        "base: turn acceleration": np.abs(np.diff(base[:, 2])) > BASE.turn_acceleration * TICK_S * more,
         "joints: position": (joints < LOWER - SLACK) | (joints > UPPER + SLACK),
         "joints: speed": np.abs(speeds) > SPEED * more,
         "joints: acceleration": np.abs(np.diff(speeds, axis=0)) > ACCELERATION * passed * more + SLACK,
@@ -97,7 +97,7 @@ def broken_limits(ticks: Floats) -> dict[str, int]:
 
 
 def measure(folder: Path, orb: Orb, seconds: float, adaptor: Sequence[str]) -> Floats:
-    """All ticks of so many seconds of work."""
+    """All ticks of some seconds of the program."""
     with RecordedRobot(folder, orb, "4,3,0", adaptor) as robot:
         robot.agent.load(dumps(program()))
         robot.agent.run()
@@ -147,8 +147,8 @@ def marks(found: dict[str, Any]) -> list[Mark]:
 def main() -> int:
     """Exit code: 0 if every mark was reached."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each of the two robots (default: %(default)s)")
-    parser.add_argument("--pin", action="store_true", help="servers and robot on the other cores only")
+    parser.add_argument("--seconds", type=float, default=60.0, help="for each of the two robots (default: %(default)s)")
+    parser.add_argument("--pin", action="store_true", help="keep servers and robot off the busy core")
     options = parser.parse_args()
     *others, busy = sorted(os.sched_getaffinity(0))
     if options.pin and others:
@@ -171,7 +171,7 @@ def main() -> int:
             found[which] = row(which, ticks, options.seconds)
             for limit, count in broken_limits(ticks).items():
                 if count:
-                    print(f"{which}: {count} commands beyond the limit of {limit}")
+                    print(f"{which}: {count} commands exceed the limit of {limit}")
     rows = [one for one, _ in found.values()]
 
     def draw(axes: Axes) -> None:

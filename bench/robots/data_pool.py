@@ -1,14 +1,13 @@
-"""Data pools of a building with many robots that move: how old is what they show, how long a change of floors takes,
-and how much memory they need.
+"""Data pools in a building with many moving robots: age of their content, duration of a floor change, memory.
 
 python -m bench.robots.data_pool [--seconds S] [--runs N] [--robots N]
 
-The simulation server and the map editor are real processes. So are the pools: one process on each floor, and one whose
-pool goes from floor to floor all the time.
+The simulation server and the map editor are real processes. So are the pools: one process for each floor, and one whose
+pool changes floors all the time.
 
-The age of what a pool shows is that of the state with its time stamp: from the last moment at which the server was
-asked and did not have that state yet, to the moment at which a reader looks. So it is never told as too small, but as
-too large by the time between two such questions."""
+The age of a pool's content is measured from the last request that the server answered with an older state to the
+moment at which a reader reads the pool. So it is never too small, and at most the interval of these requests too
+large."""
 
 from __future__ import annotations
 
@@ -40,11 +39,11 @@ from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile
 
 NAME = "data_pool"
 SAMPLE, ROBOTS = "five-floors", 200
-#: Of the robots; each is commanded so often a second.
+#: Processes and threads for the robots, and commands to each robot [1/s].
 PROCESSES, THREADS, RATE = 2, 2, 4.0
-#: Robots have driven for so long before it counts, and are told to begin so long before, s.
+#: Time for which robots drive before the measurement, and lead time of their start command [s].
 WARM_UP_S, LEAD_S = 3.0, 0.5
-#: The server is asked for its time, and the pool of the robot that rides changes floors, so often, s.
+#: Interval between requests for the server's time, and between floor changes [s].
 ASK_S, CHANGE_S = 0.003, 0.1
 MOST_LAG_MS, MOST_CHANGE_MS, MOST_SHARE, MOST_GROWTH, LEAST_MOVING = 100.0, 200.0, 0.35, 1.1, 0.5
 Stamps = list[tuple[float, float]]
@@ -52,7 +51,7 @@ Stamps = list[tuple[float, float]]
 
 @contextlib.contextmanager
 def pools(naming: Address, folder: Path, name: str, floors: Sequence[str]) -> Iterator[tuple[Process, dict[str, Any]]]:
-    """A process with a pool on each of these floors, and what it told when they knew them."""
+    """A process with a pool for each of these floors, and its answer once they are loaded."""
     command = (sys.executable, "-m", "bench.robots.data_pool_client", str(naming))
     with Process(command, folder / f"pool-{name}.log") as process:
         process.hear(START_LIMIT_S)
@@ -60,7 +59,7 @@ def pools(naming: Address, folder: Path, name: str, floors: Sequence[str]) -> It
 
 
 def ask_time(server: Any, until: float) -> Stamps:
-    """Moments just before the server was asked for its time, and what it said."""
+    """Times of requests for the server's time, and the answers."""
     stamps = []
     while (asked_at := time.monotonic()) < until:
         stamps.append((asked_at, float(server._get_state().time)))
@@ -69,13 +68,13 @@ def ask_time(server: Any, until: float) -> Stamps:
 
 
 def ages_ms(stamps: Stamps, looks: Sequence[Sequence[float]], every_s: float = LOOK_S) -> list[float]:
-    """How old at most was what readers saw who looked this often, by what `ask_time` found, ms.
+    """Greatest ages [ms] of what readers read at this interval, by the stamps of `ask_time`.
 
-    A look that came late stands for all that were due since the one before, which would have seen the same."""
+    A late reading counts for all readings that were due since the one before."""
     times = [simulated for _, simulated in stamps]
     found = []
     for (seen_at, simulated, _), (next_at, _, _) in itertools.pairwise(looks):
-        before = max(0, bisect.bisect_left(times, simulated - 1e-6) - 1)  # the last that did not have it yet
+        before = max(0, bisect.bisect_left(times, simulated - 1e-6) - 1)  # the last request with an older state
         for due in range(max(1, round((next_at - seen_at) / every_s))):
             found.append((seen_at + due * every_s - stamps[before][0]) * 1e3)
     return found
@@ -84,7 +83,7 @@ def ages_ms(stamps: Stamps, looks: Sequence[Sequence[float]], every_s: float = L
 def run(
     server: Any, clients: Clients, watchers: Sequence[Process], rider: Process, floors: Sequence[str], seconds: float
 ) -> dict[str, Any]:
-    """Let all robots drive, look at what the pools show, and let one of them change floors."""
+    """Drive all robots, read the pools, and let one pool change floors."""
     begin = time.monotonic() + LEAD_S
     total_s = WARM_UP_S + seconds
     looked_from = begin + WARM_UP_S
@@ -113,7 +112,7 @@ def run(
 
 
 def row_of(number: int, found: dict[str, Any]) -> dict[str, Any]:
-    """What one run found."""
+    """The row of one run."""
     return {
         "run": str(number),
         "age ms": statistics.median(found["ages"]),
@@ -133,7 +132,7 @@ def row_of(number: int, found: dict[str, Any]) -> dict[str, Any]:
 
 
 def marks_of(rows: Sequence[dict[str, Any]]) -> list[Mark]:
-    """What had to be reached, by the medians of the runs."""
+    """Marks, by the medians of the runs."""
 
     def median(column: str) -> float:
         return statistics.median(row[column] for row in rows)
@@ -148,7 +147,8 @@ def marks_of(rows: Sequence[dict[str, Any]]) -> list[Mark]:
 def memory_rows(
     naming: Address, folder: Path, floors: Sequence[str], rider: Process, changes: int
 ) -> list[dict[str, Any]]:
-    """Bytes of pools on each floor, on all floors in one process, and of one that has been everywhere."""
+    """Memory of a pool of each floor, of pools of all floors in one process, and of a pool that has been on all
+    floors."""
     rows = []
     cases = [([floor], f"on {floor}") for floor in floors] + [(list(floors), f"{len(floors)} pools, on all floors")]
     for number, (where, what) in enumerate(cases):
@@ -172,7 +172,7 @@ def memory_row(what: str, held: int, growth: int | None, uss: int) -> dict[str, 
 
 
 def memory_marks_of(rows: Sequence[dict[str, Any]]) -> list[Mark]:
-    """A pool's memory is that of its floor, also after it was everywhere."""
+    """A pool's memory is that of its floor, even after it has been on all floors."""
     *single, everything, traveller = (row["KB held"] for row in rows)
     return [
         at_most("bytes of the largest floor's pool, of those of all", max(single) / everything, MOST_SHARE),

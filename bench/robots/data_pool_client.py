@@ -1,9 +1,9 @@
-"""A process of a bench with data pools, told what to do by lines of JSON on its stdin.
+"""A bench process with data pools, controlled by lines of JSON on its stdin.
 
 python -m bench.robots.data_pool_client HOST:PORT
 
-Its address is that of the naming service. It answers every line by one line on stdout, the first one when it can be
-told something, and ends with its stdin. Times are of CLOCK_MONOTONIC, which processes of one machine share."""
+HOST:PORT is the naming service. The process prints a line when it is ready, and a line for each line on stdin; it ends
+with its stdin. Times are of CLOCK_MONOTONIC, which processes of one machine share."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from robocorba.settings import Address
 from robocorba.testing.report import timed_ms
 
 LOAD_LIMIT_S = 30.0
-#: Readers look at the pool so often, s.
+#: Interval at which readers read the pool [s].
 LOOK_S = 0.002
-#: What a pool holds of others, or shares with all of its process.
+#: Types of objects that a pool references and does not own.
 NOT_ITS_OWN = (types.ModuleType, type, types.FunctionType, types.BuiltinFunctionType, threading.Thread, Orb)
 
 
 class Pools:
-    """The pools of this process. All methods but `close` return what is answered."""
+    """The pools of this process. All methods except `close` return the answer."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
         self._followers: list[PoolFollower] = []
 
     def follow(self, floors: Sequence[str]) -> dict[str, Any]:
-        """Begin pools, one for each of the floors. uss: bytes that are this process's alone, before and after."""
+        """Start a pool for each floor. uss: unique set size of the process [bytes], before and after."""
         before = uss()
         for floor in floors:
             self._followers.append(PoolFollower(self._orb, floor, "nobody").start())
@@ -53,10 +53,10 @@ class Pools:
         return {"uss": [before, uss()]}
 
     def look(self, begin: float, seconds: float) -> dict[str, Any]:
-        """What the first pool shows, from a time on.
+        """Read the first pool from a time on.
 
-        looks: when, s, the simulation's time in the snapshot, s, how old the pool says that is, s. moving: share of its
-        robots that moved in the last one. cpu: share of a core that this process took."""
+        looks: time [s], the snapshot's simulation time [s], and the pool's own figure of its age [s]. moving: share of
+        robots that moved in the last snapshot. cpu: share of a core that this process used."""
         pool, looks = self._followers[0].pool, []
         worked = time.process_time()
         while (now := time.monotonic()) < begin + seconds:
@@ -68,7 +68,7 @@ class Pools:
         return {"looks": looks, "moving": moving, "cpu": (time.process_time() - worked) / seconds}
 
     def go(self, floors: Sequence[str], begin: float, seconds: float, every_s: float) -> dict[str, Any]:
-        """Let the first pool go to these floors in turn, so often; ms until it showed the new one."""
+        """Switch the first pool to these floors in turn, every `every_s`. change: duration of each switch [ms]."""
         pool, took = self._followers[0].pool, []
         number = 0
         time.sleep(max(0.0, begin - time.monotonic()))
@@ -83,13 +83,13 @@ class Pools:
         return {"change": took}
 
     def go_home(self, floor: str) -> dict[str, Any]:
-        """Let the first pool go there."""
+        """Switch the first pool to this floor."""
         self._followers[0].pool.go_to(floor)
         return {}
 
     def memory(self) -> dict[str, Any]:
-        """End all following. bytes: of all that the pools hold. uss: of the process."""
-        self.close()  # else some of it is counted twice, before and after a change
+        """Stop following. bytes: memory of all pools. uss: unique set size of the process [bytes]."""
+        self.close()  # otherwise a concurrent change counts objects twice
         return {"bytes": bytes_of([follower.pool for follower in self._followers]), "uss": uss()}
 
     def close(self) -> None:
@@ -98,13 +98,13 @@ class Pools:
 
 
 def uss() -> int:
-    """Bytes that are this process's alone."""
+    """Unique set size of this process [bytes]."""
     gc.collect()
     return int(psutil.Process().memory_full_info().uss)
 
 
 def bytes_of(roots: Sequence[Any]) -> int:
-    """Of all that can be reached from some objects and belongs to them, each once; geometries by their coordinates."""
+    """Memory of all objects that these own, each counted once; geometries count by their coordinates."""
     total, seen, waiting = 0, set(), list(roots)
     while waiting:
         one = waiting.pop()
@@ -122,11 +122,11 @@ def bytes_of(roots: Sequence[Any]) -> int:
 
 def main(naming: str) -> None:
     with Orb(Address.parse(naming)) as orb, contextlib.closing(Pools(orb)) as pools:
-        ways = {name: getattr(pools, name) for name in ("follow", "look", "go", "go_home", "memory")}
+        methods = {name: getattr(pools, name) for name in ("follow", "look", "go", "go_home", "memory")}
         print("{}", flush=True)
         for line in sys.stdin:
             command = json.loads(line)
-            print(json.dumps(ways[command.pop("do")](**command)), flush=True)
+            print(json.dumps(methods[command.pop("do")](**command)), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Inverse kinematics: random reachable poses of each arm, beside mink with daqp from the same seeds.
+"""Inverse kinematics for random reachable poses of each arm, compared with mink and daqp from the same seeds.
 
-Reachable is where the hand is at random joints within limits. Every solve starts from hanging arms. What counts as
-solved is looked up by forward kinematics: within 1 mm, half a degree, and the joints' limits.
+Reachable poses are those of random joint angles within limits. Every solve starts from hanging arms. A solution counts
+if forward kinematics finds the hand within 1 mm and half a degree, and the joints are within their limits.
 
 python -m bench.robots.kinematics
 """
@@ -30,7 +30,7 @@ from robocorba.testing.report import at_least, at_most, quantile, tell, timed_ms
 
 POSES, QUESTIONS = 1000, 10_000
 NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)
-#: The slow peer gets fewer poses, each with as many seeds and steps as it can use.
+#: Number of poses for the slow peer, and most steps from each seed.
 FEW, PEER_STEPS = 200, 60
 HOME = np.zeros(len(JOINTS))
 
@@ -38,7 +38,7 @@ Solve = Callable[[HandPose], Floats | None]
 
 
 def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats]:
-    """Random joints of an arm, the other one hanging; only such as run into nothing, if wanted."""
+    """Random joint angles of an arm, with the other arm hanging. are_clear: only postures without collisions."""
     chance = np.random.default_rng(17)
     found: list[Floats] = []
     while len(found) < count:
@@ -60,8 +60,8 @@ def ours(inverse: InverseKinematics, side: Side, keeps_clear: bool) -> Solve:
 
 
 def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
-    """The same by mink, on a model in which only this arm moves: whole steps until it is near or gets no nearer, then
-    the next seed."""
+    """Solves with mink on a model in which only this arm moves: full steps until the hand is near or gets no nearer,
+    then the next seed."""
     spec = specification()
     names = JOINTS[ARM[side]]
     for joint in spec.joints:
@@ -100,7 +100,7 @@ def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
 
 
 def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) -> tuple[dict[str, Any], list[float]]:
-    """A row, and the milliseconds of each solve."""
+    """A row, and the duration of each solve [ms]."""
     solved, times = 0, []
     solve(body.hand(side, truth[0]))
     for joints in truth:
@@ -145,7 +145,7 @@ def main() -> int:
 
 
 def forward(body: Body) -> list[dict[str, Any]]:
-    """Rows of what forward questions take."""
+    """Rows for the durations of forward kinematics and collision queries."""
     chance = np.random.default_rng(18)
     everywhere = list(chance.uniform(LOWER, UPPER, (QUESTIONS, len(JOINTS))))
     rows = []

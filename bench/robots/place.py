@@ -1,4 +1,4 @@
-"""Real processes around one robot: servers, the actual robot's stand-in, a recorded robot process."""
+"""Real processes for benches with one robot: servers, the actual robot's stand-in, a recorded robot process."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def servers(folder: Path) -> Iterator[Running]:
 
 @contextlib.contextmanager
 def stand_in(folder: Path, orb: Orb, host: str = "127.0.0.1", within: Sequence[str] = ()) -> Iterator[Address]:
-    """The naming service of an actual robot and servers/smartpal; where the former listens. within: what a command
-    line begins with that runs them elsewhere."""
+    """Runs the naming service of an actual robot and servers/smartpal; yields the naming service's address. within:
+    command prefix that runs them elsewhere."""
     names = folder / "robot-names"
     names.mkdir()
     with claimed_ports() as port:
@@ -73,12 +73,12 @@ def _answers(orb: Orb, naming: Address) -> bool:
 
 
 def faults(orb: Orb, naming: Address) -> Any:
-    """The switches of the stand-in's faults."""
+    """The reference that switches the stand-in's faults."""
     return orb.resolve_elsewhere(naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
 
 
 class RecordedRobot:
-    """A robot process; `agent` is how it is called."""
+    """A recorded robot process; `agent` is the client of its agent."""
 
     def __init__(self, folder: Path, orb: Orb, at: str, adaptor: Sequence[str] = ()) -> None:
         self._folder = folder
@@ -99,17 +99,17 @@ class RecordedRobot:
         self.close()
 
     def close(self) -> None:
-        """It writes its record."""
+        """End the process, which writes its ticks."""
         self.process.__exit__(None, None, None)
 
     def stops(self, since: float) -> list[dict[str, Any]]:
-        """What happened to its adaptor since then."""
+        """Stops and hangs of its adaptor since a time."""
         lines = (self._folder / "stops.jsonl").read_text().splitlines()
         return [one for one in map(json.loads, lines) if one["at"] >= since]
 
     def ticks(self) -> Floats:
-        """(n, 45): read from, to, write from, to, time and heading that were read, velocity, joints and their
-        velocities that were told; after `close`."""
+        """Ticks (n, 45), after `close`: start and end of the read and of the write; time and heading of the state;
+        velocity, joints and joint velocities of the command."""
         found: Floats = np.load(self._folder / "ticks.npy")
         return found
 

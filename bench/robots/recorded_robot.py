@@ -1,9 +1,9 @@
-"""A robot process with a recorder between its control agent and its adaptor, and a switch that lets the adaptor hang.
+"""A robot process with a recorder between its control agent and its adaptor, which can also make the adaptor hang.
 
     python -m bench.robots.recorded_robot FOLDER NAME [options of clients/robot]
 
-It is clients/robot otherwise. FOLDER/stops.jsonl has a line for each stop of the adaptor as it happens, at the end
-FOLDER/ticks.npy has all ticks. After SIGUSR1 the next write takes HANG_S. Times are those of time.monotonic, which all
+Otherwise it is clients/robot. It appends each stop of the adaptor to FOLDER/stops.jsonl, and writes all ticks to
+FOLDER/ticks.npy at the end. After SIGUSR1 the next write takes HANG_S. Times are those of time.monotonic, which all
 processes of a machine share."""
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.model_switcher import Surroundings
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
-#: Ticks that are kept: an hour of them.
+#: Most ticks that are recorded: one hour.
 MOST_TICKS = 180_000
-#: How long an adaptor hangs, s.
+#: Duration of a hang [s].
 HANG_S = 2.5
 
 
 class Recorder:
-    """Of one process."""
+    """Records one process."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -43,18 +43,18 @@ class Recorder:
         signal.signal(signal.SIGUSR1, lambda *_: self._let_hang())
 
     def tick(
-        self, read: tuple[float, float], state: RobotState, write: tuple[float, float], told: ActorCommand
+        self, read: tuple[float, float], state: RobotState, write: tuple[float, float], command: ActorCommand
     ) -> None:
-        """A read and the write after it, each from and to."""
-        joints = itertools.chain(told.joints.tolist(), told.joint_velocities.tolist())
-        self._ticks.append((*read, *write, state.time, state.heading, *told.velocity, *joints))
+        """Record a read and the write after it, with their start and end times."""
+        joints = itertools.chain(command.joints.tolist(), command.joint_velocities.tolist())
+        self._ticks.append((*read, *write, state.time, state.heading, *command.velocity, *joints))
 
     def stopped(self, began: float, event: str = "stop") -> None:
         line = {"event": event, "at": began, "done": time.monotonic()}
         self._stops.write(json.dumps(line) + "\n")
 
     def may_hang(self) -> None:
-        """Before each write."""
+        """Called before each write."""
         if self._hangs:
             self._hangs = 0
             self.stopped(time.monotonic(), "hang")
@@ -69,7 +69,7 @@ class Recorder:
 
 
 class RecordedAdaptor(RobotAdaptor):
-    """In front of another one."""
+    """Records the calls of another adaptor."""
 
     def __init__(self, adaptor: RobotAdaptor, recorder: Recorder) -> None:
         self._adaptor, self._recorder = adaptor, recorder

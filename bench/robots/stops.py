@@ -1,14 +1,13 @@
-"""How soon a robot stands after an emergency stop, and after the loss of what it needs.
+"""Time until a robot is stationary after an emergency stop, and after the loss of a process, unit or network.
 
     python -m bench.robots.stops [--rounds 20]
 
-A real system and a real robot process, virtual and then on the actual robot's stand-in, driving around a circle at the
-cap that it has by default, or moving both arms. As root the actual robot is on a computer of its own, a network
-namespace whose cable is pulled; else that case is left out.
+A real robot process in a real system, virtual and then with the actual robot's stand-in, drives around a circle at the
+default speed cap, or moves both arms. As root, the actual robot runs in a network namespace of its own, whose cable is
+pulled; otherwise that case is left out.
 
-Notice is when the control agent begins to stop the robot's adaptor. Standing is seen from outside, by
-bench/robots/watcher.py. Each round goes on with the robot of the round before: one that does not come back ends the
-bench."""
+A fault is noticed when the control agent begins to stop the robot's adaptor. bench/robots/watcher.py observes from
+outside when the robot is stationary. All rounds use the same robot; one that does not come back ends the bench."""
 
 from __future__ import annotations
 
@@ -48,20 +47,21 @@ from robocorba.testing.report import PROGRESS, at_most, quantile, tell
 BENCH = "stops"
 MOST_MS = 100.0
 PATIENCE_S = 60.0
-#: A robot that moves like this goes around a circle of 1.5 m, m/s and rad/s.
+#: Velocity on a circle with a radius of 1.5 m [m/s] and [rad/s].
 CIRCLE = SPEED_CAP, 0.0, SPEED_CAP / 1.5
 FULL_SPEED_M_S, ARM_SPEED_RAD_S = 0.97 * SPEED_CAP, 0.65
-#: How long a stop is watched, a process hangs, s; and what an arm still moves that stands, rad.
+#: Time for which a stop is observed [s], time for which a process is paused [s], and the greatest movement of an arm
+#: that counts as stationary [rad].
 WATCH_S, PAUSE_S, ARM_STANDS_RAD = 0.8, 2.5, math.radians(0.1)
-#: Cases that take a start of the robot process each have a part of the rounds.
+#: Divisor of the number of rounds in cases that kill a process, because its restart takes long.
 KILLS_SHARE = 4
 CABLE = "cable"
 
 
 class Stop(NamedTuple):
-    """One round. notice_ms: after what happened; None: nobody could. stands_ms: likewise; None: not to be seen.
-    reported_ms: until the agent's state said `reason`. back_ms: from when it was over until the robot could run a
-    program again."""
+    """One round, with times since the fault. notice_ms: until it was noticed, None if that was impossible. stands_ms:
+    until the robot was stationary, None if that was not observed. reported_ms: until the agent's state had `reason`.
+    back_ms: from the end of the fault until the robot could run a program again."""
 
     notice_ms: float | None
     stands_ms: float | None
@@ -71,7 +71,8 @@ class Stop(NamedTuple):
 
 
 class Case(NamedTuple):
-    """happens: lets it happen, and gives the moment. over: makes it good again. stands within MOST_MS `after` that."""
+    """A kind of fault. happens: causes it, and returns its time. over: ends it. has_mark: the robot must be stationary
+    within MOST_MS after the notice."""
 
     what: str
     happens: Callable[[], float]
@@ -82,7 +83,7 @@ class Case(NamedTuple):
 
 
 class Stage:
-    """One robot, which starts again where its process was killed; `naming` is an actual one's own."""
+    """One robot, which is restarted after its process was killed. naming: that of an actual robot."""
 
     def __init__(
         self, folder: Path, orb: Orb, system: Running, naming: Address | None, cable: Namespace | None
@@ -150,16 +151,16 @@ class Stage:
         return math.hypot(*actor.velocity[:2]) > FULL_SPEED_M_S
 
     def _reported(self) -> tuple[float, str]:
-        def says() -> str:
+        def stop_reason() -> str:
             state = self.robot.agent.state()
             return state.reason if state.condition is Condition.STOPPED else ""
 
-        reason = eventually(says, PATIENCE_S, "that the agent says that it is stopped")
+        reason = eventually(stop_reason, PATIENCE_S, "that the agent reports the stop")
         return time.monotonic(), str(reason)
 
     @staticmethod
     def _stands(looks: list[list[float]], moves: str) -> float | None:
-        """From when on nothing moved any more; None where that was not seen, or it moved to the end."""
+        """The time of the first observation after the last movement; None if there is none."""
         last = looks[-1] if looks else []
         for earlier, look in zip(reversed(looks[:-1]), reversed(looks), strict=False):
             arms = zip(earlier[5:], last[5:], strict=True)
@@ -169,7 +170,7 @@ class Stage:
         return looks[0][0] if looks else None
 
     def _come_back(self) -> None:
-        """Until it may run a program again."""
+        """Wait until the robot can run a program again."""
 
         def is_back() -> bool:
             try:
@@ -192,22 +193,23 @@ class Stage:
         return began
 
     def stop_by_command(self) -> float:
-        """When the agent was told: a command that starts Python takes longer than a robot to stop."""
+        """Returns the time at which the agent got the call, since the command's Python takes longer to start than the
+        robot to stop."""
         asked = time.monotonic()
         command = (ROBOCORBA, "stop", NAME, "--naming", str(self._orb.naming))
         subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
         return float(self.robot.stops(asked)[0]["at"])
 
     def hang_adaptor(self) -> float:
-        """When the write began that hangs."""
+        """Returns the time at which the hanging write began."""
         asked = time.monotonic()
         os.kill(self.robot.process.pid, signal.SIGUSR1)
         hangs = eventually(lambda: self.robot.stops(asked), PATIENCE_S, "an adaptor that hangs")
         return float(hangs[0]["at"])
 
     def stop_while_it_hangs(self) -> float:
-        self._until_hang_is_over = self.hang_adaptor() + HANG_S
-        time.sleep(0.03)  # its last command still holds
+        self.hang_adaptor()
+        time.sleep(0.03)  # its last command is still valid
         return self.stop()
 
     def wait_for_adaptor(self) -> None:
@@ -306,7 +308,7 @@ def row(which: str, case: Case, stops: list[Stop]) -> dict[str, Any]:
 
 
 def own_network() -> bool:
-    """Let this process and those that it starts have a network of their own; whether that is allowed."""
+    """Move this process and its children into a network namespace of their own; returns whether that is allowed."""
     if ctypes.CDLL(None).unshare(CLONE_NEWNET):
         return False
     subprocess.run(("ip", "link", "set", "lo", "up"), check=True)
@@ -315,7 +317,7 @@ def own_network() -> bool:
 
 @contextlib.contextmanager
 def own_computer() -> Iterator[tuple[Namespace, str]]:
-    """A network namespace with a cable to ours, and its address there."""
+    """A network namespace that a cable connects to ours, and its address."""
     with Namespace() as robot:
         here, there = "10.77.0.1/24", "10.77.0.2/24"
         command = ("ip", "link", "add", "toward", "type", "veth", "peer", "name", CABLE, "netns", robot.path)
@@ -369,11 +371,11 @@ def main() -> int:
             axes.plot(stands, [number] * len(stands), "|", color="tab:blue")
             noticed = [one.notice_ms for one in stops if one.notice_ms is not None]
             axes.plot(noticed, [number] * len(noticed), ".", color="tab:orange", markersize=4)
-        axes.set(xscale="symlog", xlabel="ms after it happened: noticed (dots), stands (bars)")
+        axes.set(xscale="symlog", xlabel="ms after it happened: noticed (dots), stationary (bars)")
         axes.set_yticks(range(len(labels)), labels, fontsize=7)
         axes.invert_yaxis()
 
-    title = f"a robot at {SPEED_CAP:g} m/s that has to stand"
+    title = f"a robot at {SPEED_CAP:g} m/s that has to stop"
     return 0 if tell(BENCH, title, rows, marks, draw) else 1
 
 

@@ -1,11 +1,11 @@
-"""One program on a virtual robot and on an actual one: how far apart they are, tick by tick and at the end.
+"""Deviation between a virtual and an actual robot that run the same program, in each tick and at the end.
 
     python -m bench.robots.virtual_and_actual --runs 3
 
-The sample program both-floors on the sample building five-floors. Each run has its own servers, so that the elevator
-stands where it stood, and each actual run its own stand-in of the robot, which other noise makes err. Both robots write
-down every tick (`robocorba robot --record`). Ticks are compared icon by icon, at the same time since the icon began;
-who is done with an icon first is taken to stay as it ended. A program that does not end done ends the bench."""
+The sample program both-floors runs in the sample building five-floors. Each run has its own servers, so that the
+elevator starts on the same floor, and each actual run its own stand-in with another noise seed. Both robots record
+every tick (`robocorba robot --record`). Ticks are compared icon by icon, at the same time since the icon began; a robot
+that ends an icon first counts as staying there. A program that does not end done ends the bench."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ NAME, ROBOT = "virtual_and_actual", "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
 BUILDING, PROGRAM = SAMPLES / "five-floors.yaml", SAMPLES / "both-floors.json"
 WHERE = ("--floor", "L1", "--at", "17,7.5,1.57", "--channel", "main")
-#: Of a row of ticks, beside the joints.
+#: Columns of the pose in a row of ticks.
 PLACE = ("x", "y", "heading")
 MM = 1000.0
 
 
 class Part(NamedTuple):
-    """An icon of a run. seconds (n,): since it began. places (n, 3): x, y, heading. joints (n, 18): rad."""
+    """An icon of a run. seconds (n,): since it began. places (n, 3): x, y [m], heading [rad]. joints (n, 18) [rad]."""
 
     icon: str
     seconds: Floats
@@ -57,7 +57,7 @@ class Part(NamedTuple):
     joints: Floats
 
     def at(self, seconds: Floats) -> tuple[Floats, Floats]:
-        """Places and joints at other times; as they ended where it had ended."""
+        """Interpolated places and joints; the last ones after the icon's end."""
 
         def read(columns: Floats) -> Floats:
             return np.stack([np.interp(seconds, self.seconds, column) for column in columns.T], axis=1)
@@ -100,7 +100,7 @@ def main() -> int:
 
 
 def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple[AgentState, list[Part]]:
-    """How the robot ended, and the icons of its run."""
+    """The robot's last state, and the icons of its run."""
     folder.mkdir()
     with Launcher(folder) as launch, contextlib.ExitStack() as stack:
         running = real_system(launch, folder / "state", port, "--building", str(BUILDING)).wait_ready()
@@ -118,13 +118,13 @@ def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple
 
 
 def parts_of(file: Path) -> list[Part]:
-    """The icons of one run of a program, from its file of ticks; of icons that hold others, those."""
+    """The icons of one run, from its tick file; nested icons instead of the icons that contain them."""
     found: list[Part] = []
     with file.open(newline="") as lines:
         for (icon, _), rows in itertools.groupby(csv.DictReader(lines), lambda row: (row["icon"], row["icons_done"])):
             numbers = np.array([[float(row[name]) for name in ("time", *PLACE, *JOINTS)] for row in rows])
             if found and icon.startswith(f"{found[-1].icon}."):
-                found.pop()  # in the moment before its first one
+                found.pop()  # the containing icon, before its first nested one
             found.append(Part(icon, numbers[:, 0] - numbers[0, 0], numbers[:, 1:4], numbers[:, 4:]))
     return found
 
@@ -133,7 +133,7 @@ def parts_of(file: Path) -> list[Part]:
 
 
 def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> list[dict[str, Any]]:
-    """A row for each tick of whichever robot took longer for an icon."""
+    """A row for each tick of the robot that took longer for an icon."""
     found, began_s = [], 0.0
     kinds = {path: kind(icon) for path, icon in program.walk(program.load(PROGRAM))}
     for one, other in zip(virtual, actual, strict=True):
@@ -172,7 +172,7 @@ def _hand_mm(body: Body, side: Side, joints: Floats, other: Floats) -> float:
 def rows(
     ticks: list[dict[str, Any]], parts: list[tuple[list[Part], list[Part]]], ends: list[Apart]
 ) -> list[dict[str, Any]]:
-    """A row for each icon, over all runs; the last one is how both ended."""
+    """A row for each icon over all runs, and one for the final states."""
     found = []
     for number, icon in enumerate(dict.fromkeys(tick["icon"] for tick in ticks)):
         here = [tick for tick in ticks if tick["icon"] == icon]
@@ -219,7 +219,7 @@ def marks(ends: list[Apart]) -> list[Mark]:
 
 
 def draw(axes: Axes, ticks: list[dict[str, Any]]) -> None:
-    """Of one run, over its time; a line where an icon begins."""
+    """Plot one run over time, with a line where each icon begins."""
     seconds = [tick["program_s"] for tick in ticks]
     for label, name in (
         ("base at the same time", "base_mm"),

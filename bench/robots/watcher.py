@@ -1,11 +1,11 @@
-"""Looks at a robot from outside, as often as it can: at its body in the building, or at its own units.
+"""Observes a robot from outside every LOOK_S: its body in the building, or its own units.
 
     python -m bench.robots.watcher building HOST:PORT FLOOR NAME
     python -m bench.robots.watcher units HOST:PORT
 
-HOST:PORT is the naming service. Says `null` when it has found the robot. Then each line on stdin is answered with what
-was seen since the line before: rows of [monotonic time, is the base driving, x, y, heading, joint, ...], in m and rad.
-A look is timed when it was answered: what it saw was so by then. What does not answer is left out."""
+HOST:PORT is the naming service. The watcher prints `null` when it has found the robot. Then it answers each line on
+stdin with its observations since the line before: rows of [monotonic time, is the base driving, x, y, heading, joint,
+...], in m and rad. The time of an observation is that of the answer. Calls without an answer are left out."""
 
 from __future__ import annotations
 
@@ -27,18 +27,20 @@ from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 
+#: Interval between observations [s].
 LOOK_S = 0.002
-#: Looks that are kept: a minute of them.
+#: Most observations that wait to be printed: one minute.
 MOST_LOOKS = 30_000
+#: Timeouts for resolving and for calls [s].
 FIND_S, CALL_LIMIT_S = 0.5, 1.0
-#: Slower than this it stands, m/s.
+#: A base below this speed is stationary [m/s] and [rad/s].
 STANDS_M_S = 0.005
 _MOBILITY_BUSY = 0x11
 Look = Callable[[], list[float]]
 
 
 def building(orb: Orb, floor: str, name: str) -> Look:
-    """Its body, by the Omni database."""
+    """Observes the robot's body through the Omni database."""
     copy: list[RemoteFloor] = []
 
     def look() -> list[float]:
@@ -48,7 +50,7 @@ def building(orb: Orb, floor: str, name: str) -> Look:
                 copy.append(RemoteFloor(database, floor))
             copy[0].follow()
         except RoboCorbaError:
-            copy.clear()  # it begins anew with the server
+            copy.clear()  # reload the floor from the restarted server
             raise
         view = copy[0].view
         (number,) = [number for number, body in view.bodies.items() if body.name == name]
@@ -60,7 +62,7 @@ def building(orb: Orb, floor: str, name: str) -> Look:
 
 
 def units(orb: Orb, naming: Address) -> Look:
-    """Its base and its left arm, by the robot's public interface."""
+    """Observes the robot's base and left arm through the robot's public interface."""
     mobility = orb.resolve_elsewhere(naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_LIMIT_S)
     arm = orb.resolve_elsewhere(naming, "MnpL", _GlobalIDL.ArmUnit, CALL_LIMIT_S)
 

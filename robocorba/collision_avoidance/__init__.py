@@ -1,1 +1,1 @@
-"""How robots keep out of each other's way: who is near, who gives way, where to step aside, what stands on the path."""
+"""Collision avoidance: nearby robots, giving way, stepping aside, and temporary obstacles of paths."""

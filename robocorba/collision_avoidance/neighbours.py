@@ -1,24 +1,25 @@
-"""Whom and what a robot has around itself, as its data pool knows it, and where the others are by now."""
+"""Other robots and obstacles near a robot, by its data pool, extrapolated to the present."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple, Protocol
 
-from robocorba.collision_avoidance.temporary_obstacles import Standing, objects, standing
+from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles, movable_objects, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE
 from robocorba.spatial.pose import XY
 
-#: Nobody farther away matters to a robot that drives, m.
+#: A driving robot ignores robots farther away than this [m].
 RANGE_M = 6.0
-#: What is known is taken on to now; what is older than this is not known, s.
+#: Greatest age of data that is extrapolated [s]. With older data, other robots' positions are unknown.
 STALE_S = 0.3
 
 
-class Other(NamedTuple):
-    """Another robot now: m, m/s along the floor's axes, and rad. It is within radius_m, whatever it has done since."""
+class OtherRobot(NamedTuple):
+    """Another robot now: position [m], velocity along the floor's axes [m/s], heading [rad]. radius_m includes what the
+    robot may have deviated since it was observed."""
 
     name: str
     x: float
@@ -30,55 +31,56 @@ class Other(NamedTuple):
 
 
 class Nearby(Protocol):
-    """Around a robot called `name`. Any thread may ask."""
+    """The surroundings of the robot called `name`. Thread-safe."""
 
     name: str
 
-    def others(self, x: float, y: float) -> list[Other]:
-        """Robots that are near to a place. Raises NotReachable where that is not known."""
+    def others(self, x: float, y: float) -> list[OtherRobot]:
+        """Robots within RANGE_M of a point [m]. Raises NotReachable if their positions are unknown."""
 
-    def room_m(self, x: float, y: float) -> float:
-        """How far walls and objects are from a place, m; infinite where there are none. Raises NotReachable."""
+    def clearance_m(self, x: float, y: float) -> float:
+        """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
 
-    def objects(self, held: str) -> Standing:
-        """As `objects` of the floor; nothing where that is not known."""
+    def movable_objects(self, held: str) -> TemporaryObstacles:
+        """As temporary_obstacles.movable_objects; empty while the floor is not loaded."""
 
-    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
-        """As `standing` of the floor; nothing where that is not known."""
+    def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
+        """As temporary_obstacles.temporary_obstacles; empty while the floor is not loaded."""
 
 
 class PoolNearby:
-    """By a data pool that somebody keeps following."""
+    """Nearby by a data pool that a PoolFollower keeps up to date."""
 
     def __init__(self, pool: DataPool, name: str) -> None:
         self._pool, self.name = pool, name
 
-    def others(self, x: float, y: float) -> list[Other]:
+    def others(self, x: float, y: float) -> list[OtherRobot]:
         lag_s = self._pool.lag_s
         if lag_s > STALE_S:
-            raise NotReachable(f"nobody tells where other robots are: {self._pool.problem or 'the data pool lags'}")
-        wider_m = BASE.acceleration * lag_s * lag_s / 2.0
+            cause = self._pool.problem or f"the data pool lags by {lag_s:.2f} s, more than {STALE_S:g} s"
+            raise NotReachable(f"positions of other robots are unknown: {cause}")
+        deviation_m = BASE.acceleration * lag_s * lag_s / 2.0
         return [
-            Other(
-                one.name,
-                one.x + one.vx * lag_s,
-                one.y + one.vy * lag_s,
-                one.vx,
-                one.vy,
-                one.heading,
-                one.radius_m + wider_m,
+            OtherRobot(
+                other.name,
+                other.x + other.vx * lag_s,
+                other.y + other.vy * lag_s,
+                other.vx,
+                other.vy,
+                other.heading,
+                other.radius_m + deviation_m,
             )
-            for _, one in self._pool.robots_near(x, y, RANGE_M)
+            for _, other in self._pool.robots_near(x, y, RANGE_M)
         ]
 
-    def room_m(self, x: float, y: float) -> float:
-        near = self._pool.nearest_thing(x, y)
+    def clearance_m(self, x: float, y: float) -> float:
+        near = self._pool.nearest_non_robot(x, y)
         return near.distance_m if near else math.inf
 
-    def objects(self, held: str) -> Standing:
-        seen = self._pool.snapshot()
-        return objects(seen, self.name, held) if seen.is_known else Standing()
+    def movable_objects(self, held: str) -> TemporaryObstacles:
+        snapshot = self._pool.snapshot()
+        return movable_objects(snapshot, self.name, held) if snapshot.is_known else TemporaryObstacles()
 
-    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
-        seen = self._pool.snapshot()
-        return standing(seen, self.name, also, goal, held) if seen.is_known else Standing()
+    def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
+        snapshot = self._pool.snapshot()
+        return temporary_obstacles(snapshot, self.name, also, goal, held) if snapshot.is_known else TemporaryObstacles()

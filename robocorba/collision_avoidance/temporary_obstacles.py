@@ -1,4 +1,4 @@
-"""What stands in the way of a robot just now and is not on the map: other robots, and objects that were moved."""
+"""Temporary obstacles, which are not on the map: other robots, and objects that were moved."""
 
 from __future__ import annotations
 
@@ -6,63 +6,76 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from robocorba.data_pool.snapshot import Snapshot
-from robocorba.data_pool.things import Thing
+from robocorba.data_pool.entities import FloorEntity
+from robocorba.data_pool.snapshot import FloorSnapshot
 from robocorba.maps.polygons import FloorArea
 from robocorba.spatial.pose import XY
 
-#: Whoever is slower stands, m/s; nobody farther away matters, m.
-STANDS_M_S, NEAR_M = 0.05, 15.0
-#: Paths keep so far from robots that stand, m; less where the robot itself is nearer already. A place beside a robot is
-#: so far outside, m, that the way there may keep some room to everything else.
-ROOM_M, LEAST_M = 0.1, 0.07
-#: So many are told at most; a robot is a polygon of so many corners.
-MOST_ROBOTS, MOST_OBJECTS, CORNERS = 20, 30, 16
+#: A robot below this speed is stationary [m/s].
+STATIONARY_M_S = 0.05
+#: Robots farther away than this are no obstacles [m].
+NEAR_M = 15.0
+#: Clearance of paths to stationary robots [m]; less where the robot or its goal is nearer already.
+CLEARANCE_M = 0.1
+#: Least distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to everything
+#: else.
+MIN_CLEARANCE_M = 0.07
+#: Most robots and most objects in one path request.
+MAX_ROBOTS, MAX_OBJECTS = 20, 30
+#: Corners of the polygon that represents a robot.
+CORNERS = 16
 
 
-class Standing(NamedTuple):
-    """For a PathRequest: polygons of floors, m, and floors whose movable objects are all among them."""
+class TemporaryObstacles(NamedTuple):
+    """Fields of a PathRequest: polygons on floors [m], and floors whose movable objects are all among the polygons, so
+    that the planner ignores these objects' places on the map."""
 
     forbidden_areas: tuple[FloorArea, ...] = ()
     without_movables: tuple[str, ...] = ()
 
 
-def objects(seen: Snapshot, robot: str, held: str = "") -> Standing:
-    """On the floor of `robot`, only what can be moved, where it is now; without what the robot holds itself."""
-    own = seen.robot(robot)
+def movable_objects(snapshot: FloorSnapshot, robot: str, held: str = "") -> TemporaryObstacles:
+    """Movable objects on the floor of `robot` at their present poses, except `held`, which the robot holds."""
+    own = snapshot.robot(robot)
     if own is None:
-        return Standing()
-    movable = (thing for thing in seen.objects() if thing.is_movable and thing.name != held)
-    things = sorted(movable, key=lambda thing: _apart(thing, own))
-    knows_all = len(things) <= MOST_OBJECTS
-    areas = tuple((seen.floor, thing.corners) for thing in things[:MOST_OBJECTS])
-    return Standing(areas, (seen.floor,) if knows_all else ())
+        return TemporaryObstacles()
+    movable = (item for item in snapshot.objects() if item.is_movable and item.name != held)
+    nearest_first = sorted(movable, key=lambda item: _distance_m(item, own))
+    is_complete = len(nearest_first) <= MAX_OBJECTS
+    areas = tuple((snapshot.floor, item.corners) for item in nearest_first[:MAX_OBJECTS])
+    return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else ())
 
 
-def standing(seen: Snapshot, robot: str, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
-    """The same, and other robots that stand. also: a robot that counts even if it moves. goal: where it may come
-    nearer to others than on its way."""
-    own = seen.robot(robot)
+def temporary_obstacles(
+    snapshot: FloorSnapshot, robot: str, also: str = "", goal: XY | None = None, held: str = ""
+) -> TemporaryObstacles:
+    """Movable objects and stationary robots on the floor of `robot`.
+
+    also: a robot that is included even if it moves. goal: a point [m] that stays outside the robots' areas if
+    possible."""
+    own = snapshot.robot(robot)
     if own is None:
-        return Standing()
-    near = [one.robot for one in seen.robots_near(own.x, own.y, NEAR_M)]
-    kept = [(own.x, own.y), *([goal] if goal else ())]
+        return TemporaryObstacles()
+    near = [found.robot for found in snapshot.robots_near(own.x, own.y, NEAR_M)]
+    kept_free = [(own.x, own.y), *([goal] if goal else ())]
     discs = [
-        _disc(one, kept, own.radius_m) for one in near if one.name == also or math.hypot(one.vx, one.vy) < STANDS_M_S
+        _disc(other, kept_free, own.radius_m)
+        for other in near
+        if other.name == also or math.hypot(other.vx, other.vy) < STATIONARY_M_S
     ]
-    known = objects(seen, robot, held)
-    robots = tuple((seen.floor, disc) for disc in discs[:MOST_ROBOTS])
-    return known._replace(forbidden_areas=robots + known.forbidden_areas)
+    objects = movable_objects(snapshot, robot, held)
+    robots = tuple((snapshot.floor, disc) for disc in discs[:MAX_ROBOTS])
+    return objects._replace(forbidden_areas=robots + objects.forbidden_areas)
 
 
-def _disc(one: Thing, kept: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
-    """Around a robot, with some room; but another one of that radius stands outside at these places, if it can."""
-    nearest_m = min(math.dist((one.x, one.y), place) for place in kept)
-    corner_m = (one.radius_m + ROOM_M) / math.cos(math.pi / CORNERS)
-    corner_m = max(min(corner_m, nearest_m - radius_m - LEAST_M), one.radius_m / 2)
-    turns = [math.tau * corner / CORNERS for corner in range(CORNERS)]
-    return tuple((one.x + corner_m * math.cos(turn), one.y + corner_m * math.sin(turn)) for turn in turns)
+def _disc(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
+    """A polygon around a robot with CLEARANCE_M; smaller if a robot of `radius_m` at these points would overlap it."""
+    nearest_m = min(math.dist((other.x, other.y), point) for point in kept_free)
+    corner_m = (other.radius_m + CLEARANCE_M) / math.cos(math.pi / CORNERS)
+    corner_m = max(min(corner_m, nearest_m - radius_m - MIN_CLEARANCE_M), other.radius_m / 2)
+    angles = [math.tau * corner / CORNERS for corner in range(CORNERS)]
+    return tuple((other.x + corner_m * math.cos(angle), other.y + corner_m * math.sin(angle)) for angle in angles)
 
 
-def _apart(one: Thing, own: Thing) -> float:
-    return math.hypot(one.x - own.x, one.y - own.y)
+def _distance_m(item: FloorEntity, own: FloorEntity) -> float:
+    return math.hypot(item.x - own.x, item.y - own.y)

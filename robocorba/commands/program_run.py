@@ -1,4 +1,4 @@
-"""robocorba program run: a program on a robot, icon by icon, with keys to pause, step and end it."""
+"""robocorba program run, pause, resume, step, abort: run a program on a robot, and control it."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from robocorba.control.agent import AgentState
     from robocorba.corba.remote.agents import RemoteAgent
 
-#: The robot is asked how it gets on so often, s; one that does not answer for so long is given up.
-LOOK_S, AWAY_LIMIT_S = 0.1, 10.0
+#: Interval between requests for the robot's progress [s].
+LOOK_S = 0.1
+#: Time for which the robot may not answer before the command fails [s].
+AWAY_LIMIT_S = 10.0
 KEYS = "p: pause  r: resume  s: step  q: end"
 
 
@@ -41,9 +43,9 @@ def run(
         str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
     ] = None,
 ) -> None:
-    """Run a program on a robot, and tell each icon that begins. Ctrl-C ends the program; the robot stands.
+    """Run a program on a robot, and print each icon that begins. Ctrl-C ends the program; the robot stops.
 
-    Exit code 0 if it ended done. In a terminal p pauses, s steps, r resumes, q ends."""
+    Exit code 0 if the program is done. In a terminal p pauses, s steps, r resumes, q ends."""
     from robocorba.corba.remote.agents import RemoteAgent
     from robocorba.programs.program import dumps
 
@@ -65,14 +67,14 @@ def run(
 
 
 def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
-    """Until the program has ended; tells each icon that begins, and where it pauses."""
-    told = 0
+    """Follow the program to its end; print each icon that begins, and where it pauses."""
+    printed = 0
     was_paused = is_ending = False
     away_s = 0.0
     while True:
         try:
             state = agent.state()
-            begun = agent.begun(told)
+            begun = agent.begun(printed)
             away_s = 0.0
         except NotReachable:
             away_s += LOOK_S
@@ -81,11 +83,11 @@ def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
             stop.wait(LOOK_S)
             continue
         for icon in begun:
-            _tell(icon.icon, icon.kind, f"{icon.seconds:.1f} s")
-            told = icon.number + 1
+            _print(icon.icon, icon.kind, f"{icon.seconds:.1f} s")
+            printed = icon.number + 1
         is_paused = state.condition.name == "PAUSED"
         if is_paused and not was_paused:
-            _tell(state.program.icon, state.program.kind, "paused")
+            _print(state.program.icon, state.program.kind, "paused")
         was_paused = is_paused
         if state.program.result.name != "NO_RESULT":
             return state
@@ -93,18 +95,18 @@ def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
             is_ending = True
             agent.abort()
         if keys is not None:
-            _obey(agent, keys)
+            _handle_keys(agent, keys)
 
 
-def _tell(*words: str) -> None:
-    typer.echo("\t".join(words).rstrip())
+def _print(*fields: str) -> None:
+    typer.echo("\t".join(fields).rstrip())
 
 
-def _obey(agent: RemoteAgent, keys: int) -> None:
+def _handle_keys(agent: RemoteAgent, keys: int) -> None:
     orders = {"p": agent.pause, "r": agent.resume, "s": agent.step, "q": agent.abort}
     while select.select([keys], [], [], 0.0)[0]:
         key = os.read(keys, 1).decode(errors="replace")
-        with contextlib.suppress(IllegalOrder):  # it has just ended
+        with contextlib.suppress(IllegalOrder):  # the program has just ended
             if key in orders:
                 orders[key]()
         if not key:
@@ -113,7 +115,7 @@ def _obey(agent: RemoteAgent, keys: int) -> None:
 
 @contextlib.contextmanager
 def _keys() -> Iterator[int | None]:
-    """The terminal's keys, one by one and unseen; None where there is no terminal."""
+    """File descriptor of the terminal's keys, unbuffered and without echo; None without a terminal."""
     if not sys.stdin.isatty():
         yield None
         return
@@ -133,28 +135,28 @@ def _order(name: str, what: str, naming: str | None) -> None:
         getattr(RemoteAgent(orb, name), what)()
 
 
-_ROBOT = typer.Argument(metavar="ROBOT", help="Of the robot.")
+_ROBOT = typer.Argument(metavar="ROBOT", help="Name of the robot.")
 
 
 @app.command()
 def pause(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
-    """Let a robot stand until `resume` or `step`."""
+    """Pause a robot's program until `resume` or `step`."""
     _order(robot, "pause", naming)
 
 
 @app.command()
 def resume(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
-    """Let a robot go on with its program."""
+    """Continue a robot's program."""
     _order(robot, "resume", naming)
 
 
 @app.command()
 def step(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
-    """Let a robot go on to the next icon."""
+    """Continue a robot's program to the next icon."""
     _order(robot, "step", naming)
 
 
 @app.command()
 def abort(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
-    """End the program of a robot."""
+    """End a robot's program."""
     _order(robot, "abort", naming)

@@ -1,4 +1,4 @@
-"""robocorba robot: start a robot, stop robots, put another robot behind an agent."""
+"""robocorba robot, stop, switch: start a robot, stop robots, replace an agent's adaptor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Settings
 from robocorba.supervision.launch import module_command
 
-#: Whoever does not confirm an emergency stop within this is told of, s.
+#: Timeout for the confirmation of an emergency stop [s].
 STOP_LIMIT_S = 5.0
 Naming = Annotated[
     str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
@@ -25,18 +25,18 @@ def robot(context: typer.Context) -> None:
     """Start a robot: NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
     [-- ...].
 
-    It logs on, is bound as RoboCorba/Robots/NAME, and goes on until Ctrl-C or SIGTERM. `--help` tells more."""
+    It logs on, is bound as RoboCorba/Robots/NAME, and runs until Ctrl-C or SIGTERM. `--help` lists the options."""
     command = module_command("robocorba.clients.robot", *context.args)
     os.execv(command[0], command)
 
 
 def stop(
-    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Of the robot.")] = "",
+    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot.")] = "",
     all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
-    reset: Annotated[bool, typer.Option("--reset", help="Let it be moved again, after it was stopped.")] = False,
+    reset: Annotated[bool, typer.Option("--reset", help="Restart the robot after a stop.")] = False,
     naming: Naming = None,
 ) -> None:
-    """Emergency: a robot stands as soon as it can, and stays so until `--reset`."""
+    """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
     from robocorba.corba.remote.agents import RemoteAgent, robots
@@ -58,19 +58,19 @@ def stop(
         for each, thread in zip(names, threads, strict=True):
             thread.join(STOP_LIMIT_S)
             if thread.is_alive():
-                failed[each] = "did not answer in time"
-            typer.echo(f"{each}\t{failed.get(each, 'may move again' if reset else 'stands')}", err=each in failed)
+                failed[each] = f"did not answer within {STOP_LIMIT_S:g} s"
+            typer.echo(f"{each}\t{failed.get(each, 'may move again' if reset else 'stopped')}", err=each in failed)
     if failed:
         raise typer.Exit(1)
 
 
 def switch(
-    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Of the robot.")],
+    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot.")],
     adaptor: Annotated[str, typer.Argument(metavar="ADAPTOR", help="Such as simulated or smartpal.")],
-    arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="Of the adaptor, after --.")] = None,
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="The adaptor's, after --.")] = None,
     naming: Naming = None,
 ) -> None:
-    """Put the actual robot behind a robot's agent, or the virtual one. Not while a program runs."""
+    """Switch a robot's agent to the actual or the virtual robot. It refuses while a program runs."""
     from robocorba.corba.remote.agents import RemoteAgent
 
     with reporting("switch"), Orb(Settings.read(naming=naming).naming) as orb:

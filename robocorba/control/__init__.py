@@ -1,1 +1,1 @@
-"""The control agent: the same program on a virtual or an actual robot, through one adaptor."""
+"""The control agent: runs the same program on a virtual or an actual robot through an adaptor."""

@@ -1,6 +1,6 @@
-"""The robot adaptor: what the control agent asks of a robot, virtual or actual.
+"""The robot adaptor: the control agent's interface to a virtual or an actual robot.
 
-Its four methods are the paper's. A new kind of robot is one class of its own: see docs/adaptors.md."""
+Its four methods are the paper's. A new kind of robot takes one subclass: see docs/adaptors.md."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from robocorba.motion.robot_state import ActorCommand, RobotState
 
 
 class RobotAdaptor(ABC):
-    """Each method answers whether it did what was asked: False where the order makes no sense now, such as to write
-    before the start, and nothing was done. What goes wrong with the robot raises AdaptorFailed, which names the cause.
+    """Each method returns True if it did what was requested. False means that the call is invalid now, such as `write`
+    before `start`, and had no effect. Faults of the robot raise AdaptorFailed with the cause.
 
-    `stop` may be called by any thread, at any time; everything else by one thread. No call takes longer than a second,
-    but `start`."""
+    `stop` may be called by any thread at any time, all other methods by one thread. No call except `start` takes longer
+    than a second."""
 
-    #: Whether the robot is its body in the simulated building; else the control agent leads that body after it.
+    #: Whether the robot is its body in the simulated building; otherwise the control agent makes that body follow it.
     is_in_building = False
 
     @abstractmethod
     def start(self, argv: Sequence[str]) -> bool:
-        """Take the robot over: find it, switch it on, learn where it is. False if it was started already."""
+        """Connect to the robot, switch it on, and read its position. False if it is started already."""
 
     @abstractmethod
     def stop(self) -> bool:
-        """Let the robot stand as soon as it can, also while another method hangs, and let go of it. False if it was not
+        """Stop the robot as soon as possible, even while another method hangs, and disconnect. False if it is not
         started."""
 
     @abstractmethod
     def read(self, state: RobotState) -> bool:
-        """Fill in how the robot is."""
+        """Fill in the robot's state."""
 
     @abstractmethod
     def write(self, command: ActorCommand) -> bool:
-        """Tell the robot what to do now."""
+        """Send a command to the robot."""

@@ -1,4 +1,4 @@
-"""The control agent of one robot: it runs programs on whatever adaptor it was given, and stops it when it must."""
+"""The control agent of one robot: runs programs through its adaptor, and stops the robot on faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Begun, Others, Report, Result, Runner
+from robocorba.control.runner import Begun, OtherRobots, Report, Result, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
@@ -32,22 +32,25 @@ from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.frames import into, turned
 
-#: The robot's body in the building goes where an actual robot goes: so much of what is missing in a second, 1/s, and
-#: how long each command holds, s.
-FOLLOW_GAIN, FOLLOW_VALID_S = 5.0, 0.1
-#: A body that is so far behind is held up by who or what stands there in the building: for its robot that is as if it
-#: stood in its own way. One that is still farther away can't get there, m.
-BODY_HELD_M, BODY_LOST_M = 0.1, 1.0
-#: The lease is renewed so often also where no command does it, s.
+#: Gain with which the body in the building follows an actual robot [1/s].
+FOLLOW_GAIN = 5.0
+#: Validity of the body's commands [s].
+FOLLOW_VALID_S = 0.1
+#: Distance of the body from its actual robot above which an obstacle in the building blocks it [m]. The robot's motion
+#: fails then, as if the obstacle blocked the robot.
+BODY_BLOCKED_M = 0.1
+#: Distance above which the body can't follow any more, and the robot counts as lost [m].
+BODY_LOST_M = 1.0
+#: Interval between renewals of the lease [s], independent of commands.
 LEASE_CHECK_S = 0.5
-#: A program that was told to end has so long for it, s.
+#: Timeout for the end of an aborted program [s].
 END_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
 
 
 class Condition(Enum):
-    """Of the agent."""
+    """Condition of a control agent."""
 
     IDLE = 0
     RUNNING = 1
@@ -56,7 +59,8 @@ class Condition(Enum):
 
 
 class AgentState(NamedTuple):
-    """reason: why it is stopped. speed_cap: m/s. jitter_s: the latest tick of the last ten seconds."""
+    """reason: why the robot is stopped, or empty. speed_cap: [m/s]. jitter_s: greatest lateness of a tick in the last
+    ten seconds."""
 
     name: str
     adaptor: str
@@ -70,31 +74,31 @@ class AgentState(NamedTuple):
 
 
 class Task(Protocol):
-    """What an agent lets a robot do: a program, or a part in a mission."""
+    """A task of an agent: a program, or a part in a mission."""
 
     @property
     def report(self) -> Report:
-        """How it gets on; its result once it has ended."""
+        """Its progress, and its result once it has ended."""
 
     def begun(self, first: int) -> list[Begun]:
-        """Icons, or steps, that have begun: from a number on."""
+        """Icons or steps that have begun, from number `first`."""
 
     def run(self) -> object:
-        """To its end."""
+        """Run to the end."""
 
 
 TaskT = TypeVar("TaskT", bound=Task)
 
 
 class ControlAgent:
-    """check: refuses a program that can't be run from here; raises InvalidProgram. ticks: takes those of programs.
-    nearby: what the robot knows of others. Safe from any thread."""
+    """Thread-safe. check: raises InvalidProgram if a program can't run from the present state. ticks: records programs.
+    nearby: other robots and obstacles; see Robot."""
 
     def __init__(
         self,
         surroundings: Surroundings,
         planner: Planner,
-        others: Others,
+        others: OtherRobots,
         check: Callable[[Program, AgentState], None] = lambda program, state: None,
         ticks: TickFile | None = None,
         nearby: Nearby | None = None,
@@ -112,21 +116,21 @@ class ControlAgent:
         self._thread: threading.Thread | None = None
         self._cap: float | None = None
         self._is_virtual = False
-        #: How far its body may be behind an actual robot that moves, m. One that has just been started may be somewhat
-        #: away from it: bodies brake more gently.
-        self._held_at_m = math.inf
+        #: Distance of an actual robot's body above which it is blocked [m]; infinite after a start until it is known.
+        #: The body brakes more gently than the robot, so it may begin some distance away.
+        self._blocked_at_m = math.inf
         self._lease = Repeating("lease", self._renew, LEASE_CHECK_S)
 
-    # ---- its life ----
+    # ---- start and end ----
 
     def start(self, adaptor: str, argv: Sequence[str] = ()) -> None:
-        """Log on, and take a robot over. Raises UnknownAdaptor, AdaptorFailed, SimulationError, UnknownFloor."""
+        """Log on, and start an adaptor. Raises UnknownAdaptor, AdaptorFailed, SimulationError, UnknownFloor."""
         with self._lock:
             self._lease.start()  # an actual robot may take longer to start than a lease lasts
-            self._take(adaptor, argv)
+            self._start_adaptor(adaptor, argv)
 
     def close(self) -> None:
-        """Let the robot stand, and log off."""
+        """Stop the robot, and log off."""
         self.abort()
         if self._controller:
             self._controller.close()
@@ -135,33 +139,33 @@ class ControlAgent:
         self.session.log_off()
 
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
-        """Another robot behind the same agent; the former one is let go first, and taken back where the new one can't
-        be started. Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
+        """Replace the adaptor. The previous one is stopped first, and restarted if the new one can't be started. Raises
+        UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
         with self._lock:
             self._refuse_while_running("switch to another robot")
             controller, before = self._controller, self._adaptor
             if controller is None:
                 raise IllegalOrder("switch to another robot", "was never started")
             argv_before = controller.argv
-            model_switcher.make(adaptor, self._surroundings)  # an unknown one changes nothing
+            model_switcher.make(adaptor, self._surroundings)  # raises UnknownAdaptor before anything is stopped
             controller.close()
             try:
-                self._take(adaptor, argv)
+                self._start_adaptor(adaptor, argv)
             except RoboCorbaError as wrong:
-                self._take(before, argv_before)
+                self._start_adaptor(before, argv_before)
                 raise wrong if isinstance(wrong, RobotError) else AdaptorFailed(str(wrong)) from None
 
     # ---- programs ----
 
     def load(self, program: Program) -> None:
-        """Raises InvalidProgram; IllegalOrder while one runs."""
+        """Check and keep a program. Raises InvalidProgram; IllegalOrder while a program runs."""
         with self._lock:
             self._refuse_while_running("load a program")
             self._check(program, self.state)
             self._program = program
 
     def run(self, is_stepping: bool = False) -> None:
-        """Begin what was loaded. Raises IllegalOrder."""
+        """Start the loaded program. Raises IllegalOrder."""
         with self._lock:
             self._refuse_while_running("run a program")
             robot = self.robot
@@ -171,23 +175,23 @@ class ControlAgent:
             self._begin(Runner(self._program, robot, self._others))
 
     def begun(self, first: int) -> list[Begun]:
-        """Icons of the program that runs, or ran last, that have begun: from a number on."""
+        """Icons of the present or last program that have begun, from number `first`."""
         return self._task.begun(first) if self._task else []
 
     def pause(self) -> None:
-        """Raises IllegalOrder where no program runs."""
-        self._running("pause").course.pause()
+        """Raises IllegalOrder if no program runs."""
+        self._running_robot("pause").course.pause()
 
     def resume(self) -> None:
-        """Raises IllegalOrder where no program runs."""
-        self._running("go on").course.resume()
+        """Raises IllegalOrder if no program runs."""
+        self._running_robot("resume").course.resume()
 
     def step(self) -> None:
-        """Raises IllegalOrder where no program runs."""
-        self._running("step").course.step()
+        """Raises IllegalOrder if no program runs."""
+        self._running_robot("step").course.step()
 
     def abort(self) -> None:
-        """End the program, if one runs; the robot slows down and stands."""
+        """End the running program, if any; the robot slows down and stops."""
         if self._robot and self._is_running:
             self._robot.course.abort()
 
@@ -195,24 +199,24 @@ class ControlAgent:
 
     @property
     def is_free(self) -> bool:
-        """Whether it could begin something now."""
+        """Whether the agent can start a task now."""
         controller = self._controller
         return controller is not None and not controller.stopped and not self._is_running
 
     @property
     def is_busy(self) -> bool:
-        """Whether it does something now, and will be free again."""
+        """Whether the agent runs a task, and is not stopped."""
         controller = self._controller
         return controller is not None and not controller.stopped and self._is_running
 
     @property
     def place(self) -> Pose:
-        """Where the robot is."""
+        """The robot's pose."""
         return self.state.at
 
     def begin_part(self, make: Callable[[Robot], TaskT], for_own_mission: bool = False) -> TaskT:
-        """Begin a part in a mission, as a program is begun; beside the program that leads the mission, where it is the
-        robot's own one. Raises IllegalOrder."""
+        """Start a part in a mission like a program. for_own_mission: beside the robot's program that leads the mission.
+        Raises IllegalOrder."""
         with self._lock:
             if not for_own_mission:
                 self._refuse_while_running("take part in a mission")
@@ -229,29 +233,29 @@ class ControlAgent:
     # ---- safety ----
 
     def stop(self, reason: str = "emergency stop") -> None:
-        """The robot stands as soon as it can, and stays so. Needs no lock: it works while everything else hangs."""
+        """Emergency stop, until `reset_stop`. It takes no lock of the agent, so it works while other calls hang."""
         if (robot := self._robot) and self._is_running:
             robot.course.abort(reason)
         if controller := self._controller:
-            controller.halt(reason)
+            controller.emergency_stop(reason)
 
     def reset_stop(self) -> None:
-        """Let the robot be started again. Raises IllegalOrder where it was not stopped, AdaptorFailed."""
+        """Restart a stopped robot. Raises IllegalOrder if it is not stopped; AdaptorFailed."""
         with self._lock:
-            self._refuse_while_running("start again")
+            self._refuse_while_running("restart")
             if self._controller is None:
-                raise IllegalOrder("start again", "was never started")
-            self._controller.resume_from_halt()
+                raise IllegalOrder("restart", "was never started")
+            self._controller.reset_stop()
 
     def cap_speed(self, speed: float) -> None:
-        """Nothing moves faster, m/s. Raises InvalidChoice."""
+        """Limit the base's speed [m/s]. Raises InvalidChoice."""
         if not 0.0 < speed <= BASE.speed:
             raise InvalidChoice("speed", f"{speed} is not above 0 and at most {BASE.speed:g} m/s")
         self._cap = speed
         if self._controller:
             self._controller.speed_cap = speed
 
-    # ---- what there is to see ----
+    # ---- state ----
 
     @property
     def state(self) -> AgentState:
@@ -274,7 +278,7 @@ class ControlAgent:
 
     @property
     def robot(self) -> Robot:
-        """What programs move. Raises IllegalOrder where none was started, or it is stopped."""
+        """The robot that tasks move. Raises IllegalOrder if none was started or it is stopped."""
         if self._controller is None or self._robot is None:
             raise IllegalOrder("move", "was never started")
         if self._controller.stopped:
@@ -288,14 +292,14 @@ class ControlAgent:
             return Condition.IDLE
         return Condition.PAUSED if self._robot and self._robot.course.is_paused else Condition.RUNNING
 
-    # ---- inside ----
+    # ---- implementation ----
 
-    def _take(self, adaptor: str, argv: Sequence[str]) -> None:
+    def _start_adaptor(self, adaptor: str, argv: Sequence[str]) -> None:
         made = model_switcher.make(adaptor, self._surroundings)
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building
-        controller = HighController(made, BASE, LOWER, UPPER, SPEED, self._follow, self._told, self._log_on)
+        controller = HighController(made, BASE, LOWER, UPPER, SPEED, self._follow, self._record, self._log_on)
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
@@ -309,11 +313,11 @@ class ControlAgent:
 
     def _refuse_while_running(self, order: str) -> None:
         if self._is_running and self._report.result is not Result.NO_RESULT:
-            self._join()  # it is just ending
+            self._join()  # its thread is about to end
         if self._is_running:
             raise IllegalOrder(order, "runs a program")
 
-    def _running(self, order: str) -> Robot:
+    def _running_robot(self, order: str) -> Robot:
         if not self._is_running or self._robot is None:
             raise IllegalOrder(order, "runs no program")
         return self._robot
@@ -332,12 +336,12 @@ class ControlAgent:
         return self._task.report if self._task else Report()
 
     def _log_on(self) -> None:
-        """Before each start of the adaptor: a server that has forgotten the robot learns of it again. A body that was
-        held up far from its robot, which can't get to it, is put where that is."""
+        """Before each start of the adaptor: log on if the server has no session for the robot. An actual robot's body
+        that is more than BODY_LOST_M away is logged on again at the robot's pose."""
         try:
             self.session.log_on()
             body = self.session.state().at
-            self._held_at_m = math.inf
+            self._blocked_at_m = math.inf
             if not self._is_virtual and self._controller:
                 robot = self._controller.state
                 if math.hypot(robot.x - body.x, robot.y - body.y) > BODY_LOST_M:
@@ -349,46 +353,46 @@ class ControlAgent:
 
     def _renew(self) -> None:
         if controller := self._controller:
-            controller.watch()
-        with contextlib.suppress(RobotLost):  # the controller notices it too, and tells
+            controller.check_alive()
+        with contextlib.suppress(RobotLost):  # the controller notices and reports it, too
             self.session.heartbeat()
 
     def _follow(self, state: RobotState) -> None:
-        """Where the robot is an actual one: keep the lease, and lead its body in the building after it."""
+        """Make the body in the building follow an actual robot, which also keeps the lease."""
         if self._is_virtual:
             return
         body = self.session.state()
-        missing = math.hypot(state.x - body.at.x, state.y - body.at.y)
-        if missing > BODY_LOST_M:
-            raise RobotLost(_why_away(body, missing))
-        if missing < BODY_HELD_M / 2:
-            self._held_at_m = BODY_HELD_M
-        elif math.isinf(self._held_at_m):
-            self._held_at_m = missing + BODY_HELD_M
-        elif missing > self._held_at_m:
-            self._held_at_m = missing + BODY_HELD_M  # it has to brake, and may go back
+        distance_m = math.hypot(state.x - body.at.x, state.y - body.at.y)
+        if distance_m > BODY_LOST_M:
+            raise RobotLost(_why_away(body, distance_m))
+        if distance_m < BODY_BLOCKED_M / 2:
+            self._blocked_at_m = BODY_BLOCKED_M
+        elif math.isinf(self._blocked_at_m):
+            self._blocked_at_m = distance_m + BODY_BLOCKED_M
+        elif distance_m > self._blocked_at_m:
+            self._blocked_at_m = distance_m + BODY_BLOCKED_M  # the robot needs some distance to brake, and may return
             if self._controller:
-                self._controller.cancel(MotionFailed(_why_away(body, missing)))
-        self.session.command(_towards(state, body.at), FOLLOW_VALID_S)
+                self._controller.cancel(MotionFailed(_why_away(body, distance_m)))
+        self.session.command(_follow_velocity(state, body.at), FOLLOW_VALID_S)
 
-    def _told(self, state: RobotState, command: ActorCommand) -> None:
+    def _record(self, state: RobotState, command: ActorCommand) -> None:
         report = self._report
         if self._ticks and report.icon and report.result is Result.NO_RESULT:
             floor = self.session.latest.at.floor
             self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
 
 
-def _why_away(body: SessionState, missing_m: float) -> str:
-    return f"its body in the building is {missing_m:.2f} m away, held by {body.touched or 'a wall'}"
+def _why_away(body: SessionState, distance_m: float) -> str:
+    return f"its body in the building is {distance_m:.2f} m away, held by {body.touched or 'a wall'}"
 
 
-def _towards(robot: RobotState, body: Pose) -> Velocity:
+def _follow_velocity(robot: RobotState, body: Pose) -> Velocity:
     """The velocity of a body that follows a robot, in the body's frame."""
-    beside = math.remainder(robot.heading - body.heading, math.tau)
-    ahead, left = turned(robot.velocity[0], robot.velocity[1], beside)
-    missing_ahead, missing_left = into(robot.x, robot.y, body[1:])
+    error_rad = math.remainder(robot.heading - body.heading, math.tau)
+    ahead, left = turned(robot.velocity[0], robot.velocity[1], error_rad)
+    error_ahead, error_left = into(robot.x, robot.y, body[1:])
     return (
-        ahead + FOLLOW_GAIN * missing_ahead,
-        left + FOLLOW_GAIN * missing_left,
-        robot.velocity[2] + FOLLOW_GAIN * beside,
+        ahead + FOLLOW_GAIN * error_ahead,
+        left + FOLLOW_GAIN * error_left,
+        robot.velocity[2] + FOLLOW_GAIN * error_rad,
     )

@@ -1,4 +1,4 @@
-"""The course of a program: it can be paused, stepped and ended from outside, and stopped by what a sensor sees."""
+"""Control of a running program: pause, step and end it from outside, or interrupt it by a sensor."""
 
 from __future__ import annotations
 
@@ -8,59 +8,59 @@ from collections.abc import Callable
 
 from robocorba.errors.robots import RobotError
 
-#: Whoever waits looks around so often, s.
+#: Interval at which waiting threads check their conditions and interruptions [s].
 LOOK_S = 0.02
 
 
 class Aborted(RobotError):
-    """Somebody ended the program."""
+    """An operator or a leader ended the program."""
 
 
 class SensorStop(RobotError):
-    """A sensor saw something closer than it may be. `stop` is the icon that asked for it."""
+    """A sensor saw an obstacle closer than `icon` allows."""
 
-    def __init__(self, stop: object, reason: str) -> None:
-        self.stop = stop
+    def __init__(self, icon: object, reason: str) -> None:
+        self.icon = icon
         super().__init__(reason)
 
 
-class Course:
-    """interrupt: ends what the robot is doing with an error. hold: lets it stand, or go on.
+class ExecutionControl:
+    """interrupt: ends the running motion with an error. hold: pauses the robot (True) or lets it continue.
 
-    One thread follows the course, any thread steers it."""
+    One thread runs the program; any thread may control it."""
 
     def __init__(self, interrupt: Callable[[RobotError], None], hold: Callable[[bool], None]) -> None:
         self._interrupt, self._hold = interrupt, hold
         self._lock = threading.Lock()
         self._interruptions: list[RobotError] = []
-        self._go = threading.Event()
-        self._go.set()
+        self._is_released = threading.Event()
+        self._is_released.set()
         self.is_stepping = False
 
     def reset(self, is_stepping: bool) -> None:
-        """Before it begins."""
+        """Prepare for a new program."""
         with self._lock:
             self._interruptions = []
         self.is_stepping = is_stepping
         self._release()
 
-    # ---- who steers ----
+    # ---- for controlling threads ----
 
     @property
     def is_paused(self) -> bool:
-        return not self._go.is_set()
+        return not self._is_released.is_set()
 
     def pause(self) -> None:
-        self._go.clear()
+        self._is_released.clear()
         self._hold(True)
 
     def resume(self) -> None:
-        """Go on to the end."""
+        """Continue to the end."""
         self.is_stepping = False
         self._release()
 
     def step(self) -> None:
-        """Go on to the next icon."""
+        """Continue to the next icon."""
         self.is_stepping = True
         self._release()
 
@@ -70,45 +70,45 @@ class Course:
         self._release()
 
     def interrupt(self, why: RobotError) -> None:
-        """Let whoever follows the course meet this error, now and until it is settled."""
+        """Raise this error in the program's thread, at each check until it is settled."""
         with self._lock:
             self._interruptions.append(why)
         self._interrupt(why)
 
     def settle(self, is_settled: Callable[[RobotError], bool]) -> None:
-        """These have been dealt with."""
+        """Drop the interruptions that have been handled."""
         with self._lock:
             self._interruptions = [why for why in self._interruptions if not is_settled(why)]
 
     def _release(self) -> None:
         self._hold(False)
-        self._go.set()
+        self._is_released.set()
 
     @property
     def interruption(self) -> RobotError | None:
-        """What whoever follows the course will meet."""
+        """The error that the next check raises."""
         with self._lock:
             return self._interruptions[0] if self._interruptions else None
 
-    # ---- who follows ----
+    # ---- for the program's thread ----
 
     def check(self) -> None:
-        """Wait while the course is paused; raise what interrupts it."""
+        """Wait while the program is paused; raise its interruption."""
         while True:
             with self._lock:
                 if self._interruptions:
                     raise self._interruptions[0]
-            if self._go.wait(LOOK_S):
+            if self._is_released.wait(LOOK_S):
                 return
 
     def at_icon(self) -> None:
-        """The next icon begins."""
+        """Called before each icon: pauses in stepping mode, and checks."""
         if self.is_stepping:
             self.pause()
         self.check()
 
-    def wait_for(self, is_so: Callable[[], bool], limit_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
-        """Wait until something is so, at most so long by a clock, without pauses; whether it is."""
+    def wait_for(self, is_met: Callable[[], bool], limit_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
+        """Wait until a condition is met, at most `limit_s` by the clock without pauses; returns whether it is."""
         waited_s, before = 0.0, clock()
         while True:
             is_held = self.is_paused
@@ -117,7 +117,7 @@ class Course:
             if not is_held:
                 waited_s += now - before
             before = now
-            if is_so():
+            if is_met():
                 return True
             if waited_s >= limit_s:
                 return False

@@ -1,7 +1,8 @@
-"""The high controller: turns motions into commands at a fixed rate, keeps the robot's limits, and watches over it.
+"""The high controller: a 50 Hz control loop that turns motions into commands within the robot's limits, and monitors
+the robot.
 
-One thread talks to the adaptor 50 times a second for as long as the controller runs, also while nothing moves: it is
-the heartbeat in both directions. A command holds for a few ticks only, so a robot whose controller is gone stands."""
+One thread reads the adaptor and writes to it in each control cycle (tick), also while nothing moves: this is the
+heartbeat in both directions. A command is valid for a few ticks only, so a robot that loses its controller stops."""
 
 from __future__ import annotations
 
@@ -18,38 +19,42 @@ from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.realtime import be_punctual
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.motion.motion import Motion, Wish
-from robocorba.motion.robot_state import STANDING, ActorCommand, RobotState, Velocity
+from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.spatial.frames import turned
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import Limits
 
+#: Period of the control loop [s].
 TICK_S = 0.02
-#: A body in the building that has stood without a motion for so long is asked and told less often, s: many robots that
-#: wait are no load. The next motion begins as soon as ever.
-IDLE_AFTER_S, IDLE_TICK_S = 1.0, 0.08
-#: How long the robot goes on without a new command, s.
+#: Time without a motion after which a stationary virtual robot is idle [s].
+IDLE_AFTER_S = 1.0
+#: Period of the control loop while the robot is idle [s], so that many waiting robots are little load. A new motion
+#: ends it immediately.
+IDLE_TICK_S = 0.08
+#: Validity of a command [s].
 VALID_S = 0.1
-#: A robot that was lost is asked for again so often, s.
+#: Interval between attempts to reconnect to a lost robot [s].
 RETRY_S = 0.5
-#: Ticks that are so late mean that the adaptor or this process hangs, s: no adaptor's calls take as long in one tick.
+#: Time without a tick after which the adaptor or this process counts as hanging [s]. No adaptor's calls take as long in
+#: one tick.
 HANG_LIMIT_S = 1.5
-#: Whoever closes the controller waits so long for an adaptor that hangs, s.
+#: Timeout of `close` for an adaptor that hangs [s].
 END_LIMIT_S = 5.0
-#: Ticks that `jitter_s` is the worst of, and that are kept for whoever wants them all.
+#: Number of last ticks whose lateness is kept, ten seconds.
 JITTER_TICKS = 500
-#: Nothing moves faster unless somebody allows it, m/s: from here SmartPal's wheels stand in 78 ms, and a virtual robot
-#: in four steps of the simulation, so that an order to stop has 20 ms for its way.
+#: Default speed limit [m/s]: from it SmartPal's wheels stop in 78 ms and a virtual robot in four simulation steps,
+#: which leaves a stop command 20 ms to arrive.
 SPEED_CAP = 0.38
 
 _log = logging.getLogger(__name__)
 
 
 class HighController:
-    """limits of the base; lower, upper and speed (n,) of the joints, rad and rad/s.
+    """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. Thread-safe.
 
-    follow: is called with what was read, once a tick, by the thread that reads; may raise RobotLost. told: likewise,
-    with what was read and what was written then. prepare: before each start of the adaptor; may raise RobotError.
-    Everything is safe from any thread."""
+    Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
+    before it; before_start before each start of the adaptor, may raise RobotError. The control loop's thread calls the
+    first two."""
 
     def __init__(
         self,
@@ -58,47 +63,49 @@ class HighController:
         lower: Floats,
         upper: Floats,
         speed: Floats,
-        follow: Callable[[RobotState], None] = lambda state: None,
-        told: Callable[[RobotState, ActorCommand], None] = lambda state, command: None,
-        prepare: Callable[[], None] = lambda: None,
+        on_state: Callable[[RobotState], None] = lambda state: None,
+        on_command: Callable[[RobotState, ActorCommand], None] = lambda state, command: None,
+        before_start: Callable[[], None] = lambda: None,
     ) -> None:
-        self._adaptor, self._limits, self._follow, self._told = adaptor, limits, follow, told
-        self._prepare = prepare
+        self._adaptor, self._limits, self._on_state, self._on_command = adaptor, limits, on_state, on_command
+        self._before_start = before_start
         self._lower, self._upper, self._speed = lower, upper, speed
         self.speed_cap = min(SPEED_CAP, limits.speed)
         self.argv: Sequence[str] = ()
         self._lock = threading.Lock()
-        self._motion: _Running | None = None
-        #: That a motion has come; and when something moved last.
-        self._has_come = threading.Event()
+        self._motion: _RunningMotion | None = None
+        #: Set when a motion begins, to end an idle period.
+        self._has_motion = threading.Event()
         self._moved_at = 0.0
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
-        #: That was told last, in the building's frame.
-        self._velocity: Velocity = STANDING
+        #: The last commanded velocity, in the building's frame.
+        self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(lower))
         self.is_paused = False
-        #: Why the robot was stopped, empty while it was not; and whether it may be started again by itself.
+        #: Why the robot was stopped, or empty.
         self.stopped = ""
+        #: Whether the controller stopped it because it was lost, and restarts it once it answers.
         self._is_lost = False
-        #: As it was last; replaced, never changed.
+        #: The last state; replaced, never changed.
         self.state = RobotState(joints=self._targets)
+        #: Lateness of the last ticks [s].
         self.late_s: deque[float] = deque(maxlen=JITTER_TICKS)
         self._ticked_at = 0.0
 
-    # ---- its life ----
+    # ---- start and end ----
 
     def start(self, argv: Sequence[str]) -> None:
-        """Start the adaptor, and the ticks. Raises AdaptorFailed and what the adaptor's start raises."""
+        """Start the adaptor and the control loop. Raises AdaptorFailed and what the adaptor's start raises."""
         self.argv = argv
         self._begin()
         self._thread = threading.Thread(target=self._run, name="high controller", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Let the robot stand, and end."""
+        """Stop the robot, and end the control loop."""
         self._closing.set()
-        self._end_motion(IllegalOrder("go on", "is switched off"))
+        self._end_motion(IllegalOrder("continue", "is switched off"))
         if self._thread:
             self._thread.join(END_LIMIT_S)
         self._stop_adaptor()
@@ -106,11 +113,11 @@ class HighController:
     # ---- motions ----
 
     def move(self, motion: Motion, limit_s: float = math.inf) -> None:
-        """Let the robot move, and wait for its end; `limit_s` without pauses.
+        """Run a motion, and wait for its end. limit_s: timeout, without pauses.
 
-        Raises MotionFailed where it does not get there; IllegalOrder where another motion runs, the robot is stopped,
-        or it was stopped meanwhile; RobotLost; and whatever `cancel` was given."""
-        running = _Running(motion, limit_s)
+        Raises MotionFailed if the robot does not reach the target; IllegalOrder if another motion runs, or the robot is
+        or gets stopped; RobotLost; and the error given to `cancel`."""
+        running = _RunningMotion(motion, limit_s)
         with self._lock:
             if self.stopped:
                 raise IllegalOrder("move", f"is stopped: {self.stopped}")
@@ -119,20 +126,20 @@ class HighController:
             if self._closing.is_set():
                 raise IllegalOrder("move", "is switched off")
             self._motion = running
-        self._has_come.set()
-        running.ended.wait()  # whatever ends this controller's thread ends the motion
+        self._has_motion.set()
+        running.ended.wait()  # the control loop's end ends the motion, too
         if running.error:
             raise running.error
 
     def cancel(self, why: RobotError) -> None:
-        """End the motion that runs, if one does: `move` raises `why`, the robot slows down and stands."""
+        """End the running motion, if any: `move` raises `why`, and the robot slows down and stops."""
         self._end_motion(why)
 
-    def halt(self, reason: str, is_lost: bool = False) -> None:
-        """Emergency: the robot stands as soon as it can, and stays so until `resume_from_halt`."""
+    def emergency_stop(self, reason: str, is_lost: bool = False) -> None:
+        """Stop the robot as soon as possible, until `reset_stop`. is_lost: restart it once it answers again."""
         with self._lock:
             if self.stopped and not is_lost:
-                self._is_lost = False  # what a person has stopped, a person lets go
+                self._is_lost = False  # after an operator's stop only an operator restarts the robot
                 self.stopped = reason
             is_first = not self.stopped
             if is_first:
@@ -142,42 +149,43 @@ class HighController:
             _log.warning("stopped: %s", reason)
         self._end_motion(_stopped(reason, is_lost))
 
-    def resume_from_halt(self) -> None:
-        """Start the robot again. Raises IllegalOrder where it was not stopped, and as `start` does."""
+    def reset_stop(self) -> None:
+        """Restart the robot. Raises IllegalOrder if it is not stopped, and as `start` does."""
         if not self.stopped:
-            raise IllegalOrder("start again", "was not stopped")
+            raise IllegalOrder("restart", "was not stopped")
         if self._silent_s > HANG_LIMIT_S and not self._is_lost:
             raise AdaptorFailed("the adaptor still hangs")
         self._begin()
 
-    def watch(self) -> None:
-        """Stop a robot whose ticks do not come any more; it may come back. To be called now and then by any thread."""
+    def check_alive(self) -> None:
+        """Stop the robot if the control loop has hung; it restarts once the loop continues. For any thread to call
+        periodically."""
         if not self.stopped and not self._closing.is_set() and self._silent_s > HANG_LIMIT_S:
-            self.halt(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
+            self.emergency_stop(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
 
     def check(self) -> None:
-        """Raise IllegalOrder or RobotLost where the robot is stopped."""
+        """Raise IllegalOrder or RobotLost if the robot is stopped."""
         if reason := self.stopped:
             raise _stopped(reason, self._is_lost)
 
     @property
     def targets(self) -> Floats:
-        """Where the joints (n,) were told to be, rad."""
+        """The joints' last targets (n,) [rad]."""
         return self._targets.copy()
 
     @property
     def jitter_s(self) -> float:
-        """How late the latest tick of the last ten seconds was."""
+        """The greatest lateness of a tick in the last ten seconds [s]."""
         return max(list(self.late_s), default=0.0)
 
-    # ---- in the thread of the ticks ----
+    # ---- the control loop ----
 
     def _begin(self) -> None:
-        self._prepare()
+        self._before_start()
         self._adaptor.start(self.argv)
         state = RobotState()
         if not self._adaptor.read(state):
-            raise AdaptorFailed("the robot was started and can't be read")
+            raise AdaptorFailed("the adaptor has started and can't be read")
         with self._lock:
             ahead, left, turn = state.velocity
             self._velocity = *turned(ahead, left, state.heading), turn
@@ -193,21 +201,21 @@ class HighController:
             while not self._closing.is_set():
                 due += TICK_S
                 late = time.monotonic() - due
-                if late > TICK_S:  # what was missed is not made up for
+                if late > TICK_S:  # missed ticks are skipped
                     due += late
                 elif late < 0.0:
                     time.sleep(-late)
-                if self._rests():
+                if self._idles():
                     due = time.monotonic()
                 self.late_s.append(max(0.0, time.monotonic() - due))
-                self.watch()  # the whole process may have hung: nothing goes on as if it had not
+                self.check_alive()  # the whole process may have hung; then the motion must not continue
                 self._ticked_at = time.monotonic()
                 self._tick()
                 if self.stopped and self._is_lost:
-                    self._find_again()
+                    self._reconnect()
                     due = time.monotonic()
         finally:
-            self._end_motion(IllegalOrder("go on", "is switched off"))
+            self._end_motion(IllegalOrder("continue", "is switched off"))
 
     def _tick(self) -> None:
         if self.stopped:
@@ -215,31 +223,31 @@ class HighController:
         state = RobotState()
         try:
             if not self._adaptor.read(state):
-                return  # it is being stopped this very moment
-            self._follow(state)
+                return  # another thread is stopping the robot
+            self._on_state(state)
             self.state = state
             command = self._command(state)
             self._adaptor.write(command)
-            self._told(state, command)
+            self._on_command(state, command)
         except AdaptorFailed as wrong:
             self._fail(str(wrong), isinstance(wrong, RobotLost))
-        except Exception as wrong:  # a fault of an adaptor must not leave a robot that drives on
+        except Exception as wrong:  # a bug in an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
             self._fail(f"{type(wrong).__name__}: {wrong}")
 
     def _fail(self, reason: str, is_lost: bool = False) -> None:
-        if not self.stopped:  # whoever is stopping the robot lets its calls fail, and has said why
-            self.halt(reason, is_lost)
+        if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
+            self.emergency_stop(reason, is_lost)
 
-    def _rests(self) -> bool:
-        """Whether there is nothing to do: then it has waited until a motion came, or for a while."""
-        self._has_come.clear()
+    def _idles(self) -> bool:
+        """Whether the robot is idle; if so, wait for the rest of IDLE_TICK_S or until a motion begins."""
+        self._has_motion.clear()
         now = time.monotonic()
         if self._motion or any(self._velocity) or not self._adaptor.is_in_building:
             self._moved_at = now
         if now - self._moved_at < IDLE_AFTER_S:
             return False
-        self._has_come.wait(IDLE_TICK_S - TICK_S)
+        self._has_motion.wait(IDLE_TICK_S - TICK_S)
         return True
 
     @property
@@ -250,22 +258,22 @@ class HighController:
         try:
             self._adaptor.stop()
         except RobotError as wrong:
-            _log.warning("the robot did not confirm that it stands: %s", wrong)
+            _log.warning("the robot did not confirm the stop: %s", wrong)
 
-    def _find_again(self) -> None:
+    def _reconnect(self) -> None:
         self._closing.wait(RETRY_S)
         if self._closing.is_set() or not self._is_lost:
             return
         try:
             self._begin()
-            _log.info("the robot is back")
+            _log.info("reconnected to the robot")
         except RobotError as wrong:
-            _log.info("the robot is not back yet: %s", wrong)
+            _log.info("the robot is still lost, next attempt in %g s: %s", RETRY_S, wrong)
 
     def _command(self, state: RobotState) -> ActorCommand:
-        wish = self._wish(state)
-        velocity = self._limited(wish.velocity, state.heading)
-        joints, velocities = wish.joints, wish.joint_velocities
+        wanted = self._motion_command(state)
+        velocity = self._limited(wanted.velocity, state.heading)
+        joints, velocities = wanted.joints, wanted.joint_velocities
         if joints is None or velocities is None:
             joints, velocities = self._targets, np.zeros(len(self._targets))
         self._targets = np.clip(joints, self._lower, self._upper) if len(joints) == len(self._lower) else joints
@@ -273,29 +281,29 @@ class HighController:
             velocities = np.clip(velocities, -self._speed, self._speed)
         return ActorCommand(velocity, self._targets, velocities, VALID_S)
 
-    def _wish(self, state: RobotState) -> Wish:
+    def _motion_command(self, state: RobotState) -> Wish:
         running = self._motion
         if running is None or self.is_paused:
             if running:
                 running.paused(state)
             return Wish()
         try:
-            wish = running.motion.wish(state, running.elapsed(state))
-            if wish is None:
+            command = running.motion.wish(state, running.elapsed(state))
+            if command is None:
                 self._end_motion(None)
             elif running.elapsed(state) > running.limit_s:
                 raise MotionFailed(f"not done within {running.limit_s:g} s")
-            return wish or Wish()
+            return command or Wish()
         except MotionFailed as wrong:
             self._end_motion(wrong)
-        except Exception as wrong:  # whatever a motion is: the robot must stand
+        except Exception as wrong:  # a bug in a motion must not leave the robot driving
             _log.exception("a motion failed")
             self._end_motion(MotionFailed(f"{type(wrong).__name__}: {wrong}"))
         return Wish()
 
     def _limited(self, wanted: Velocity, heading: float) -> Velocity:
-        """Within the cap, and speeding up no faster than the base can: in the building's frame, since what goes
-        straight there changes its direction in the frame of a robot that turns."""
+        """Limit a velocity to the cap and to the base's acceleration, the latter in the building's frame: in the frame
+        of a turning robot, even a constant velocity changes its direction."""
         ahead, left, turn = wanted
         speed = math.hypot(ahead, left)
         if speed > self.speed_cap:
@@ -305,8 +313,8 @@ class HighController:
         wanted_x, wanted_y = turned(ahead, left, heading)
         dx, dy = wanted_x - vx, wanted_y - vy
         share = min(1.0, self._limits.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
-        most = self._limits.turn_acceleration * TICK_S
-        turning += min(max(turn - turning, -most), most)
+        step = self._limits.turn_acceleration * TICK_S
+        turning += min(max(turn - turning, -step), step)
         self._velocity = vx + dx * share, vy + dy * share, turning
         return *turned(self._velocity[0], self._velocity[1], -heading), turning
 
@@ -318,30 +326,30 @@ class HighController:
             running.ended.set()
 
 
-class _Running:
-    """A motion, and how long it has run by the robot's clock."""
+class _RunningMotion:
+    """A motion, and its elapsed time by the robot's clock."""
 
     def __init__(self, motion: Motion, limit_s: float) -> None:
         self.motion, self.limit_s = motion, limit_s
         self.ended = threading.Event()
         self.error: RobotError | None = None
         self._since: float | None = None
-        self._seen = 0.0
+        self._last_time = 0.0
 
     def elapsed(self, state: RobotState) -> float:
-        """Seconds, without pauses; nor is a time in which no tick came and the robot stood."""
+        """Seconds, without pauses and without gaps between ticks in which the robot was stopped."""
         if self._since is None:
-            self._since = self._seen = state.time
-        self._since += max(0.0, state.time - self._seen - VALID_S)
-        self._seen = state.time
+            self._since = self._last_time = state.time
+        self._since += max(0.0, state.time - self._last_time - VALID_S)
+        self._last_time = state.time
         return state.time - self._since
 
     def paused(self, state: RobotState) -> None:
-        """Time that passes now does not count."""
+        """Exclude the time since the last tick."""
         if self._since is not None:
-            self._since += state.time - self._seen
-            self._seen = state.time
+            self._since += state.time - self._last_time
+            self._last_time = state.time
 
 
 def _stopped(reason: str, is_lost: bool) -> RobotError:
-    return RobotLost(reason) if is_lost else IllegalOrder("go on", f"is stopped: {reason}")
+    return RobotLost(reason) if is_lost else IllegalOrder("continue", f"is stopped: {reason}")

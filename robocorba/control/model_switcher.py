@@ -1,4 +1,4 @@
-"""The model switcher: which robot adaptors are installed, and how one is made by its name."""
+"""The model switcher: lists the installed robot adaptors and creates one by its name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GROUP = "robocorba.adaptors"
 
 
 class Surroundings(NamedTuple):
-    """What an adaptor may need: the robot's name, its session in the building, and the process's ORB."""
+    """What the factory of an adaptor gets: the robot's name, its session in the building, and the process's ORB."""
 
     name: str
     session: BuildingSession
@@ -22,14 +22,12 @@ class Surroundings(NamedTuple):
 
 
 def installed() -> list[str]:
-    """Names of the adaptors, sorted."""
+    """Names of the installed adaptors, sorted."""
     return sorted(_found())
 
 
 def make(name: str, surroundings: Surroundings) -> RobotAdaptor:
-    """An adaptor by its name: what the entry point of the group `robocorba.adaptors` makes of the surroundings.
-
-    Raises UnknownAdaptor."""
+    """Create an adaptor with the entry point of this name in the group `robocorba.adaptors`. Raises UnknownAdaptor."""
     found = _found()
     if name not in found:
         raise UnknownAdaptor(name, sorted(found))

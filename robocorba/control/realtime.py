@@ -1,4 +1,4 @@
-"""A thread that has to be on time asks the system to run it before all others, and its process to let it."""
+"""Scheduling for control loops: real-time priority of a thread, and a higher priority of its process."""
 
 from __future__ import annotations
 
@@ -7,32 +7,33 @@ import os
 import sys
 import threading
 
-#: Above everything without such a priority, below the kernel's own threads.
+#: Priority under SCHED_FIFO: above all threads without real-time priority, below the kernel's own.
 PRIORITY = 10
-#: All others of its process are a little more urgent than other processes; and no thread keeps the interpreter's lock
-#: for longer when another one wants it, s: Python's own 5 ms are a quarter of a tick.
-NICE, SWITCH_S = -5, 0.0005
+#: Niceness of the process's other threads, slightly above that of other processes.
+NICE = -5
+#: Switch interval of the interpreter's lock [s]. Python's default of 5 ms is a quarter of a control cycle.
+SWITCH_S = 0.0005
 
 _log = logging.getLogger(__name__)
 
 
 def be_punctual() -> bool:
-    """Run this thread, and those that it starts, before whatever is less urgent on this computer; whether that is
-    allowed. It is to root, to whoever has CAP_SYS_NICE, or by `ulimit -r`; others go on as they are."""
+    """Give this thread, and threads that it starts, real-time priority (SCHED_FIFO). Returns whether the system allows
+    it: it does for root, with CAP_SYS_NICE, or by `ulimit -r`."""
     try:
         os.sched_setscheduler(threading.get_native_id(), os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError as refused:
-        _log.info("ticks have no priority over other processes: %s", refused.strerror)
+        _log.info("the control loop runs without real-time priority: %s", refused.strerror)
         return False
     return True
 
 
 def be_prompt() -> None:
-    """Let a punctual thread of this process not wait for long for one that has the interpreter's lock, and that has to
-    be run to hand it on. For a process to call before it starts threads; without the right to it, they stay as they
-    are."""
+    """Shorten the time for which a real-time thread of this process waits for the interpreter's lock: lower the switch
+    interval, and raise the priority of the threads that may hold the lock. Call it before the process starts threads.
+    Without permission the priority stays as it is."""
     sys.setswitchinterval(SWITCH_S)
     try:
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
     except OSError as refused:
-        _log.info("the process has no priority over others: %s", refused.strerror)
+        _log.info("the process keeps its priority: %s", refused.strerror)

@@ -1,4 +1,4 @@
-"""Runs a program: one icon after the other, each as movements of the robot, and tells how it ended."""
+"""Runs a program icon by icon, each as movements of the robot, and reports its progress and result."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from robocorba.programs import hands, icons
 from robocorba.programs.icons import Condition, Icon, Outcome, kind, sides
 from robocorba.programs.program import Program, walk
 
-#: Events that no condition has used up yet; the oldest go first.
-MOST_EVENTS = 1000
-#: Icons that began, and can still be asked for.
-MOST_BEGUN = 1000
-#: Sensors that don't answer for so long end what they watch over, s.
+#: Most events that are kept until a condition uses them; then the oldest are dropped.
+MAX_EVENTS = 1000
+#: Most icons that `begun` can return; older ones are dropped.
+MAX_ICONS_BEGUN = 1000
+#: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
 
 
 class Result(Enum):
-    """How a program ended."""
+    """Result of a program."""
 
     NO_RESULT = 0
     DONE = 1
@@ -39,8 +39,8 @@ class Result(Enum):
 
 
 class Report(NamedTuple):
-    """Of a program that runs or has ended. icon: where it is, a path such as icons[2].then[0]; kind: of that icon.
-    reason: why it did not end done. seconds: that it has taken."""
+    """Progress and result of a program. icon: the present icon, a path such as icons[2].then[0]; kind: its type.
+    reason: why the program failed or was aborted. seconds: since its start."""
 
     name: str = ""
     result: Result = Result.NO_RESULT
@@ -52,7 +52,7 @@ class Report(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """An icon that began, so many seconds after its program; numbers count from 0."""
+    """An icon that has begun. number: counts from 0. seconds: since the program's start."""
 
     number: int
     icon: str
@@ -61,80 +61,79 @@ class Begun(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """An event from the robot's channel."""
+    """An event that the robot's channel has delivered."""
 
     type: str
     source: str
     payload: Any
 
 
-class Others(Protocol):
-    """The other robots: what the program tells them, and what it does together with them."""
+class OtherRobots(Protocol):
+    """A program's access to other robots: events and cooperative icons."""
 
     def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
-        """Call `hear` with events of these types and sources, and with no others. Raises EventError, NotReachable."""
+        """Subscribe to events of these types and sources; `hear` consumes them. Raises EventError, NotReachable."""
 
     def say(self, type: str, payload: Any) -> None:
-        """Tell them. Raises EventError, NotReachable."""
+        """Publish an event. Raises EventError, NotReachable."""
 
     def cooperate(self, icon: Icon) -> None:
-        """Do a cooperative icon. Raises RobotError."""
+        """Perform a cooperative icon. Raises RobotError."""
 
 
 class Runner:
-    """One run of a program on a robot, by one thread; how it gets on may be asked by any."""
+    """One run of a program on a robot, by one thread; any thread may read its report."""
 
-    def __init__(self, program: Program, robot: Robot, others: Others) -> None:
+    def __init__(self, program: Program, robot: Robot, others: OtherRobots) -> None:
         self._program, self._robot, self._others = program, robot, others
-        self._began = time.monotonic()
-        self._report_so_far = Report(program.name)
-        self._begun: deque[Begun] = deque(maxlen=MOST_BEGUN)
-        self._last: Outcome = "done"
-        self._heard: deque[Heard] = deque(maxlen=MOST_EVENTS)
+        self._started_at = time.monotonic()
+        self._last_report = Report(program.name)
+        self._begun: deque[Begun] = deque(maxlen=MAX_ICONS_BEGUN)
+        self._last_outcome: Outcome = "done"
+        self._events: deque[Heard] = deque(maxlen=MAX_EVENTS)
 
     @property
     def report(self) -> Report:
-        """Now."""
-        report = self._report_so_far
+        report = self._last_report
         if report.result is Result.NO_RESULT:
-            return report._replace(seconds=time.monotonic() - self._began)
+            return report._replace(seconds=time.monotonic() - self._started_at)
         return report
 
     def run(self) -> Report:
-        """To the end; what goes wrong is in the report."""
+        """Run the program to its end. The returned report has the errors."""
         try:
-            self._others.listen(_awaited(self._program), self._heard.append)
-            self._body("icons", self._program.icons)
-            self._report(result=Result.DONE, icon="", kind="")
+            self._others.listen(_awaited(self._program), self._events.append)
+            self._run_icons("icons", self._program.icons)
+            self._update(result=Result.DONE, icon="", kind="")
         except Aborted as wrong:
-            self._report(result=Result.ABORTED, reason=str(wrong))
+            self._update(result=Result.ABORTED, reason=str(wrong))
         except RoboCorbaError as wrong:
-            self._report(result=Result.FAILED, reason=str(wrong))
+            self._update(result=Result.FAILED, reason=str(wrong))
         except Exception as wrong:
-            self._report(result=Result.FAILED, reason=f"{type(wrong).__name__}: {wrong}")
+            self._update(result=Result.FAILED, reason=f"{type(wrong).__name__}: {wrong}")
             raise
         return self.report
 
     def begun(self, first: int) -> list[Begun]:
-        """Icons that have begun, from a number on. Safe from any thread."""
-        return [each for each in list(self._begun) if each.number >= first]
+        """Icons that have begun, from number `first`. Thread-safe."""
+        return [icon for icon in list(self._begun) if icon.number >= first]
 
     # ---- icons ----
 
-    def _body(self, at: str, body: Sequence[Icon]) -> None:
+    def _run_icons(self, at: str, body: Sequence[Icon]) -> None:
         for number, icon in enumerate(body):
             path = f"{at}[{number}]"
-            self._report(icon=path, kind=kind(icon))
+            self._update(icon=path, kind=kind(icon))
             self._robot.course.at_icon()
             number = self._begun[-1].number + 1 if self._begun else 0
             self._begun.append(Begun(number, path, kind(icon), self.report.seconds))
-            self._last = self._do(icon, path) or "done"
-            self._report(icons_done=self.report.icons_done + 1)
+            self._last_outcome = self._do(icon, path) or "done"
+            self._update(icons_done=self.report.icons_done + 1)
 
     @singledispatchmethod
     def _do(self, icon: Any, path: str) -> Outcome | None:
-        """Do an icon; its result where that is not `done`."""
-        raise MotionFailed(f"nobody knows how to do {kind(icon)}")
+        """Perform an icon; returns its outcome, None for `done`."""
+        raise MotionFailed(f"unsupported icon type {kind(icon)}")
 
     @_do.register
     def _(self, icon: icons.MbasePath, path: str) -> None:
@@ -158,8 +157,8 @@ class Runner:
     @_do.register(icons.MhandOffset)
     @_do.register(icons.Lumbar)
     def _(self, icon: Any, path: str) -> None:
-        way = hands.way(icon, self._robot.joints, self._robot.kinematics)
-        self._robot.joints_along(way, icon.seconds or 0.0)
+        postures = hands.way(icon, self._robot.joints, self._robot.kinematics)
+        self._robot.joints_along(postures, icon.seconds or 0.0)
 
     @_do.register
     def _(self, icon: icons.Gripper, path: str) -> None:
@@ -181,25 +180,25 @@ class Runner:
         is_stopped = False
         with self._watching(icon):
             try:
-                self._body(f"{path}.icons", icon.icons)
+                self._run_icons(f"{path}.icons", icon.icons)
             except SensorStop as stop:
-                if stop.stop is not icon:
+                if stop.icon is not icon:
                     raise
                 is_stopped = True
         if is_stopped:
-            self._robot.stand()
+            self._robot.stop_base()
         return "stopped" if is_stopped else "done"
 
     @_do.register
     def _(self, icon: icons.Repeat, path: str) -> None:
         for _ in range(icon.times):
-            self._body(f"{path}.icons", icon.icons)
+            self._run_icons(f"{path}.icons", icon.icons)
 
     @_do.register
     def _(self, icon: icons.Branch, path: str) -> Outcome:
-        way = "then" if self._is(icon.condition) else "otherwise"
-        self._body(f"{path}.{way}", getattr(icon, way))
-        return self._last
+        branch = "then" if self._is(icon.condition) else "otherwise"
+        self._run_icons(f"{path}.{branch}", getattr(icon, branch))
+        return self._last_outcome
 
     @_do.register
     def _(self, icon: icons.Say, path: str) -> None:
@@ -220,20 +219,20 @@ class Runner:
         if isinstance(condition, icons.Holding):
             return all(self._robot.holds(side) for side in sides(condition.hand))
         if isinstance(condition, icons.Result):
-            return self._last == condition.result
-        return self._use_up(condition)
+            return self._last_outcome == condition.result
+        return self._take_event(condition)
 
-    def _use_up(self, condition: icons.Event) -> bool:
-        """Whether such an event has come; it counts once."""
-        for event in list(self._heard):
-            if _fits(event.type, condition.type) and _fits(event.source, condition.source):
-                self._heard.remove(event)
+    def _take_event(self, condition: icons.Event) -> bool:
+        """Remove the oldest event that matches the condition; returns whether there was one."""
+        for event in list(self._events):
+            if _matches(event.type, condition.type) and _matches(event.source, condition.source):
+                self._events.remove(event)
                 return True
         return False
 
     @contextlib.contextmanager
     def _watching(self, icon: icons.StopIfCloser) -> Iterator[None]:
-        """A thread that looks at the sensor, and interrupts the course once it sees something too close."""
+        """Monitor the icon's sensor in a thread, which interrupts the program if it sees an obstacle too close."""
         ended = threading.Event()
 
         def watch() -> None:
@@ -245,11 +244,12 @@ class Runner:
                 except RoboCorbaError as wrong:
                     blind_since = blind_since or time.monotonic()
                     if time.monotonic() - blind_since > BLIND_LIMIT_S:
-                        self._robot.course.interrupt(MotionFailed(f"the {icon.sensor} does not see: {wrong}"))
+                        reason = f"the {icon.sensor} sensor gave no distance for {BLIND_LIMIT_S:g} s: {wrong}"
+                        self._robot.course.interrupt(MotionFailed(reason))
                         return
                     continue
                 if nearest < icon.distance and not ended.is_set():
-                    reason = f"the {icon.sensor} sees something at {nearest:.2f} m"
+                    reason = f"the {icon.sensor} sensor sees an obstacle at {nearest:.2f} m, within {icon.distance:g} m"
                     self._robot.course.interrupt(SensorStop(icon, reason))
                     return
 
@@ -260,17 +260,17 @@ class Runner:
         finally:
             ended.set()
             watcher.join()
-            self._robot.course.settle(lambda why: isinstance(why, SensorStop) and why.stop is icon)
+            self._robot.course.settle(lambda why: isinstance(why, SensorStop) and why.icon is icon)
 
-    def _report(self, **changes: Any) -> None:
-        self._report_so_far = self.report._replace(seconds=time.monotonic() - self._began, **changes)
+    def _update(self, **changes: Any) -> None:
+        self._last_report = self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
 
 
 def _awaited(program: Program) -> list[tuple[str, str]]:
-    """Types and sources of the events that a program waits for."""
+    """Patterns of types and sources of the events that a program's conditions use."""
     conditions = [icon.condition for _, icon in walk(program) if isinstance(icon, icons.WaitUntil | icons.Branch)]
     return sorted({(each.type, each.source) for each in conditions if isinstance(each, icons.Event)})
 
 
-def _fits(text: str, pattern: str) -> bool:
+def _matches(text: str, pattern: str) -> bool:
     return re.fullmatch(fnmatch.translate(pattern.replace("[", "[[]")), text) is not None

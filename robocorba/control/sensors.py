@@ -1,4 +1,4 @@
-"""What a robot's sensors see: the laser at its waist, and the ring of proximity sensors."""
+"""A robot's virtual sensors: the laser at its waist, and the ring of proximity sensors."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ WAIST = Mount()
 
 
 class Sensors:
-    """Of a robot of `radius_m` that is where `state` says, on the floor where its session is."""
+    """Sensors of a robot of `radius_m` at the position of `state`, on the floor of its session."""
 
     def __init__(self, session: BuildingSession, state: Callable[[], RobotState], radius_m: float) -> None:
         self._session, self._state = session, state
         self._laser, self._ring = ScanSpec(LASER), ScanSpec(PROXIMITY, radius_m)
 
     def laser(self) -> Floats:
-        """Distances (181,) from the waist, m, from the right to the left. Raises SensingError, RobotLost."""
+        """Distances (181,) from the waist [m], from right to left. Raises SensingError, RobotLost."""
         return self._session.scan(self._at(), WAIST, self._laser)
 
     def proximity(self) -> Floats:
-        """Distances (8,) from the rim, m, counter-clockwise from ahead. Raises SensingError, RobotLost."""
+        """Distances (8,) from the rim [m], counter-clockwise from ahead. Raises SensingError, RobotLost."""
         return self._session.scan(self._at(), WAIST, self._ring)
 
     def nearest_m(self, sensor: str) -> float:
-        """The nearest thing that a sensor of a program sees; its range where it sees nothing."""
+        """The least distance that a sensor measures [m]; its range if it sees nothing. sensor: its name in programs.
+        Raises SensingError, RobotLost."""
         if sensor == "laser":
             return float(np.min(self.laser()))
         ring = self.proximity()

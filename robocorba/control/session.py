@@ -1,6 +1,6 @@
-"""A robot's session in the building, as the control agent uses it: its body there, what it senses, grips and rides.
+"""A robot's session in the simulated building: its body, sensors, grips, elevator rides and reserved areas.
 
-A virtual robot is that body. An actual one has it too: it goes where the robot goes, so that others see it."""
+A virtual robot is that body. An actual robot has a body, too, which follows it so that others see it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from robocorba.spatial.grids import Floats
 
 
 class SessionState(NamedTuple):
-    """time: of the simulation, s. velocity: m/s ahead and to the left, rad/s. holding: an object, empty for none.
-    touched: what was collided with last, empty for a wall."""
+    """time: of the simulation [s]. velocity: ahead and to the left [m/s], turn [rad/s]. holding: name of the object
+    that the robot holds, or empty. touched: name of what it collided with last, empty for a wall."""
 
     time: float
     at: Pose
@@ -30,58 +30,58 @@ class SessionState(NamedTuple):
 
 
 class BuildingSession(Protocol):
-    """Safe from any thread. Everything raises RobotLost where nobody answers."""
+    """Thread-safe. Every method raises RobotLost if the simulation server does not answer."""
 
     @property
     def latest(self) -> SessionState:
-        """What `state` answered last; nobody is asked. Raises RobotLost where it never did."""
+        """The last result of `state`, without a call. Raises RobotLost if there is none."""
 
     def log_on(self, at: Pose | None = None) -> None:
-        """Make sure that the robot is logged on: where it was last, or `at` a place if it was not. Raises
+        """Log on unless the robot is logged on: at its last pose; `at` a pose if it was never logged on. Raises
         SimulationError, UnknownFloor."""
 
     def log_off(self) -> None:
-        """Does nothing where nobody answers."""
+        """Has no effect if the server does not answer."""
 
     def heartbeat(self) -> None:
-        """The robot is there: its lease is renewed."""
+        """Renew the robot's lease."""
 
     def state(self) -> SessionState:
-        """Now."""
+        """The present state."""
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
-        """Move like this for so much simulated time. Raises InvalidCommand."""
+        """Move at a velocity for `valid_s` of simulated time. Raises InvalidCommand."""
 
     def brake(self) -> None:
-        """Stand as soon as the wheels hold."""
+        """Stop as hard as the wheels hold."""
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
-        """Distances (rays,), m. Raises SensingError, UnknownFloor."""
+        """Distances (rays,) [m]. Raises SensingError, UnknownFloor."""
 
     def grip(self, what: str, x: float, y: float) -> None:
-        """Hold an object at a place. Raises CannotGrip."""
+        """Hold an object at a point (x, y) [m]. Raises CannotGrip."""
 
     def release(self) -> None:
-        """Let go of it."""
+        """Release the object."""
 
     def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Reserve a ride; with a party of so many robots that have the cabin for themselves, where it is named.
+        """Reserve a ride. party: name of a group of `size` robots that ride together and alone, or empty.
 
         Raises InvalidRide, ElevatorFull."""
 
     def give_up_elevator(self) -> None:
-        """Not ride any more."""
+        """Cancel the ride."""
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        """Ask for areas (floor, corners in m), all of them or none, for so much simulated time after they are granted.
+        """Request areas (floor, corners [m]), all or none, for `limit_s` of simulated time after they are granted.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull."""
 
     def reservation(self) -> Reservation | None:
-        """How far the request has come; None where there is none, or its grant has ended."""
+        """The state of the request; None without a request, or once its grant has expired."""
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        """Give back all but these. Raises InvalidReservation."""
+        """Return all other areas. Raises InvalidReservation."""
 
     def release_areas(self) -> None:
-        """Give back all, or don't wait for them any more."""
+        """Return all areas, or cancel the request."""

@@ -1,4 +1,4 @@
-"""The SmartPal simulate adaptor: the simulation server's robot, and the virtual controller of its joints."""
+"""The SmartPal simulate adaptor: the robot's body at the simulation server, and its joints' virtual controller."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from robocorba.errors.simulation import SimulationError
 from robocorba.kinematics.smartpal import ACCELERATION, JOINTS, LOWER, SPEED, UPPER
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
-#: The joints follow in steps of so much at most, s.
+#: Greatest time step of the joints [s].
 JOINT_STEP_S = 0.01
-#: Time that passes unseen, such as while the server is away, moves no joint any further, s.
-MOST_UNSEEN_S = 0.2
+#: Greatest time between two states that moves joints [s]. Joints don't move for longer while the server is away.
+MAX_GAP_S = 0.2
 
 
 def adaptor(surroundings: Surroundings) -> RobotAdaptor:
-    """The entry point `simulated`."""
+    """The entry point `simulated` of the adaptors."""
     return SimulatedAdaptor(surroundings.session)
 
 
 class SimulatedAdaptor(RobotAdaptor):
-    """Time is the simulation's: where it passes faster, slower or not at all, so do the joints."""
+    """The joints follow the simulation's time, also when it runs faster or slower or is paused."""
 
     is_in_building = True
 
@@ -78,13 +78,13 @@ class SimulatedAdaptor(RobotAdaptor):
             with self._lock:
                 self._joints.command(command.joints, command.joint_velocities, self._time + command.valid_s)
         self._session.command(command.velocity, command.valid_s)
-        if not self._is_started:  # stopped meanwhile, perhaps before this command
+        if not self._is_started:  # another thread has stopped the robot, perhaps before this command arrived
             self._session.brake()
         return self._is_started
 
     def _follow(self, now: float) -> None:
-        passed = min(now - self._time, MOST_UNSEEN_S)
-        if passed < 0.0:  # the server was restarted with an older state
+        passed = min(now - self._time, MAX_GAP_S)
+        if passed < 0.0:  # the server has restored an older state
             passed = 0.0
         steps = int(np.ceil(passed / JOINT_STEP_S))
         for step in range(steps):

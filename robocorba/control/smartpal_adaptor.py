@@ -1,7 +1,7 @@
-"""The hardware adaptor: drives an actual SmartPal by the robot's public interface, and by nothing else.
+"""The hardware adaptor: controls an actual SmartPal through the robot's public interface only.
 
-The base and the arms jog: a jog ends by itself when nobody repeats it, so that the robot stands when this process
-hangs, dies or is cut off. Lumbar and grippers go to where they shall be."""
+Base and arms jog: a jog that is not repeated times out, so the robot stops if this process hangs, dies or loses the
+network. Lumbar and grippers move to target positions."""
 
 from __future__ import annotations
 
@@ -25,49 +25,53 @@ from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.spatial.frames import turned
 from robocorba.spatial.grids import Floats
 
-#: How long the robot may take until all of its units are ready, s.
+#: Timeout for all units to become ready [s].
 START_LIMIT_S = 10.0
+#: Interval between checks for it [s].
 _START_PAUSE_S = 0.05
-#: A jog holds as long as the command that it comes from is valid, within these, s.
-LEAST_JOG_S, MOST_JOG_S = 0.02, 1.0
-#: How much of an error of a joint is taken back in a second.
+#: Limits of a jog's timeout [s], which otherwise is the command's validity.
+MIN_JOG_S, MAX_JOG_S = 0.02, 1.0
+#: Gain of the arms' position control [1/s].
 GAIN = 6.0
-#: Encoders err: below this an arm that has come is let be, rad.
+#: An arm that is this near to its target is not corrected any more [rad], because encoders are noisy.
 _AT_REST_RAD = math.radians(0.02)
-#: Lumbar and grippers are told again when their target has moved by so much, rad.
+#: A change of the target by which lumbar and grippers get a new move [rad].
 _MOVED_RAD = math.radians(0.01)
-#: How much of the newest difference counts for a velocity.
+#: Weight of the latest difference in the velocities' low-pass filter.
 _NEWEST = 0.3
-#: A part that was told to move may do so for so long afterwards, s.
+#: Time after its last command for which a part may still move [s].
 _MOVES_S = 3.0
-#: Units whose state is asked for at each `read`: all of them have their turn in 60 ms at 50 Hz.
-_CHECKED_AT_ONCE = 2
-#: Calls go out side by side when one after the other they take longer, s.
+#: Units that each `read` checks; at 50 Hz all six are checked within 60 ms.
+_CHECKED_PER_READ = 2
+#: Duration of sequential calls above which the next ones run in parallel [s].
 _SLOW_S = 0.006
-#: A unit has so long to stop; calls that go out side by side have a little more than one call, s.
-_STOP_LIMIT_S, _ROUND_LIMIT_S = 0.4, 0.7
-#: Odometry that is off by more since it was read last has begun anew: the robot was switched off, m and rad.
-_BEGUN_ANEW_M, _BEGUN_ANEW_RAD = 0.5, 0.5
+#: Timeout for a unit to stop [s].
+_STOP_LIMIT_S = 0.4
+#: Timeout of parallel calls [s], longer than that of a single call.
+_BATCH_LIMIT_S = 0.7
+#: Change of the odometry since the last read above which it has been reset [m] and [rad]: the robot was switched off.
+_ODOMETRY_RESET_M, _ODOMETRY_RESET_RAD = 0.5, 0.5
 
+#: x, y [m] and heading [rad].
 Place = tuple[float, float, float]
 
 
 class SmartPalUnits(Protocol):
-    """A SmartPal's units, in SI. Of every method: UnitFailed where a unit refuses, AdaptorFailed where nobody answers
-    in a fraction of a second. Any thread may call."""
+    """A SmartPal's units, in SI. Every method raises UnitFailed if a unit refuses, and AdaptorFailed if it does not
+    answer within a fraction of a second. Thread-safe."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all units."""
+        """Names of all units."""
 
     def is_ready(self, unit: str) -> bool:
-        """Whether it stands and waits for orders."""
+        """Whether the unit is stopped and accepts commands."""
 
     def make_ready(self, unit: str) -> None:
-        """Clear its alarms, switch power and servo on, as far as it can be done now."""
+        """Clear the unit's alarms, switch its power and servo on, as far as possible now."""
 
     def check(self, unit: str) -> None:
-        """Raise UnitFailed unless it does what it is told."""
+        """Raise UnitFailed unless the unit accepts commands."""
 
     def stop(self, unit: str) -> None: ...
 
@@ -97,30 +101,32 @@ class SmartPalUnits(Protocol):
 
 
 class SmartPalAdaptor(RobotAdaptor):
-    """connect: finds the units of the robot whose naming service listens at HOST:PORT. where: the place of the robot's
-    body in the building, if it has one.
+    """connect: resolves the units of the robot whose naming service listens at HOST:PORT. body_place: the place of the
+    robot's body in the building, or None.
 
-    `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`: where the robot stands, m and rad, as it is started for the
-    first time; without, that is where its body is. After that its odometry knows better."""
+    `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's place at the first start,
+    by default that of its body. Later starts use the robot's odometry."""
 
     def __init__(
-        self, connect: Callable[[str], SmartPalUnits], where: Callable[[], Place | None] = lambda: None
+        self, connect: Callable[[str], SmartPalUnits], body_place: Callable[[], Place | None] = lambda: None
     ) -> None:
-        self._connect, self._where = connect, where
+        self._connect, self._body_place = connect, body_place
         self._place: Place | None = None
         self._units: SmartPalUnits | None = None
         self._jog_s = 0.0
-        self._turn = 0
-        self._seen: tuple[float, Floats, Floats] | None = None
+        #: Number of reads since the start.
+        self._reads = 0
+        #: The last time, place and joints.
+        self._last: tuple[float, Floats, Floats] | None = None
         self._velocities = np.zeros(3 + len(JOINTS))
-        #: By part: its last target, its last jog, where it was seen last, and how long it may move.
+        #: By part: its last target, its last jog, its last position, and until when it may move.
         self._targets: dict[str, Floats] = {}
         self._jogs: dict[str, Floats] = {}
-        self._known: dict[str, Floats] = {}
+        self._positions: dict[str, Floats] = {}
         self._moves_until: dict[str, float] = {}
-        self._rounds = _Rounds()
+        self._batches = _CallBatches()
 
-    # ---- the paper's four ----
+    # ---- the paper's four methods ----
 
     def start(self, argv: Sequence[str]) -> bool:
         if self._units is not None:
@@ -137,19 +143,19 @@ class SmartPalAdaptor(RobotAdaptor):
         units.set_base_limits(BASE.speed, BASE.turn, BASE.acceleration, BASE.turn_acceleration)
         units.set_arm_acceleration(float((SPEED / ACCELERATION)[ARM[Side.LEFT]].max()))
         self._set_jog_timeout(units, ActorCommand().valid_s)
-        self._seen, self._turn = None, 0
-        self._targets, self._jogs, self._known, self._moves_until = {}, {}, {}, {}
+        self._last, self._reads = None, 0
+        self._targets, self._jogs, self._positions, self._moves_until = {}, {}, {}, {}
         self._velocities[:] = 0.0
-        self._rounds = _Rounds()
+        self._batches = _CallBatches()
         self._units = units
         return True
 
     def stop(self) -> bool:
-        """Also raises AdaptorFailed where a unit does not answer; all others were stopped then, and its jog ends."""
+        """Raises AdaptorFailed if a unit does not answer. All others are stopped then, and the unit's jog times out."""
         units, self._units = self._units, None
         if units is None:
             return False
-        self._rounds.close()
+        self._batches.close()
         _stop_all(units)
         return True
 
@@ -158,23 +164,26 @@ class SmartPalAdaptor(RobotAdaptor):
         if units is None:
             return False
         names = units.names
-        checked = [names[(_CHECKED_AT_ONCE * self._turn + more) % len(names)] for more in range(_CHECKED_AT_ONCE)]
+        first = _CHECKED_PER_READ * self._reads
+        checked = [names[(first + more) % len(names)] for more in range(_CHECKED_PER_READ)]
         parts = _parts(units)
-        asked = self._asked(list(parts))
-        self._turn += 1
-        place, *answers = self._rounds.make(
-            [units.place, *(parts[part] for part in asked), *(_bound(units.check, unit) for unit in checked)]
+        due = self._due(list(parts))
+        self._reads += 1
+        place, *answers = self._batches.call(
+            [units.place, *(parts[part] for part in due), *(_bound(units.check, unit) for unit in checked)]
         )
-        self._known.update({part: np.atleast_1d(answer) for part, answer in zip(asked, answers, strict=False)})
-        joints = np.concatenate([self._known[part] for part in parts])
+        self._positions.update({part: np.atleast_1d(answer) for part, answer in zip(due, answers, strict=False)})
+        joints = np.concatenate([self._positions[part] for part in parts])
         self._fill(state, time.monotonic(), np.array(place), joints)
         return True
 
-    def _asked(self, parts: list[str]) -> list[str]:
-        """What moves, or may still, is asked for where it is at each tick; what stands in turns."""
-        now, turn = time.monotonic(), parts[self._turn % len(parts)]
+    def _due(self, parts: list[str]) -> list[str]:
+        """Parts to read now: in each cycle those that may move, and one stopped part in turn."""
+        now, turn = time.monotonic(), parts[self._reads % len(parts)]
         return [
-            part for part in parts if part == turn or part not in self._known or now < self._moves_until.get(part, 0.0)
+            part
+            for part in parts
+            if part == turn or part not in self._positions or now < self._moves_until.get(part, 0.0)
         ]
 
     def write(self, command: ActorCommand) -> bool:
@@ -184,21 +193,21 @@ class SmartPalAdaptor(RobotAdaptor):
         if command.valid_s != self._jog_s:
             self._set_jog_timeout(units, command.valid_s)
         calls: list[Callable[[], Any]] = []
-        if self._is_news("base", np.array(command.velocity)):
+        if self._must_send_jog("base", np.array(command.velocity)):
             calls.append(lambda: units.jog_base(*command.velocity))
         if len(command.joints):
             calls += self._joint_calls(units, command)
         try:
-            self._rounds.make(calls)
+            self._batches.call(calls)
         finally:
-            if self._units is not units:  # stopped meanwhile, perhaps before a jog of these
+            if self._units is not units:  # another thread has stopped the robot, perhaps before a jog of these
                 _stop_all(units)
         return self._units is units
 
     # ---- start ----
 
     def _get_ready(self, units: SmartPalUnits) -> None:
-        """Raises UnitFailed or AdaptorFailed with what is in the way when the time is over."""
+        """Make all units ready. Raises UnitFailed or AdaptorFailed with the cause after START_LIMIT_S."""
         deadline = time.monotonic() + START_LIMIT_S
         for unit in units.names:
             units.stop(unit)
@@ -218,28 +227,28 @@ class SmartPalAdaptor(RobotAdaptor):
 
     def _set_place(self, units: SmartPalUnits, pose: Place | None) -> None:
         if self._place is None:
-            if at := pose or self._where():
+            if at := pose or self._body_place():
                 units.set_place(*at)
             return
         x, y, heading = units.place()
         turned = math.remainder(heading - self._place[2], math.tau)
-        if math.dist((x, y), self._place[:2]) > _BEGUN_ANEW_M or abs(turned) > _BEGUN_ANEW_RAD:
+        if math.dist((x, y), self._place[:2]) > _ODOMETRY_RESET_M or abs(turned) > _ODOMETRY_RESET_RAD:
             units.set_place(*self._place)
 
     def _set_jog_timeout(self, units: SmartPalUnits, valid_s: float) -> None:
-        units.set_jog_timeout(min(max(valid_s, LEAST_JOG_S), MOST_JOG_S))
+        units.set_jog_timeout(min(max(valid_s, MIN_JOG_S), MAX_JOG_S))
         self._jog_s = valid_s
 
     # ---- read ----
 
     def _fill(self, state: RobotState, now: float, place: Floats, joints: Floats) -> None:
-        if self._seen is not None and now > self._seen[0]:
-            before, place_before, joints_before = self._seen
+        if self._last is not None and now > self._last[0]:
+            before, place_before, joints_before = self._last
             moved = place - place_before
             moved[2] = math.remainder(moved[2], math.tau)
             differences = np.concatenate((moved, joints - joints_before)) / (now - before)
             self._velocities += _NEWEST * (differences - self._velocities)
-        self._seen = now, place, joints
+        self._last = now, place, joints
         self._place = float(place[0]), float(place[1]), float(place[2])
         state.time, (state.x, state.y, state.heading) = now, self._place
         x, y, turn = self._velocities[:3].tolist()
@@ -254,81 +263,81 @@ class SmartPalAdaptor(RobotAdaptor):
         calls: list[Callable[[], Any]] = []
         for side in Side:
             speeds = self._arm_speeds(wanted[ARM[side]], moving[ARM[side]], ARM[side])
-            if self._is_news(f"{side.value} arm", speeds):
+            if self._must_send_jog(f"{side.value} arm", speeds):
                 calls.append(_bound(units.jog_arm, side, speeds))
-        if self._has_moved("lumbar", wanted[LUMBAR]):
+        if self._is_new_target("lumbar", wanted[LUMBAR]):
             speed, acceleration = float(SPEED[LUMBAR][0]), float(ACCELERATION[LUMBAR][0])
             calls.append(_bound(units.move_lumbar, *wanted[LUMBAR].tolist(), speed, acceleration))
         for side in Side:
             row = GRIP[side]
-            if self._has_moved(f"{side.value} grip", wanted[row : row + 1]):
+            if self._is_new_target(f"{side.value} grip", wanted[row : row + 1]):
                 target = float(wanted[row]), float(SPEED[row]), float(ACCELERATION[row])
                 calls.append(_bound(units.move_grip, side, *target))
         return calls
 
     def _arm_speeds(self, wanted: Floats, moving: Floats, rows: slice) -> Floats:
-        """What is wanted, and what takes back the error that was seen last."""
-        error = np.zeros(len(wanted)) if self._seen is None else wanted - self._seen[2][rows]
+        """The commanded velocities, plus position control by the last read joints."""
+        error = np.zeros(len(wanted)) if self._last is None else wanted - self._last[2][rows]
         if not moving.any() and np.abs(error).max() < _AT_REST_RAD:
             return np.zeros(len(wanted))
         return np.asarray(np.clip(moving + GAIN * error, -SPEED[rows], SPEED[rows]))
 
-    def _has_moved(self, which: str, target: Floats) -> bool:
-        before = self._targets.get(which)
+    def _is_new_target(self, part: str, target: Floats) -> bool:
+        before = self._targets.get(part)
         if before is not None and np.abs(target - before).max() < _MOVED_RAD:
             return False
-        self._targets[which] = target.copy()
-        self._moves_until[which] = time.monotonic() + _MOVES_S
+        self._targets[part] = target.copy()
+        self._moves_until[part] = time.monotonic() + _MOVES_S
         return True
 
-    def _is_news(self, which: str, speeds: Floats) -> bool:
-        """A jog has to be repeated, unless it is to stand and was so before."""
-        before, self._jogs[which] = self._jogs.get(which), speeds
+    def _must_send_jog(self, part: str, speeds: Floats) -> bool:
+        """Jogs are repeated, except those of zero speed."""
+        before, self._jogs[part] = self._jogs.get(part), speeds
         if speeds.any():
-            self._moves_until[which] = time.monotonic() + _MOVES_S
+            self._moves_until[part] = time.monotonic() + _MOVES_S
             return True
         return before is None or bool(before.any())
 
 
-class _Rounds:
-    """Rounds of calls: one after the other where answers come at once, side by side where the network is slow."""
+class _CallBatches:
+    """Makes batches of calls: sequentially where answers come immediately, in parallel where the network is slow."""
 
     def __init__(self) -> None:
         self._pool: ThreadPoolExecutor | None = None
         self._is_slow = self._is_closed = False
 
-    def make(self, calls: Sequence[Callable[[], Any]]) -> list[Any]:
-        """All answers; raises what the first of them raised."""
-        begun = time.monotonic()
+    def call(self, calls: Sequence[Callable[[], Any]]) -> list[Any]:
+        """The answers of all calls; raises the first call's error."""
+        began = time.monotonic()
         if not self._is_slow:
             answers = []
             for call in calls:
                 if self._is_closed:
                     raise AdaptorFailed("it was stopped")
                 answers.append(call())
-            self._is_slow = time.monotonic() - begun > _SLOW_S
+            self._is_slow = time.monotonic() - began > _SLOW_S
             return answers
         if self._pool is None:
             self._pool = ThreadPoolExecutor(12, "smartpal")
         try:
             timed: list[Future[tuple[float, Any]]] = [self._pool.submit(_timed, call) for call in calls]
-            found = [one.result(max(0.0, begun + _ROUND_LIMIT_S - time.monotonic())) for one in timed]
+            found = [future.result(max(0.0, began + _BATCH_LIMIT_S - time.monotonic())) for future in timed]
         except TooLate:
-            raise AdaptorFailed(f"units did not answer within {_ROUND_LIMIT_S:g} s") from None
+            raise AdaptorFailed(f"units did not answer within {_BATCH_LIMIT_S:g} s") from None
         except (CancelledError, RuntimeError):  # the pool is closed
             raise AdaptorFailed("it was stopped") from None
         self._is_slow = sum(took for took, _ in found) > _SLOW_S / 2
         return [answer for _, answer in found]
 
     def close(self) -> None:
-        """Does not wait for calls on their way; they end by their own limits."""
+        """Does not wait for pending calls; they end by their own timeouts."""
         self._is_closed = True
         if self._pool:
             self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _parts(units: SmartPalUnits) -> dict[str, Callable[[], Any]]:
-    """What tells where joints are, in their order."""
+    """The calls that read the joints' positions, in the order of the joints."""
     return {
         **{f"{side.value} arm": _bound(units.arm, side) for side in (Side.LEFT, Side.RIGHT)},
         "lumbar": units.lumbar,
@@ -337,9 +346,9 @@ def _parts(units: SmartPalUnits) -> dict[str, Callable[[], Any]]:
 
 
 def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
-    begun = time.monotonic()
+    began = time.monotonic()
     answer = call()
-    return time.monotonic() - begun, answer
+    return time.monotonic() - began, answer
 
 
 def _bound(call: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
@@ -347,7 +356,7 @@ def _bound(call: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
 
 
 def _stop_all(units: SmartPalUnits) -> None:
-    """All side by side, each in a thread of its own: none waits for another one. Raises AdaptorFailed."""
+    """Stop all units in parallel, each in its own thread, so that none waits for another. Raises AdaptorFailed."""
     failed: dict[str, str] = {}
 
     def stop(unit: str) -> None:
@@ -365,9 +374,10 @@ def _stop_all(units: SmartPalUnits) -> None:
     deadline = time.monotonic() + _STOP_LIMIT_S
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    missing = [unit for unit in units.names if unit not in stopped]
+    late = f"did not stop within {_STOP_LIMIT_S:g} s"
+    missing = [failed.get(unit, f"{unit} {late}") for unit in units.names if unit not in stopped]
     if missing:
-        raise AdaptorFailed("; ".join(failed.get(unit, f"{unit} did not stop in time") for unit in missing))
+        raise AdaptorFailed("; ".join(missing))
 
 
 class _Parser(argparse.ArgumentParser):

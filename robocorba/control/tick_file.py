@@ -1,6 +1,6 @@
-"""Every tick of the programs that a robot runs, in a CSV file: how the robot was, and what it was told.
+"""Records each control cycle of a robot's programs in a CSV file: its state and its command.
 
-For whoever wants to know why a robot moved as it did, or how a virtual robot and an actual one differ."""
+The file shows why a robot moved as it did, and how a virtual and an actual robot differ."""
 
 from __future__ import annotations
 
@@ -18,20 +18,24 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
-#: In this order: which robot does what, where it was, and what it was told then, in m, rad, m/s, rad/s, s.
+#: Columns: adaptor, program and position in it, state, and command (told_*), in s, m, rad, m/s and rad/s.
 COLUMNS = (
     *("adaptor", "program", "icon", "icons_done", "floor", "time", "x", "y", "heading", "ahead", "left", "turn"),
     *("told_ahead", "told_left", "told_turn", *JOINTS, *(f"told_{joint}" for joint in JOINTS)),
 )
-#: A file holds no more ticks, one hour of programs and 100 MB; so many may wait for a slow disk.
-MOST_TICKS, MOST_WAITING = 180_000, 500
+#: Most ticks in a file: one hour of programs, 100 MB.
+MAX_TICKS = 180_000
+#: Most ticks that wait for a slow disk.
+MAX_QUEUED = 500
+#: Timeout of `close` for writing the queued ticks [s].
 END_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
 
 
 class Tick(NamedTuple):
-    """icon: a path such as icons[2].then[0]. icons_done: before it. command: what `state` was answered with."""
+    """One control cycle. icon: a path such as icons[2].then[0]. icons_done: number of icons done before it. command:
+    the one written after `state` was read."""
 
     adaptor: str
     program: str
@@ -43,16 +47,16 @@ class Tick(NamedTuple):
 
 
 class TickFile:
-    """A new file. `add` never waits, so that no disk delays a robot: a thread of its own writes. Ticks that a slow disk
-    can't take are left out, and the log tells how many. Raises RoboCorbaError where the file can't be made."""
+    """Creates a file. A separate thread writes it, so `add` never blocks a robot; ticks that exceed the queue are
+    dropped, and `close` logs their number. Raises RoboCorbaError if the file can't be created."""
 
-    def __init__(self, file: Path, most_ticks: int = MOST_TICKS) -> None:
+    def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
         try:
             self._file = file.open("w", newline="")
         except OSError as wrong:
-            raise RoboCorbaError(f"can't write {file}: {wrong.strerror or wrong}") from None
-        self._waiting: queue.Queue[Tick | None] = queue.Queue(MOST_WAITING)
-        self._left, self.left_out = most_ticks, 0
+            raise RoboCorbaError(f"can't create {file}: {wrong.strerror or wrong}") from None
+        self._waiting: queue.Queue[Tick | None] = queue.Queue(MAX_QUEUED)
+        self._left, self.left_out = max_ticks, 0
         self._thread = threading.Thread(target=self._write, name="tick file", daemon=True)
         self._thread.start()
 
@@ -65,7 +69,7 @@ class TickFile:
         self.close()
 
     def add(self, tick: Tick) -> None:
-        """By one thread; what `tick` holds is not changed any more."""
+        """Queue a tick. One thread at a time; the caller no longer changes the tick's content."""
         try:
             if self._left:
                 self._waiting.put_nowait(tick)
@@ -76,13 +80,13 @@ class TickFile:
         self.left_out += 1
 
     def close(self) -> None:
-        """Write what waits."""
+        """Write the queued ticks, and close the file."""
         with contextlib.suppress(queue.Full):
             if self._thread.is_alive():
                 self._waiting.put(None, timeout=END_LIMIT_S)
         self._thread.join(END_LIMIT_S)
         if self.left_out:
-            _log.warning("%d ticks were left out of %s", self.left_out, self._file.name)
+            _log.warning("%s lacks %d ticks: the disk was too slow or the file is full", self._file.name, self.left_out)
 
     def _write(self) -> None:
         try:
@@ -92,9 +96,9 @@ class TickFile:
                 while tick := self._waiting.get():
                     rows.writerow(_row(tick))
                     if self._waiting.empty():
-                        self._file.flush()  # whoever reads along sees it now
+                        self._file.flush()  # for readers of the growing file
         except OSError as wrong:
-            _log.warning("can't write %s any more: %s", self._file.name, wrong)
+            _log.warning("stopped recording to %s: %s", self._file.name, wrong)
 
 
 def _row(tick: Tick) -> list[str]:
@@ -105,6 +109,6 @@ def _row(tick: Tick) -> list[str]:
 
 
 def _cells(joints: Iterable[float]) -> list[str]:
-    """Empty for a robot that has other joints than SmartPal, or none."""
+    """Empty cells for a robot without SmartPal's joints."""
     cells = [f"{joint:.6f}" for joint in joints]
     return cells if len(cells) == len(JOINTS) else [""] * len(JOINTS)

@@ -1,1 +1,1 @@
-"""The data pool: what a robot knows of the floor that it is on, and the plans that it keeps for others."""
+"""The data pool: a robot's copy of the state of its floor, and the cooperative plans that it stores for others."""

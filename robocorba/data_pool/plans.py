@@ -1,4 +1,4 @@
-"""Cooperative plans, which the leader of a mission keeps in its data pool for other robots to read."""
+"""Cooperative plans, which the leader of a mission stores in its data pool for other robots to read."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ import msgspec
 
 from robocorba.errors.robots import InvalidPlan, StalePlan, UnknownPlan
 
-MAX_PLANS, MAX_NAME, MAX_CONTENT = 100, 200, 1024 * 1024
-#: All contents together, so that they fit into one message.
+MAX_PLANS = 100
+#: Longest name of a plan [characters].
+MAX_NAME = 200
+#: Largest content of one plan [bytes].
+MAX_CONTENT = 1024 * 1024
+#: Largest sum of all contents [bytes], so that one CORBA message holds them.
 MAX_CONTENTS = 32 * 1024 * 1024
 
 
 class Plan(NamedTuple):
-    """A plan, in msgpack; `version` rises by one with each change."""
+    """A plan, encoded as msgpack; each change increments `version`."""
 
     name: str
     version: int
@@ -23,19 +27,20 @@ class Plan(NamedTuple):
 
 
 class Plans:
-    """By the name of their mission. Safe from any thread."""
+    """Plans by the names of their missions. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._plans: dict[str, Plan] = {}
 
     def put(self, name: str, content: bytes, expected_version: int = 0) -> int:
-        """Keep a plan instead of the version that its writer knows, 0 for a new plan; its new version.
+        """Store a plan and return its new version.
 
-        content: msgpack. Raises InvalidPlan, StalePlan."""
+        content: msgpack. expected_version: the version that this one replaces, 0 for a new plan. Raises InvalidPlan;
+        StalePlan where the stored version differs."""
         if not 0 < len(name) <= MAX_NAME:
             raise InvalidPlan("name", f"has {len(name)} characters, not 1 to {MAX_NAME}")
-        if not name.isprintable():  # a NUL, or half a character, could not be told to anybody
+        if not name.isprintable():  # a NUL or a lone surrogate does not fit into a CORBA string
             raise InvalidPlan("name", f"{name!r} can't be printed")
         _check_content(content)
         with self._lock:
@@ -44,10 +49,10 @@ class Plans:
             if expected_version != current:
                 raise StalePlan(name, expected_version, current)
             if known is None and len(self._plans) >= MAX_PLANS:
-                raise InvalidPlan("name", f"there are {MAX_PLANS} plans already; remove one")
+                raise InvalidPlan("name", f"the data pool already holds {MAX_PLANS} plans; remove one")
             others = sum(len(plan.content) for plan in self._plans.values() if plan is not known)
             if others + len(content) > MAX_CONTENTS:
-                raise InvalidPlan("content", f"all plans together would be more than {MAX_CONTENTS} bytes")
+                raise InvalidPlan("content", f"all plans together would exceed {MAX_CONTENTS} bytes")
             self._plans[name] = Plan(name, current + 1, bytes(content))
             return current + 1
 
@@ -59,7 +64,7 @@ class Plans:
             return self._plans[name]
 
     def all(self) -> list[Plan]:
-        """By name."""
+        """All plans, sorted by name."""
         with self._lock:
             return sorted(self._plans.values())
 

@@ -1,7 +1,7 @@
-"""The data pool: what is on the floor where its robot is, and nothing of any other floor.
+"""The data pool: the state of the floor that its robot is on, and of no other floor.
 
-It loads the floor from a source, the Omni database of the running simulation, and follows what changes there. Readers
-get snapshots: each of them is of one floor at one moment, and a newer one takes its place as a whole.
+It loads the floor from a source, the Omni database of the running simulation, and follows its changes. Readers get
+immutable snapshots of one floor at one moment; a newer snapshot replaces the older one as a whole.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Protocol
 
-from robocorba.data_pool.snapshot import NO_ELEVATORS, NO_MOTIONS, NOBODY, Bodies, Near, Snapshot
-from robocorba.data_pool.things import Thing
-from robocorba.data_pool.walls import Nearest, Walls
+from robocorba.data_pool.entities import FloorEntity
+from robocorba.data_pool.snapshot import NO_BODIES, NO_ELEVATORS, NO_MOTIONS, FloorBodies, FloorSnapshot, NearbyRobot
+from robocorba.data_pool.walls import NearestObstacle, Walls
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import OutOfStep
@@ -23,42 +23,42 @@ from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
 
-class Source(Protocol):
-    """Who knows what is where on every floor."""
+class FloorSource(Protocol):
+    """Supplies the state of every floor."""
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
-        """What changed on a floor since a version, all of it for WHOLE. Raises UnknownFloor, NotReachable."""
+        """The changes on a floor since a version; for WHOLE, the whole floor. Raises UnknownFloor, NotReachable."""
 
 
-#: A map that has at least the floor of this name. Raises UnknownFloor, NotReachable.
+#: Returns a building with at least the floor of this name. Raises UnknownFloor, NotReachable.
 MapOf = Callable[[str], Building]
 
 
 class DataPool:
-    """Of the robot called `oneself`, which begins on `floor`. Nothing is known before the first `follow`.
+    """The data pool of the robot called `own_name`, which begins on `floor`. It is empty before the first `follow`.
 
-    One thread calls `follow` again and again, one `follow_map`; these and `go_to` wait for the source. Any thread reads
-    at any time, and waits for nobody. clock: tells the time in s."""
+    One thread calls `follow` periodically, another `follow_map`; these and `go_to` block on the source. Readers on any
+    thread never block. clock: returns the time [s]."""
 
     def __init__(
         self,
-        source: Source,
+        source: FloorSource,
         map_of: MapOf,
         floor: str,
-        oneself: str = "",
+        own_name: str = "",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._source, self._map_of, self._oneself, self._clock = source, map_of, oneself, clock
+        self._source, self._map_of, self._own_name, self._clock = source, map_of, own_name, clock
         self._lock = threading.Lock()
-        self._here = _Follower(floor, source, map_of, oneself, clock)
-        self._snapshot = Snapshot(floor)
-        #: Why what is known is not up to date; empty where it is.
-        self.problem = "it was not asked for yet"
+        self._here = _Follower(floor, source, map_of, own_name, clock)
+        self._snapshot = FloorSnapshot(floor)
+        #: Why the snapshot is not up to date; empty if it is.
+        self.problem = "the floor has not been requested yet"
 
     # ---- one thread ----
 
     def follow(self) -> None:
-        """Catch up with the source. Where that does not answer, what is known stays, and `problem` tells why."""
+        """Apply the source's changes. If this fails, the snapshot stays and `problem` gives the cause."""
         here = self._here
         try:
             self._replace(here, here.follow(), "")
@@ -66,21 +66,21 @@ class DataPool:
             self._replace(here, None, str(wrong))
 
     def follow_map(self) -> None:
-        """Take over the walls of an edited map; `follow` shows them, and loads the first ones.
+        """Load the walls if the map was edited; the next `follow` publishes them. `follow` loads the first ones.
 
         Raises UnknownFloor, NotReachable."""
         if self._snapshot.is_known:
             self._here.look_at_map()
 
     def go_to(self, floor: str) -> bool:
-        """The robot is on another floor now: load that, and forget the one before.
+        """Load the floor that the robot has changed to, and drop the previous one. One thread at a time.
 
-        Whether it is known already. It is not where the source does not answer; then `follow` goes on trying. Raises
-        UnknownFloor, and changes nothing. By one thread at a time."""
+        Returns whether the floor is loaded. If the source does not answer, it is not, and `follow` retries. Raises
+        UnknownFloor and then changes nothing."""
         if floor == self.floor:
             return self.snapshot().is_known
-        there = _Follower(floor, self._source, self._map_of, self._oneself, self._clock)
-        snapshot, problem = Snapshot(floor), ""
+        there = _Follower(floor, self._source, self._map_of, self._own_name, self._clock)
+        snapshot, problem = FloorSnapshot(floor), ""
         try:
             snapshot = there.follow()
         except (NotReachable, OutOfStep) as wrong:
@@ -89,73 +89,75 @@ class DataPool:
             self._here, self._snapshot, self.problem = there, snapshot, problem
         return not problem
 
-    def _replace(self, here: _Follower, snapshot: Snapshot | None, problem: str) -> None:
+    def _replace(self, here: _Follower, snapshot: FloorSnapshot | None, problem: str) -> None:
         with self._lock:
-            if here is self._here:  # else the robot has gone to another floor meanwhile
+            if here is self._here:  # else the robot has changed floors meanwhile
                 self._snapshot, self.problem = snapshot or self._snapshot, problem
 
     # ---- any thread ----
 
     @property
     def floor(self) -> str:
-        """Where the robot is."""
+        """The floor that the robot is on."""
         return self._snapshot.floor
 
     @property
     def lag_s(self) -> float:
-        """How old what is known is at most, but for the simulation's step; infinite as long as nothing is known."""
-        return self._clock() - self._snapshot.true_at
+        """The greatest age of the snapshot [s], up to one simulation step; infinite before the first one."""
+        return self._clock() - self._snapshot.valid_at
 
-    def snapshot(self) -> Snapshot:
-        """All that is known now, consistent in itself; whoever asks several things asks it."""
+    def snapshot(self) -> FloorSnapshot:
+        """The latest snapshot. Readers that need several consistent answers use one snapshot for all of them."""
         return self._snapshot
 
-    # What follows is asked of the latest snapshot. Raises NotReachable as long as nothing is known of the floor.
+    # The methods below read the latest snapshot. They raise NotReachable until the floor is loaded.
 
-    def nearest_obstacle(self, x: float, y: float) -> Nearest | None:
-        """As Snapshot.nearest_obstacle."""
+    def nearest_obstacle(self, x: float, y: float) -> NearestObstacle | None:
+        """As FloorSnapshot.nearest_obstacle."""
         return self._known().nearest_obstacle(x, y)
 
-    def nearest_thing(self, x: float, y: float) -> Nearest | None:
-        """As Snapshot.nearest_thing."""
-        return self._known().nearest_thing(x, y)
+    def nearest_non_robot(self, x: float, y: float) -> NearestObstacle | None:
+        """As FloorSnapshot.nearest_non_robot."""
+        return self._known().nearest_non_robot(x, y)
 
-    def robots_near(self, x: float, y: float, range_m: float) -> list[Near]:
-        """As Snapshot.robots_near."""
+    def robots_near(self, x: float, y: float, range_m: float) -> list[NearbyRobot]:
+        """As FloorSnapshot.robots_near."""
         return self._known().robots_near(x, y, range_m)
 
-    def robot(self, name: str) -> Thing | None:
-        """None where it is not on this floor."""
+    def robot(self, name: str) -> FloorEntity | None:
+        """The robot of this name; None if it is not on this floor."""
         return self._known().robot(name)
 
-    def object(self, name: str) -> Thing | None:
-        """None where it is not on this floor."""
+    def object(self, name: str) -> FloorEntity | None:
+        """The object of this name; None if it is not on this floor."""
         return self._known().object(name)
 
-    def objects(self, pattern: str = "*") -> list[Thing]:
-        """As Snapshot.objects."""
+    def objects(self, pattern: str = "*") -> list[FloorEntity]:
+        """As FloorSnapshot.objects."""
         return self._known().objects(pattern)
 
     @property
     def elevators(self) -> Mapping[str, ElevatorState]:
-        """That serve the floor, by name."""
+        """Elevators that serve the floor, by name."""
         return self._known().elevators
 
-    def _known(self) -> Snapshot:
+    def _known(self) -> FloorSnapshot:
         snapshot, problem = self._snapshot, self.problem
         if not snapshot.is_known:
-            raise NotReachable(f"nothing is known of {snapshot.floor}: {problem}")
+            raise NotReachable(f"floor {snapshot.floor} is not loaded: {problem}")
         return snapshot
 
 
 class _Follower:
-    """One floor, for as long as the robot is there."""
+    """Follows one floor while the robot is on it."""
 
-    def __init__(self, floor: str, source: Source, map_of: MapOf, oneself: str, clock: Callable[[], float]) -> None:
-        self._floor, self._source, self._map_of, self._oneself, self._clock = floor, source, map_of, oneself, clock
+    def __init__(
+        self, floor: str, source: FloorSource, map_of: MapOf, own_name: str, clock: Callable[[], float]
+    ) -> None:
+        self._floor, self._source, self._map_of, self._own_name, self._clock = floor, source, map_of, own_name, clock
         self._view = FloorView(floor)
         self._walls: Walls | None = None
-        self._bodies, self._motions = NOBODY, NO_MOTIONS
+        self._bodies, self._motions = NO_BODIES, NO_MOTIONS
         self._elevators: Mapping[str, ElevatorState] = NO_ELEVATORS
 
     def look_at_map(self) -> None:
@@ -164,11 +166,12 @@ class _Follower:
         if self._walls is None or not self._walls.are_those_of(building):
             self._walls = Walls(building, self._floor)
 
-    def follow(self) -> Snapshot:
-        """The floor now. Raises UnknownFloor, NotReachable; OutOfStep, after which it begins anew."""
+    def follow(self) -> FloorSnapshot:
+        """The current snapshot. Raises UnknownFloor, NotReachable; OutOfStep, after which the next call reloads the
+        whole floor."""
         if self._walls is None:
             self.look_at_map()
-        asked_at = self._clock()
+        requested_at = self._clock()
         view = self._view
         try:
             update = self._source.changes(view.floor, view.version)
@@ -176,13 +179,13 @@ class _Follower:
         except OutOfStep:
             self._view = FloorView(self._floor)
             raise
-        # The view goes on changing; what is in a snapshot must not.
+        # The view keeps changing; the content of a snapshot must not.
         if has_changed:
-            self._bodies = Bodies(tuple(view.bodies.values()), self._oneself)
+            self._bodies = FloorBodies(tuple(view.bodies.values()), self._own_name)
         if has_changed or update.elevators:
             self._elevators = MappingProxyType(dict(view.elevators))
         if has_changed or len(update.motions):
             self._motions = view.motions.copy()
             self._motions.setflags(write=False)
         known = view.version, view.time, view.map_version, self._bodies, self._motions, self._elevators
-        return Snapshot(self._floor, self._walls, *known, asked_at)
+        return FloorSnapshot(self._floor, self._walls, *known, requested_at)

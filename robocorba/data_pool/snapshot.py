@@ -1,4 +1,4 @@
-"""A floor at one moment, as the 3D view and programs ask for it."""
+"""The state of a floor at one moment, for the 3D view and programs."""
 
 from __future__ import annotations
 
@@ -13,151 +13,157 @@ import numpy as np
 import shapely
 from shapely import Point
 
-from robocorba.data_pool.things import Thing, fixed, moving
-from robocorba.data_pool.walls import Nearest, Walls, nearest_of
+from robocorba.data_pool.entities import FloorEntity, entity_of_body, entity_of_map_object
+from robocorba.data_pool.walls import NearestObstacle, Walls, nearest_of
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
 from robocorba.spatial.grids import Floats, Longs
 
 
-class Near(NamedTuple):
-    """A robot, and how far its rim is, m; 0 within it."""
+class NearbyRobot(NamedTuple):
+    """A robot, and the distance to its rim; 0 inside it."""
 
     distance_m: float
-    robot: Thing
+    robot: FloorEntity
 
 
-class Bodies:
-    """Who is on a floor, in the order of its motions. `oneself` is no obstacle to oneself."""
+class FloorBodies:
+    """Robots and movable objects on a floor, in the order of its motions. own_name: the pool's own robot, which is not
+    among `others`."""
 
-    def __init__(self, bodies: tuple[Body, ...] = (), oneself: str = "") -> None:
+    def __init__(self, bodies: tuple[Body, ...] = (), own_name: str = "") -> None:
         self.all = bodies
         self.row_of = {(body.kind, body.name): row for row, body in enumerate(bodies)}
         is_robot = np.array([body.kind is BodyKind.ROBOT for body in bodies], bool)
-        is_other = np.array([body.name != oneself for body in bodies], bool)
+        is_other = np.array([body.name != own_name for body in bodies], bool)
         self.others, self.objects = np.flatnonzero(is_robot & is_other), np.flatnonzero(~is_robot)
         self.radii_m = np.array([body.radius_m for body in bodies], float)
 
 
-NOBODY = Bodies()
+NO_BODIES = FloorBodies()
 NO_MOTIONS: Motions = np.empty(0, MOTION)
 NO_ELEVATORS: Mapping[str, ElevatorState] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
-    """A floor as the Omni database told it; nothing of it changes any more, and any thread may read it.
+class FloorSnapshot:
+    """A floor as the Omni database reported it; immutable and thread-safe.
 
-    version: that of the database, WHOLE as long as nothing is known. time: the simulation's, s. true_at: when all this
-    was so at the latest, by the clock of the pool, s."""
+    version: of the floor in the database, WHOLE until the first update. time: of the simulation [s]. valid_at: when the
+    update was requested, by the pool's clock [s]: its content is at least as new."""
 
     floor: str
     walls: Walls | None = None
     version: int = WHOLE
     time: float = 0.0
     map_version: int = 0
-    bodies: Bodies = NOBODY
-    #: Rows of MOTION, in the order of the bodies.
+    bodies: FloorBodies = NO_BODIES
+    #: Rows of MOTION, in the order of `bodies`.
     motions: Motions = field(default_factory=lambda: NO_MOTIONS, repr=False)
-    #: That serve the floor, by name.
+    #: Elevators that serve the floor, by name.
     elevators: Mapping[str, ElevatorState] = field(default_factory=lambda: NO_ELEVATORS)
-    true_at: float = -math.inf
+    valid_at: float = -math.inf
 
     @property
     def is_known(self) -> bool:
         return self.version != WHOLE
 
     @property
-    def robots(self) -> list[Thing]:
-        """All of them, oneself included."""
-        return [self._thing(row) for row, body in enumerate(self.bodies.all) if body.kind is BodyKind.ROBOT]
+    def robots(self) -> list[FloorEntity]:
+        """All robots on the floor, including the pool's own."""
+        return [self._entity(row) for row, body in enumerate(self.bodies.all) if body.kind is BodyKind.ROBOT]
 
-    def robot(self, name: str) -> Thing | None:
-        """None where it is not on this floor."""
+    def robot(self, name: str) -> FloorEntity | None:
+        """The robot of this name; None if it is not on this floor."""
         row = self.bodies.row_of.get((BodyKind.ROBOT, name))
-        return None if row is None else self._thing(row)
+        return None if row is None else self._entity(row)
 
-    def object(self, name: str) -> Thing | None:
-        """None where it is not on this floor."""
+    def object(self, name: str) -> FloorEntity | None:
+        """The object of this name; None if it is not on this floor."""
         row = self.bodies.row_of.get((BodyKind.OBJECT, name))
         if row is not None:
-            return self._thing(row)
-        stands = self.walls.objects.get(name) if self.walls else None
-        return fixed(stands) if stands else None
+            return self._entity(row)
+        fixed = self.walls.objects.get(name) if self.walls else None
+        return entity_of_map_object(fixed) if fixed else None
 
-    def objects(self, pattern: str = "*") -> list[Thing]:
-        """Those whose names are like `pattern`, in which * stands for any text and ? for one character; by name."""
-        can_move = [row for row in self.bodies.objects.tolist() if fnmatchcase(self.bodies.all[row].name, pattern)]
-        found = [self._thing(row) for row in can_move]
+    def objects(self, pattern: str = "*") -> list[FloorEntity]:
+        """Objects whose names match `pattern`, in which * matches any text and ? one character; sorted by name."""
+        movable = [row for row in self.bodies.objects.tolist() if fnmatchcase(self.bodies.all[row].name, pattern)]
+        found = [self._entity(row) for row in movable]
         if self.walls:
-            found += [fixed(thing) for thing in self.walls.objects.values() if fnmatchcase(thing.name, pattern)]
-        return sorted(found, key=lambda thing: thing.name)
+            fixed = self.walls.objects.values()
+            found += [entity_of_map_object(item) for item in fixed if fnmatchcase(item.name, pattern)]
+        return sorted(found, key=lambda entity: entity.name)
 
-    def robots_near(self, x: float, y: float, range_m: float) -> list[Near]:
-        """Other robots whose rims are no farther than `range_m` from a place, the nearest first.
+    def robots_near(self, x: float, y: float, range_m: float) -> list[NearbyRobot]:
+        """Other robots whose rims are within `range_m` of a point (x, y) [m], nearest first.
 
         Raises InvalidPoint, InvalidRequest."""
         _check_place(x, y)
         if not range_m >= 0.0:  # also refuses NaN
             raise InvalidRequest("range_m", f"{range_m} is not 0 or more")
         rows = self.bodies.others
-        beside = self._beside(rows, x, y)
-        order = np.argsort(beside, kind="stable")
-        return [Near(max(float(beside[i]), 0.0), self._thing(int(rows[i]))) for i in order if beside[i] <= range_m]
+        distances_m = self._distances_m(rows, x, y)
+        order = np.argsort(distances_m, kind="stable")
+        return [
+            NearbyRobot(max(float(distances_m[i]), 0.0), self._entity(int(rows[i])))
+            for i in order
+            if distances_m[i] <= range_m
+        ]
 
-    def nearest_obstacle(self, x: float, y: float) -> Nearest | None:
-        """The nearest to a place, m, of what stands, objects, and robots other than oneself; None for an empty floor.
+    def nearest_obstacle(self, x: float, y: float) -> NearestObstacle | None:
+        """The fixed obstacle, object or other robot nearest to a point (x, y) [m]; None on an empty floor.
 
         Raises InvalidPoint."""
-        found = (self.nearest_thing(x, y), self._nearest_robot(x, y))
+        found = (self.nearest_non_robot(x, y), self._nearest_robot(x, y))
         return min((near for near in found if near), default=None)
 
-    def nearest_thing(self, x: float, y: float) -> Nearest | None:
-        """The same, whatever robots there are. Raises InvalidPoint."""
+    def nearest_non_robot(self, x: float, y: float) -> NearestObstacle | None:
+        """As nearest_obstacle, without robots. Raises InvalidPoint."""
         _check_place(x, y)
-        stands = self.walls.nearest(x, y, self.elevators) if self.walls else None
-        found = [stands] if stands else []
-        limit_m = stands.distance_m if stands else math.inf
+        fixed = self.walls.nearest(x, y, self.elevators) if self.walls else None
+        found = [fixed] if fixed else []
+        limit_m = fixed.distance_m if fixed else math.inf
         return min([*found, *self._nearer_objects(x, y, limit_m)], default=None)
 
-    def _nearest_robot(self, x: float, y: float) -> Nearest | None:
+    def _nearest_robot(self, x: float, y: float) -> NearestObstacle | None:
         rows = self.bodies.others
         if not len(rows):
             return None
-        beside = self._beside(rows, x, y)
-        row = int(rows[np.argmin(beside)])
-        motion, radius_m, away = self.motions[row], self.bodies.radii_m[row], float(beside.min())
-        if away <= 0.0:
-            return Nearest(0.0, x, y, self.bodies.all[row].name)
-        share = radius_m / (radius_m + away)
-        middle_x, middle_y = float(motion["x"]), float(motion["y"])
-        at = middle_x + share * (x - middle_x), middle_y + share * (y - middle_y)
-        return Nearest(away, *at, self.bodies.all[row].name)
+        distances_m = self._distances_m(rows, x, y)
+        row = int(rows[np.argmin(distances_m)])
+        motion, radius_m, distance_m = self.motions[row], self.bodies.radii_m[row], float(distances_m.min())
+        if distance_m <= 0.0:
+            return NearestObstacle(0.0, x, y, self.bodies.all[row].name)
+        share = radius_m / (radius_m + distance_m)
+        center_x, center_y = float(motion["x"]), float(motion["y"])
+        at = center_x + share * (x - center_x), center_y + share * (y - center_y)
+        return NearestObstacle(distance_m, *at, self.bodies.all[row].name)
 
-    def _nearer_objects(self, x: float, y: float, limit_m: float) -> Iterator[Nearest]:
-        """Those that can be moved and are nearer than `limit_m`; the last one is the nearest."""
+    def _nearer_objects(self, x: float, y: float, limit_m: float) -> Iterator[NearestObstacle]:
+        """Movable objects nearer than `limit_m`, each nearer than the one before."""
         rows, place = self.bodies.objects, Point(x, y)
-        beside = self._beside(rows, x, y)
-        for i in np.argsort(beside):
-            if beside[i] >= limit_m:  # the circle around it is too far away, and so are those of all the others
+        distances_m = self._distances_m(rows, x, y)
+        for i in np.argsort(distances_m):
+            if distances_m[i] >= limit_m:  # its circle and those of all remaining objects are too far away
                 return
-            thing = self._thing(rows[i])
-            near = nearest_of(place, shapely.polygons(thing.corners), thing.name)
+            entity = self._entity(rows[i])
+            near = nearest_of(place, shapely.polygons(entity.corners), entity.name)
             if near.distance_m < limit_m:
                 limit_m = near.distance_m
                 yield near
 
-    def _beside(self, rows: Longs, x: float, y: float) -> Floats:
-        """How far the circles around bodies are from a place, m; negative within them."""
+    def _distances_m(self, rows: Longs, x: float, y: float) -> Floats:
+        """Distances (n,) from a point to the circles around bodies [m]; negative inside them."""
         motions = self.motions[rows]
         return np.hypot(motions["x"] - x, motions["y"] - y) - self.bodies.radii_m[rows]
 
-    def _thing(self, row: int) -> Thing:
-        return moving(self.bodies.all[row], self.motions[row])
+    def _entity(self, row: int) -> FloorEntity:
+        return entity_of_body(self.bodies.all[row], self.motions[row])
 
     def as_update(self) -> FloorUpdate:
-        """The whole floor, for somebody who knows nothing of it."""
+        """The whole floor, for a reader without an earlier version."""
         came, elevators = list(self.bodies.all), dict(self.elevators)
         return FloorUpdate(
             self.floor, WHOLE, self.version, self.time, self.map_version, came, [], self.motions, elevators

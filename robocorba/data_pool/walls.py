@@ -1,4 +1,5 @@
-"""What stands on one floor: walls, its bounds, locked doors, shafts of elevators, and objects that can't be moved."""
+"""Fixed obstacles of one floor: walls, the floor's bounds, locked doors, elevator shafts, and objects that can't be
+moved."""
 
 from __future__ import annotations
 
@@ -16,9 +17,11 @@ from robocorba.maps.movable import landing_doors, movables
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 
-class Nearest(NamedTuple):
-    """What is nearest to a place: how far it is, 0 within it, where, m, and its name: that of a wall, a door, an object
-    or a robot; of an elevator for its shaft and its doors, of the floor for its bounds."""
+class NearestObstacle(NamedTuple):
+    """The obstacle nearest to a point: its distance, 0 inside it, its nearest point (x, y) [m], and its name.
+
+    The name is that of a wall, a door, an object or a robot; of the elevator for a shaft and landing doors; of the
+    floor for the floor's bounds."""
 
     distance_m: float
     x: float
@@ -27,36 +30,38 @@ class Nearest(NamedTuple):
 
 
 class Walls:
-    """Of a floor of `building`, of which nothing else is kept. Any thread may ask. Raises UnknownFloor."""
+    """The fixed obstacles of one floor of `building`; keeps no reference to the building. Thread-safe. Raises
+    UnknownFloor."""
 
     def __init__(self, building: Building, floor: str) -> None:
         self.floor = floor
         self._plan = plan, about, elevators = _plan_of(building, floor)
         alone = Building(building.name, {floor: building.floors[floor]}, building.elevators)
-        can_move = {thing.name for thing, _ in movables(alone).values()}
-        # `obstacles` would remember this floor after the robot has left it.
-        standing = [
+        movable = {item.name for item, _ in movables(alone).values()}
+        # `obstacles` would cache this floor after the robot has left it.
+        fixed = [
             item
             for item in blocking(plan, about, elevators)
-            if not item.geometry.is_empty and not (item.kind == "object" and item.name in can_move)
+            if not item.geometry.is_empty and not (item.kind == "object" and item.name in movable)
         ]
-        self._names = [item.name for item in standing]
-        self._tree = STRtree([item.geometry for item in standing])
+        self._names = [item.name for item in fixed]
+        self._tree = STRtree([item.geometry for item in fixed])
         self._doors = {
             elevator.name: landing_doors(alone, elevator.name, floor)
             for elevator in elevators
             if floor in elevator.floors()
         }
-        #: Those that can't be moved, as the map has them.
-        self.objects = {name: thing for name, thing in plan.objects.items() if name not in can_move}
+        #: The map's objects that can't be moved, by name.
+        self.objects = {name: item for name, item in plan.objects.items() if name not in movable}
 
     def are_those_of(self, building: Building) -> bool:
-        """Whether the floor is the same there. Raises UnknownFloor."""
+        """Whether this floor has the same plan in `building`. Raises UnknownFloor."""
         return self._plan == _plan_of(building, self.floor)
 
-    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> Nearest | None:
-        """What is nearest to a place, m, with the elevators like this, whose doors stand in the way until they are
-        open. None where nothing stands."""
+    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> NearestObstacle | None:
+        """The fixed obstacle nearest to a point (x, y) [m]; None on an empty floor.
+
+        Landing doors are obstacles until the elevator's doors are open here."""
         place = Point(x, y)
         found = [
             nearest_of(place, lines, name) for name, lines in self._doors.items() if not self._is_open(elevators, name)
@@ -71,10 +76,10 @@ class Walls:
         return bool(moment and moment.floor == self.floor and moment.doors is Doors.OPEN)
 
 
-def nearest_of(place: Point, shape: BaseGeometry, name: str) -> Nearest:
-    """How near a shape is to a place."""
+def nearest_of(place: Point, shape: BaseGeometry, name: str) -> NearestObstacle:
+    """The distance of a shape from a point, and the shape's nearest point."""
     (x, y), _ = shapely.get_coordinates(shapely.shortest_line(shape, place)).tolist()
-    return Nearest(float(shapely.distance(shape, place)), x, y, name)
+    return NearestObstacle(float(shapely.distance(shape, place)), x, y, name)
 
 
 def _plan_of(building: Building, floor: str) -> tuple[GeometricalMap, Floor, tuple[Elevator, ...]]:

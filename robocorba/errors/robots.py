@@ -9,12 +9,12 @@ from robocorba.errors.paths import Blocker
 
 
 class RobotError(RoboCorbaError):
-    """A robot client refuses or fails."""
+    """A robot refuses a request or fails."""
 
 
 class InvalidProgram(RobotError):
-    """`icon` is a path into the program, such as icons[2].icons[0], empty for the program as a whole; `parameter` names
-    what is wrong in it."""
+    """icon: a path in the program, such as icons[2].icons[0], empty for the whole program. parameter: the invalid
+    parameter of that icon."""
 
     def __init__(self, icon: str, parameter: str, reason: str) -> None:
         self.icon, self.parameter, self.reason = icon, parameter, reason
@@ -23,7 +23,7 @@ class InvalidProgram(RobotError):
 
 
 class Unreachable(RobotError):
-    """`hand` (left or right) can't get where it shall."""
+    """`hand` (left or right) can't reach its target."""
 
     def __init__(self, hand: str, reason: str) -> None:
         self.hand, self.reason = hand, reason
@@ -31,7 +31,7 @@ class Unreachable(RobotError):
 
 
 class IllegalOrder(RobotError):
-    """The robot can't do what was asked for in the `condition` that it is in."""
+    """The robot can't carry out `order` in its present `condition`."""
 
     def __init__(self, order: str, condition: str) -> None:
         self.order, self.condition = order, condition
@@ -39,7 +39,7 @@ class IllegalOrder(RobotError):
 
 
 class UnknownAdaptor(RobotError):
-    """No adaptor is called `name`; `known` lists those that are installed."""
+    """No adaptor is called `name`; `known` lists the installed ones."""
 
     def __init__(self, name: str, known: Sequence[str]) -> None:
         self.name, self.known = name, tuple(known)
@@ -55,11 +55,11 @@ class UnknownPlan(RobotError):
 
 
 class InvalidPlan(FieldError, RobotError):
-    """`field` of a cooperative plan can't be kept."""
+    """`field` of a cooperative plan is invalid."""
 
 
 class StalePlan(RobotError):
-    """The plan is at version `current`: somebody else changed it."""
+    """The plan is at version `current`, not `expected`, because another writer has changed it."""
 
     def __init__(self, name: str, expected: int, current: int) -> None:
         self.name, self.expected, self.current = name, expected, current
@@ -67,11 +67,11 @@ class StalePlan(RobotError):
 
 
 class InvalidCarry(FieldError, RobotError):
-    """`field` of a carry can't be: `reason` says why."""
+    """`field` of a carry is invalid; `reason` is the cause."""
 
 
 class ImpossibleCarry(RobotError):
-    """An object can't be carried there by so many robots; `blockers` names what stands in the way."""
+    """An object can't be carried to its goal by this number of robots; `blockers` are the obstacles."""
 
     def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
         self.reason, self.blockers = reason, tuple(blockers)
@@ -79,15 +79,15 @@ class ImpossibleCarry(RobotError):
 
 
 class MotionFailed(RobotError):
-    """The robot did not get where it should."""
+    """The robot did not reach its target."""
 
 
 class MissionFailed(RobotError):
-    """A mission came to nothing; nothing was left in the hands of its robots."""
+    """A mission failed; its robots no longer hold the object."""
 
 
 class AdaptorFailed(RobotError):
-    """The robot behind an adaptor does not do what it is told; `cause` says why."""
+    """The robot behind an adaptor has failed because of `cause`."""
 
     def __init__(self, cause: str) -> None:
         self.cause = cause
@@ -95,7 +95,7 @@ class AdaptorFailed(RobotError):
 
 
 class UnitFailed(AdaptorFailed):
-    """`unit` of the actual robot refused: its return or state code, and why."""
+    """`unit` of the actual robot has refused a call; `code`: its return or state code."""
 
     def __init__(self, unit: str, code: int, reason: str) -> None:
         self.unit, self.code = unit, code
@@ -103,4 +103,4 @@ class UnitFailed(AdaptorFailed):
 
 
 class RobotLost(AdaptorFailed):
-    """Nobody answers for the robot any more; once somebody does again, it can be started again."""
+    """The robot does not answer any more; it can be restarted once it does."""

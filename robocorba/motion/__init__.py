@@ -1,1 +1,1 @@
-"""How a robot moves: what it has to do at each tick, along lines with its base, between postures with its joints."""
+"""Motions: the command of each control cycle, for driving along lines and for moving joints between postures."""

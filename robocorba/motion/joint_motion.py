@@ -1,4 +1,4 @@
-"""How joints move: all at once from one posture to another, smoothly, no faster than each of them can."""
+"""Motions of the joints: synchronously and smoothly from posture to posture, within the joints' limits."""
 
 from __future__ import annotations
 
@@ -12,26 +12,30 @@ from robocorba.motion.motion import Wish
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
 
-#: What a finger presses with for each rad that it is led beyond where it is, N; ours.
+#: Force of a finger for each radian between its target and its position [N/rad]; our assumption.
 FINGER_N_PER_RAD = 100.0
-#: How near is there, rad: by so much a joint moves a hand 0.7 m away by 1.2 mm. Joints have so long for the rest of
-#: their way, s; after that this is near enough, rad.
-THERE_RAD = math.radians(0.1)
-SETTLE_S, NEAR_RAD = 3.0, math.radians(0.3)
-#: A finger that moves slower for so long has met something, rad/s and s; then it presses on it for so long, s.
-STILL_RAD_S, MET_S, HOLD_S = 0.05, 0.15, 0.1
-#: Of joints' acceleration and speed a motion uses so much: what is left makes up for what lags, and arms that move no
-#: faster than this, 40 deg/s, stand within 0.1 s of a stop.
-STRENGTH, PACE = 0.7, 0.45
-#: Greatest first and second derivative of the quintic that goes from 0 to 1 in 1 s.
-_FASTEST, _STRONGEST = 1.875, 10.0 / math.sqrt(3.0)
+#: Tolerance of the last posture [rad]: by this angle a joint moves a hand 0.7 m away by 1.2 mm.
+ARRIVED_RAD = math.radians(0.1)
+#: Time for joints that lag behind the trajectory [s]; after it, ACCEPTED_RAD is the tolerance.
+SETTLE_S = 3.0
+#: Tolerance after SETTLE_S [rad].
+ACCEPTED_RAD = math.radians(0.3)
+#: A finger slower than this [rad/s] for CONTACT_S [s] touches an object.
+STATIONARY_RAD_S, CONTACT_S = 0.05, 0.15
+#: Time for which fingers press on the object before the motion ends [s].
+HOLD_S = 0.1
+#: Shares of the joints' acceleration and speed limits that a motion uses. The rest compensates for lag; at this speed,
+#: 40 deg/s, arms stop within 0.1 s.
+ACCELERATION_SHARE, SPEED_SHARE = 0.7, 0.45
+#: Greatest first and second derivative of the quintic polynomial that rises from 0 to 1 in 1 s.
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / math.sqrt(3.0)
 
 
 class JointMotion:
-    """waypoints (k, n): postures to go through, rad; the first one is where the joints are told to be now.
+    """Moves joints along waypoints (k, n) [rad], of which the first is the joints' present target.
 
-    names, speed (n,) and acceleration (n,): of the joints, rad/s and rad/s^2. seconds: how long it shall take; it
-    takes longer where it must. watched: joints that have to get there; gripping fingers may not."""
+    names, speed (n,) [rad/s] and acceleration (n,) [rad/s^2]: of the joints. seconds: least duration. watched: joints
+    that must reach the last waypoint, by default all; gripping fingers need not."""
 
     def __init__(
         self,
@@ -49,27 +53,25 @@ class JointMotion:
         steepest = slopes.max(axis=0) if steps else np.zeros(len(names))
         self.seconds = max(
             seconds,
-            float((_FASTEST * steepest / (PACE * speed)).max()),
-            float(np.sqrt(_STRONGEST * steepest / (STRENGTH * acceleration)).max()),
+            float((_PEAK_SPEED * steepest / (SPEED_SHARE * speed)).max()),
+            float(np.sqrt(_PEAK_ACCELERATION * steepest / (ACCELERATION_SHARE * acceleration)).max()),
         )
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
         if elapsed_s >= self.seconds:
             missing = np.abs(state.joints - self._waypoints[-1])[self._watched]
-            if not len(missing) or missing.max() <= THERE_RAD:
+            if not len(missing) or missing.max() <= ARRIVED_RAD:
                 return None
             if elapsed_s > self.seconds + SETTLE_S:
-                if missing.max() <= NEAR_RAD:
+                if missing.max() <= ACCEPTED_RAD:
                     return None
                 worst = self._watched[int(missing.argmax())]
-                raise MotionFailed(
-                    f"{self._names[worst]} is {math.degrees(missing.max()):.1f} deg from where it shall be"
-                )
+                raise MotionFailed(f"{self._names[worst]} is {math.degrees(missing.max()):.1f} deg from its target")
             return Wish(joints=self._waypoints[-1], joint_velocities=np.zeros(len(self._names)))
         return Wish(joints=self._at(elapsed_s)[0], joint_velocities=self._at(elapsed_s)[1])
 
     def _at(self, elapsed_s: float) -> tuple[Floats, Floats]:
-        """Joints and their velocities."""
+        """Joint angles and velocities."""
         t = elapsed_s / self.seconds
         share = t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
         rate = 30.0 * t * t * (1.0 - t) ** 2 / self.seconds
@@ -80,7 +82,8 @@ class JointMotion:
 
 
 class GripMotion(JointMotion):
-    """Fingers to where they shall be. With a force, N, they stop where they meet something and press on it so hard."""
+    """Moves fingers to their targets. With `force_n` [N] they stop at the first object and press on it with this
+    force."""
 
     def __init__(
         self,
@@ -95,22 +98,22 @@ class GripMotion(JointMotion):
         watched = () if force_n is not None else fingers
         super().__init__(np.array([joints, wanted]), names, speed, acceleration, 0.0, watched)
         self._fingers, self._force_n, self._names = list(fingers), force_n, names
-        self._met: Floats | None = None
-        self._met_at = self._still_since = 0.0
+        self._contact_joints: Floats | None = None
+        self._contact_at = self._stationary_since = 0.0
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
-        if self._met is not None:
-            still = Wish(joints=self._met, joint_velocities=np.zeros(len(self._met)))
-            return still if elapsed_s < self._met_at + HOLD_S else None
-        wish = super().wish(state, elapsed_s)
-        if wish is None or wish.joints is None or self._force_n is None:
-            return wish
+        if self._contact_joints is not None:
+            hold = Wish(joints=self._contact_joints, joint_velocities=np.zeros(len(self._contact_joints)))
+            return hold if elapsed_s < self._contact_at + HOLD_S else None
+        command = super().wish(state, elapsed_s)
+        if command is None or command.joints is None or self._force_n is None:
+            return command
         lead = self._force_n / FINGER_N_PER_RAD
-        joints, here = wish.joints.copy(), state.joints[self._fingers]
-        lag = np.abs(joints[self._fingers] - here).max()
-        joints[self._fingers] = np.clip(joints[self._fingers], here - lead, here + lead)
-        if lag < lead or np.abs(state.joint_velocities[self._fingers]).max() >= STILL_RAD_S:
-            self._still_since = elapsed_s
-        elif elapsed_s - self._still_since >= MET_S:  # else a finger may just not have started yet
-            self._met, self._met_at = joints, elapsed_s
-        return wish._replace(joints=joints)
+        joints, measured = command.joints.copy(), state.joints[self._fingers]
+        lag = np.abs(joints[self._fingers] - measured).max()
+        joints[self._fingers] = np.clip(joints[self._fingers], measured - lead, measured + lead)
+        if lag < lead or np.abs(state.joint_velocities[self._fingers]).max() >= STATIONARY_RAD_S:
+            self._stationary_since = elapsed_s
+        elif elapsed_s - self._stationary_since >= CONTACT_S:  # earlier, a finger may only not have started yet
+            self._contact_joints, self._contact_at = joints, elapsed_s
+        return command._replace(joints=joints)

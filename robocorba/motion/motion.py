@@ -1,18 +1,20 @@
-"""What a motion is: asked with every tick what the robot shall do next, from where it is."""
+"""The interface of motions, which the high controller calls in each control cycle."""
 
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from robocorba.motion.robot_state import STANDING, RobotState, Velocity
+from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.spatial.grids import Floats
 
 
 class Wish(NamedTuple):
-    """velocity: of the base, m/s ahead and to the left, rad/s. joints (n,), rad, and their velocities, rad/s: None
-    leaves them where they were told to be."""
+    """What a motion commands in one control cycle.
 
-    velocity: Velocity = STANDING
+    velocity: of the base, ahead and to the left [m/s], turn [rad/s]. joints (n,) [rad] and joint_velocities (n,)
+    [rad/s]; None keeps the joints' last targets."""
+
+    velocity: Velocity = ZERO_VELOCITY
     joints: Floats | None = None
     joint_velocities: Floats | None = None
 
@@ -21,4 +23,6 @@ class Motion(Protocol):
     """One movement of the robot, used once."""
 
     def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
-        """What to do now; None: it has ended. elapsed_s: since it began, without pauses. Raises MotionFailed."""
+        """The command for this cycle; None once the motion has ended. Raises MotionFailed.
+
+        elapsed_s: since its start, without pauses."""

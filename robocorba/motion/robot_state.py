@@ -1,4 +1,4 @@
-"""What an adaptor reads from a robot, and what it is told to write: the paper's robot_state and actor_command."""
+"""The state that an adaptor reads and the command that it writes: the paper's robot_state and actor_command."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from robocorba.spatial.grids import Floats
 
 Velocity = tuple[float, float, float]
-STANDING: Velocity = (0.0, 0.0, 0.0)
+ZERO_VELOCITY: Velocity = (0.0, 0.0, 0.0)
 
 
 def _none() -> Floats:
@@ -18,29 +18,29 @@ def _none() -> Floats:
 
 @dataclass
 class RobotState:
-    """How a robot is; `RobotAdaptor.read` fills it in.
+    """State of a robot; `RobotAdaptor.read` fills it in.
 
-    time: when it was so, s, of the robot's own clock. x, y (m) and heading (rad): of the base in the building's frame.
-    velocity: of the base in its own frame, m/s ahead and to the left, rad/s.
-    joints, joint_velocities: rad and rad/s, in the order of the robot's model; empty for a robot without any."""
+    time: of the observation, by the robot's own clock [s]. x, y [m] and heading [rad]: of the base in the building's
+    frame. velocity: of the base in its own frame, ahead and to the left [m/s], turn [rad/s].
+    joints, joint_velocities: [rad] and [rad/s], in the order of the robot's model; empty for a robot without joints."""
 
     time: float = 0.0
     x: float = 0.0
     y: float = 0.0
     heading: float = 0.0
-    velocity: Velocity = STANDING
+    velocity: Velocity = ZERO_VELOCITY
     joints: Floats = field(default_factory=_none)
     joint_velocities: Floats = field(default_factory=_none)
 
 
 @dataclass(frozen=True)
 class ActorCommand:
-    """What a robot shall do until the next command, at most for `valid_s`; after that it stops by itself.
+    """Command of one control cycle, valid until the next one, at most for `valid_s`; then the robot stops.
 
-    velocity: of the base, as in RobotState. joints: where they shall be now, rad, moving on at `joint_velocities`,
-    rad/s; empty arrays leave them as they are."""
+    velocity: of the base, as in RobotState. joints: present targets [rad], which advance at `joint_velocities` [rad/s];
+    empty arrays leave the joints as they are."""
 
-    velocity: Velocity = STANDING
+    velocity: Velocity = ZERO_VELOCITY
     joints: Floats = field(default_factory=_none)
     joint_velocities: Floats = field(default_factory=_none)
     valid_s: float = 0.1

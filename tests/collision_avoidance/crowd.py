@@ -31,13 +31,13 @@ from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
 from tests.data_pool.places import Place
 
 FLOOR = "L1"
-#: Data pools follow each so many steps.
+#: Number of steps between updates of the data pools.
 FOLLOW_STEPS = 3
 _KINEMATICS = InverseKinematics()
 
 
 class Crowd:
-    """Robots by name, from where they stand. `nearest_m`: that two rims ever were; `touched`: who has collided."""
+    """Robots by name, from their start poses. `nearest_m`: least gap of two rims so far; `touched`: collisions."""
 
     def __init__(self, building: Building, starts: Mapping[str, tuple[float, float, float]]) -> None:
         for name, floor in building.floors.items():
@@ -98,7 +98,7 @@ class Crowd:
                 raise AssertionError(f"not done within {limit_s} s: {[n for n, t in threads.items() if t.is_alive()]}")
             self._step()
             if any(t.is_alive() and not self.robots[n].controller.is_moving for n, t in threads.items()):  # type: ignore[attr-defined]
-                time.sleep(0.004)  # somebody plans or waits
+                time.sleep(0.004)  # a robot plans or waits
         return wrong
 
     def _step(self) -> None:
@@ -127,7 +127,7 @@ def _named(parts: Mapping[str, Callable[[Robot], None]]) -> dict[str, tuple[str,
 
 
 class Stepped(HighController):
-    """Its ticks come when the crowd says so."""
+    """Its ticks are called by the crowd."""
 
     def start(self, argv: Sequence[str]) -> None:
         self._begin()
@@ -141,7 +141,7 @@ class Stepped(HighController):
 
 
 class InStep:
-    """A BuildingSession of a robot in a building that somebody steps."""
+    """A BuildingSession of a robot in a building that the test steps."""
 
     def __init__(self, world: Any, name: str) -> None:
         self._world, self._robot = world, world.robots[name]

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
 from functools import partial
 
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as some
 
-from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, hard_share, lets_pass
-from robocorba.collision_avoidance.neighbours import Other
-from robocorba.collision_avoidance.temporary_obstacles import Standing
+from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
+from robocorba.collision_avoidance.neighbours import OtherRobot
+from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
 from robocorba.control import execution_control
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import MotionFailed
@@ -31,33 +30,33 @@ TICK_S, KNOWN_LATE_TICKS = 0.02, 3
 
 
 class Base:
-    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is all that stands."""
+    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is the only obstacle."""
 
     def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
         self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
-        self.seen: list[Other] = []
+        self.seen: list[OtherRobot] = []
         self.neighbours: list[Base] = []
         self.look()
 
     def look(self) -> None:
         state = self.state
         vx, vy = turned(*state.velocity[:2], state.heading)
-        self.seen.append(Other(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
+        self.seen.append(OtherRobot(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
 
-    def others(self, x: float, y: float) -> list[Other]:
-        """As they were some ticks ago, taken on to now."""
+    def others(self, x: float, y: float) -> list[OtherRobot]:
+        """As they were some ticks ago, extrapolated to the present."""
         found = [base.seen[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
         late_s = KNOWN_LATE_TICKS * TICK_S
         return [one._replace(x=one.x + one.vx * late_s, y=one.y + one.vy * late_s) for one in found]
 
-    def room_m(self, x: float, y: float) -> float:
+    def clearance_m(self, x: float, y: float) -> float:
         return self.wall_y - y
 
-    def objects(self, held: str, kept: Sequence[XY]) -> Standing:
-        return Standing()
+    def movable_objects(self, held: str) -> TemporaryObstacles:
+        return TemporaryObstacles()
 
-    def standing(self, also: str = "", goal: XY | None = None, held: str = "") -> Standing:
-        return Standing()
+    def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
+        return TemporaryObstacles()
 
     def go(self, velocity: tuple[float, float, float]) -> None:
         state = self.state
@@ -81,9 +80,9 @@ def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> t
             velocity = (0.0, 0.0, 0.0)
             if not ends[number]:
                 try:
-                    wish = motion.wish(base.state, base.state.time)
-                    velocity = wish.velocity if wish else velocity
-                    ends[number] = "" if wish else "there"
+                    command = motion.wish(base.state, base.state.time)
+                    velocity = command.velocity if command else velocity
+                    ends[number] = "" if command else "there"
                 except MotionFailed as failed:
                     ends[number] = str(failed)
             base.go(velocity)
@@ -151,7 +150,7 @@ def test_places_side_by_side_can_be_reached() -> None:
 
 def test_a_robot_goes_as_far_as_a_wall_lets_it() -> None:
     base = Base("a", 0.0, 0.0, wall_y=0.6)
-    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE), base, is_fine=True, heeds_walls=True)
+    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE), base, precise_positioning=True, avoid_walls=True)
     _, (end,) = drive([base], [motion])
     assert end.endswith("a wall or an object is in the way")
     assert base.state.y == pytest.approx(0.6 - RADIUS_M - 0.02, abs=0.005)
@@ -159,7 +158,7 @@ def test_a_robot_goes_as_far_as_a_wall_lets_it() -> None:
 
 def test_a_robot_that_sees_nobody_does_not_drive() -> None:
     class Blind(Base):
-        def others(self, x: float, y: float) -> list[Other]:
+        def others(self, x: float, y: float) -> list[OtherRobot]:
             raise NotReachable("away")
 
     base = Blind("a", 0.0, 0.0)
@@ -171,15 +170,15 @@ def test_a_robot_that_sees_nobody_does_not_drive() -> None:
 def test_who_may_not_come_nearer_may_leave(
     here: tuple[float, float], there: tuple[float, float], velocity: tuple[float, float]
 ) -> None:
-    state, other = RobotState(0.0, *here), Other("b", *there, 0.0, 0.0, 0.0, RADIUS_M)
-    share = hard_share(state, *velocity, other, MARGIN_M)
+    state, other = RobotState(0.0, *here), OtherRobot("b", *there, 0.0, 0.0, 0.0, RADIUS_M)
+    share = safe_share(state, *velocity, other, MARGIN_M)
     assert 0.0 <= share <= 1.0
     comes = (there[0] - here[0]) * velocity[0] + (there[1] - here[1]) * velocity[1] > 0.0
     if not comes:
         assert share == 1.0
     elif math.dist(here, there) < 2 * RADIUS_M + NEAR_MARGIN_M:
         assert share == 0.0
-    assert not lets_pass(state, *velocity, other)  # who stands needs no way
+    assert not should_yield(state, *velocity, other)  # a stationary robot needs no path
 
 
 # ---- in the building ----
@@ -277,8 +276,8 @@ def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
 
 
 def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.control.robot.MOST_KNOTS", 1)
-    monkeypatch.setattr("robocorba.control.robot.LONGEST_PAUSE_S", 1.0)
+    monkeypatch.setattr("robocorba.control.base.MAX_BLOCKAGES", 1)
+    monkeypatch.setattr("robocorba.control.base.LONGEST_PAUSE_S", 1.0)
     crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)})
     wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
     assert wrong["A"].endswith("B is in the way")

@@ -19,7 +19,7 @@ def test_others_are_where_they_have_got_to() -> None:
     place.run(1.0)
     pool = place.pool(oneself="A")
     nearby = PoolNearby(pool, "A")
-    with pytest.raises(NotReachable, match="it was not asked for yet"):
+    with pytest.raises(NotReachable, match="has not been requested yet"):
         nearby.others(7.0, 1.0)
     pool.follow()
     (now,) = nearby.others(7.0, 1.0)
@@ -38,4 +38,4 @@ def test_room_is_what_walls_and_objects_leave() -> None:
     place.world.add(robot("B", x=7.0, y=2.0))
     pool = place.pool(oneself="A")
     pool.follow()
-    assert PoolNearby(pool, "A").room_m(7.0, 1.0) == pytest.approx(1.0)  # the bounds of the floor, not B
+    assert PoolNearby(pool, "A").clearance_m(7.0, 1.0) == pytest.approx(1.0)  # the bounds of the floor, not B

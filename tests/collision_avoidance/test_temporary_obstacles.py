@@ -5,15 +5,21 @@ from __future__ import annotations
 import pytest
 from shapely import Point, Polygon
 
-from robocorba.collision_avoidance.temporary_obstacles import LEAST_M, ROOM_M, Standing, objects, standing
-from robocorba.control.robot import ROOMS_M
-from robocorba.data_pool.snapshot import Snapshot
+from robocorba.collision_avoidance.temporary_obstacles import (
+    CLEARANCE_M,
+    MIN_CLEARANCE_M,
+    TemporaryObstacles,
+    movable_objects,
+    temporary_obstacles,
+)
+from robocorba.control.base import PATH_CLEARANCES_M
+from robocorba.data_pool.snapshot import FloorSnapshot
 from robocorba.kinematics.smartpal import RADIUS_M
 from tests.data_pool.places import Place
 from tests.simulation.places import robot
 
 
-def seen_by_a(*others_y: float) -> Snapshot:
+def seen_by_a(*others_y: float) -> FloorSnapshot:
     """By A at (7, 1); C drives."""
     place = Place()
     place.world.refresh()
@@ -30,38 +36,42 @@ def seen_by_a(*others_y: float) -> Snapshot:
 
 def test_robots_that_stand_and_objects_where_they_are() -> None:
     seen = seen_by_a(3.0)
-    found = standing(seen, "A")
+    found = temporary_obstacles(seen, "A")
     assert found.without_movables == ("L1",)
     disc, table = (Polygon(corners) for floor, corners in found.forbidden_areas if floor == "L1")
     assert disc.centroid.distance(Point(7.0, 3.0)) < 0.001
-    assert disc.contains(Point(7.0, 3.0).buffer(RADIUS_M + ROOM_M - 0.001))
-    assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M + ROOM_M).area, rel=0.05)
+    assert disc.contains(Point(7.0, 3.0).buffer(RADIUS_M + CLEARANCE_M - 0.001))
+    assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M + CLEARANCE_M).area, rel=0.05)
     assert (table.centroid.x, table.centroid.y, table.area) == pytest.approx((2.0, 2.0, 0.6))
-    assert standing(seen, "nobody") == Standing()
-    assert len(standing(seen, "A", also="C").forbidden_areas) == 3
+    assert temporary_obstacles(seen, "nobody") == TemporaryObstacles()
+    assert len(temporary_obstacles(seen, "A", also="C").forbidden_areas) == 3
 
 
 def test_objects_alone_and_without_what_is_held() -> None:
     seen = seen_by_a(3.0)
-    found = objects(seen, "A")
-    assert found == standing(seen, "A")._replace(forbidden_areas=standing(seen, "A").forbidden_areas[1:])
+    found = movable_objects(seen, "A")
+    assert found == temporary_obstacles(seen, "A")._replace(
+        forbidden_areas=temporary_obstacles(seen, "A").forbidden_areas[1:]
+    )
     (held,) = [thing.name for thing in seen.objects() if thing.is_movable]
-    assert objects(seen, "A", held) == Standing((), ("L1",))
-    assert objects(seen, "nobody") == Standing()
+    assert movable_objects(seen, "A", held) == TemporaryObstacles((), ("L1",))
+    assert movable_objects(seen, "nobody") == TemporaryObstacles()
 
 
 def test_who_stands_close_by_leaves_the_robot_outside() -> None:
-    near, *_ = (Polygon(corners) for _, corners in standing(seen_by_a(1.83), "A").forbidden_areas)
-    assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + LEAST_M - 1e-6
+    near, *_ = (Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(1.83), "A").forbidden_areas)
+    assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
 
 
 def test_who_wants_to_stand_close_by_may() -> None:
-    near, *_ = (Polygon(corners) for _, corners in standing(seen_by_a(4.0), "A", goal=(7.0, 4.85)).forbidden_areas)
-    assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + LEAST_M - 1e-6
-    assert near.contains(Point(7.0, 4.0).buffer(0.42 - ROOMS_M[0]))  # ways keep that room to it
+    near, *_ = (
+        Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(4.0), "A", goal=(7.0, 4.85)).forbidden_areas
+    )
+    assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
+    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # ways keep that room to it
 
 
 def test_what_is_too_much_to_tell_stays_where_the_map_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.collision_avoidance.temporary_obstacles.MOST_OBJECTS", 0)
-    found = standing(seen_by_a(3.0), "A")
+    monkeypatch.setattr("robocorba.collision_avoidance.temporary_obstacles.MAX_OBJECTS", 0)
+    found = temporary_obstacles(seen_by_a(3.0), "A")
     assert (len(found.forbidden_areas), found.without_movables) == (1, ())

@@ -85,7 +85,7 @@ class Place:
 
 
 class InProcessSession:
-    """A BuildingSession without CORBA. `is_away`: nobody answers, as when the server was killed."""
+    """A BuildingSession without CORBA. `is_away`: the server does not answer."""
 
     def __init__(self, place: Place, about: Description) -> None:
         self._place, self._about = place, about
@@ -169,7 +169,7 @@ class InProcessSession:
 
 
 class Channel:
-    """What a program says, and what a test lets it hear."""
+    """Records the events that a program publishes, and delivers events to it."""
 
     def __init__(self) -> None:
         self.said: list[tuple[str, Any]] = []

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robocorba.control import model_switcher
-from robocorba.control.agent import BODY_HELD_M, AgentState, Condition, ControlAgent
+from robocorba.control.agent import BODY_BLOCKED_M, AgentState, Condition, ControlAgent
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.runner import Result
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
@@ -186,7 +186,7 @@ def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
 def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(
     agent: ControlAgent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    switch_to_disc(agent, monkeypatch, away_m=BODY_HELD_M + 0.03)
+    switch_to_disc(agent, monkeypatch, away_m=BODY_BLOCKED_M + 0.03)
     for _ in range(3):  # a program may begin before the body has moved
         agent.stop()
         agent.load(ProgramBuilder("on").mbase_by(ahead=0.2).program())

@@ -27,7 +27,7 @@ HERE = SimpleNamespace(session=SimpleNamespace(latest=SimpleNamespace(at=Pose("L
 
 
 class Watched(RobotAdaptor):
-    """In front of the documented adaptor; remembers commands, and fails as it is told."""
+    """Wraps the documented adaptor; records commands, and fails with `failure`."""
 
     def __init__(self) -> None:
         self.disc = documented_adaptor()(HERE)  # type: ignore[arg-type]
@@ -104,20 +104,20 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
     assert turns.max() <= BASE.turn_acceleration * TICK_S + 1e-9
 
 
-def test_a_body_that_waits_is_told_less_often(high: HighController, adaptor: Watched) -> None:
+def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
     adaptor.is_in_building = True
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
     time.sleep(IDLE_AFTER_S + 0.3)
-    began, told = time.monotonic(), len(adaptor.commands)
+    began, count = time.monotonic(), len(adaptor.commands)
     time.sleep(1.0)
     most = (time.monotonic() - began) / IDLE_TICK_S
-    assert 1 <= len(adaptor.commands) - told <= most + 1
-    told = len(adaptor.commands)
+    assert 1 <= len(adaptor.commands) - count <= most + 1
+    count = len(adaptor.commands)
     high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
-    assert len(adaptor.commands) - told > 2 * 1.0 / IDLE_TICK_S
+    assert len(adaptor.commands) - count > 2 * 1.0 / IDLE_TICK_S
 
 
-def test_a_motion_that_fails_is_told_and_the_robot_stands(high: HighController) -> None:
+def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
     class Wrong:
         def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
             raise ZeroDivisionError("of its own")
@@ -160,19 +160,19 @@ def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, a
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.hangs.set()
     stops = adaptor.stops
-    high.halt("button")
+    high.emergency_stop("button")
     assert adaptor.stops == stops + 1
     assert high.stopped == "button"
     thread.join(5.0)
-    assert [str(error) for error in raised] == ["can't go on: the robot is stopped: button"]
+    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
     adaptor.hangs.clear()
     adaptor.goes_on.set()
     with pytest.raises(IllegalOrder, match="is stopped: button"):
         high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
-    high.resume_from_halt()
+    high.reset_stop()
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
     with pytest.raises(IllegalOrder, match="was not stopped"):
-        high.resume_from_halt()
+        high.reset_stop()
 
 
 def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighController, adaptor: Watched) -> None:
@@ -184,7 +184,7 @@ def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighContr
     adaptor.failure = None
     time.sleep(0.7)
     assert high.stopped == "the arm smokes"
-    high.resume_from_halt()
+    high.reset_stop()
     assert high.stopped == ""
 
 
@@ -203,7 +203,7 @@ def test_a_robot_that_was_lost_is_found_again(high: HighController, adaptor: Wat
 def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, adaptor: Watched) -> None:
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
-    high.halt("button")
+    high.emergency_stop("button")
     adaptor.failure = None
     time.sleep(1.2)
     assert high.stopped == "button"
@@ -218,19 +218,19 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.hangs.set()
-    eventually(lambda: high.watch() or high.stopped != "", "noticed")
+    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
     thread.join(5.0)
     assert isinstance(raised[0], RobotLost) and "adaptor or process hung for 1." in str(raised[0])
     with pytest.raises(RobotLost, match="hung"):
         high.check()
-    high.halt("button")
+    high.emergency_stop("button")
     with pytest.raises(AdaptorFailed, match="still hangs"):
-        high.resume_from_halt()
+        high.reset_stop()
     adaptor.hangs.clear()
     adaptor.goes_on.set()
     ticks = len(high.late_s)
     eventually(lambda: len(high.late_s) > ticks, "ticks again")
-    high.resume_from_halt()
+    high.reset_stop()
     high.check()
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
 
@@ -260,7 +260,7 @@ def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighCo
     count = len(adaptor.commands)
     eventually(lambda: len(adaptor.commands) > count, "a write that hangs")
     adaptor.failure = AdaptorFailed("it was stopped")
-    high.halt("button")
+    high.emergency_stop("button")
     adaptor.hangs.clear()
     adaptor.goes_on.set()
     time.sleep(0.2)
@@ -269,7 +269,7 @@ def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighCo
 
 def test_each_start_is_prepared(adaptor: Watched) -> None:
     prepared: list[bool] = []
-    high = HighController(adaptor, BASE, LOWER, UPPER, SPEED, prepare=lambda: prepared.append(True))
+    high = HighController(adaptor, BASE, LOWER, UPPER, SPEED, before_start=lambda: prepared.append(True))
     high.start(())
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
@@ -286,7 +286,7 @@ def test_the_end_ends_a_motion(adaptor: Watched, monkeypatch: pytest.MonkeyPatch
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     high.close()
     thread.join(5.0)
-    assert [str(error) for error in raised] == ["can't go on: the robot is switched off"]
+    assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
     monkeypatch.setattr(high_controller, "HANG_LIMIT_S", 0.0)
-    high.watch()
+    high.check_alive()
     assert high.stopped == ""

@@ -54,11 +54,11 @@ def test_a_robot_without_joints(tmp_path: Path) -> None:
 
 
 def test_a_file_has_a_bound(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with TickFile(tmp_path / "ticks.csv", most_ticks=10) as ticks:
+    with TickFile(tmp_path / "ticks.csv", max_ticks=10) as ticks:
         for number in range(15):
             ticks.add(tick(number))
     assert len(rows(tmp_path / "ticks.csv")) == 10
-    assert "5 ticks were left out" in caplog.text
+    assert "lacks 5 ticks" in caplog.text
 
 
 def test_a_slow_disk_delays_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,15 +70,15 @@ def test_a_slow_disk_delays_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(tick_file, "_row", slow)
     with TickFile(tmp_path / "ticks.csv") as ticks:
-        for number in range(tick_file.MOST_WAITING + 50):
+        for number in range(tick_file.MAX_QUEUED + 50):
             ticks.add(tick(number))
         assert ticks.left_out >= 49
         disk.set()
-    assert len(rows(tmp_path / "ticks.csv")) == tick_file.MOST_WAITING + 50 - ticks.left_out
+    assert len(rows(tmp_path / "ticks.csv")) == tick_file.MAX_QUEUED + 50 - ticks.left_out
 
 
 def test_a_file_that_can_t_be_made(tmp_path: Path) -> None:
-    with pytest.raises(RoboCorbaError, match=r"can't write .*nowhere/ticks\.csv: No such file"):
+    with pytest.raises(RoboCorbaError, match=r"can't create .*nowhere/ticks\.csv: No such file"):
         TickFile(tmp_path / "nowhere" / "ticks.csv")
 
 
@@ -87,4 +87,4 @@ def test_the_disk_is_full(caplog: pytest.LogCaptureFixture) -> None:
         ticks.add(tick(0))
         ticks._thread.join(5.0)
         ticks.add(tick(1))
-    assert "can't write /dev/full any more: " in caplog.text
+    assert "stopped recording to /dev/full: " in caplog.text

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from robocorba.collision_avoidance import giving_way
-from robocorba.control import robot
+from robocorba.control import base
 from robocorba.control.runner import Result
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.missions import leader, member, mission_agent
@@ -41,7 +41,7 @@ SHORTER = {
     },
     member: {"LEADER_TIMEOUT_S": 1.5, "END_ORDER_TIMEOUT_S": 3.0},
     mission_agent: {"FINAL_STATE_S": 0.5},
-    robot: {"LONGEST_PAUSE_S": 2.0},
+    base: {"LONGEST_PAUSE_S": 2.0},
     giving_way: {"GIVE_UP_PARKED_S": 0.2, "GIVE_UP_LAST_S": 1.0},
     driving: {"STUCK_S": 1.0},
 }

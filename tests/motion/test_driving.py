@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from robocorba.errors.robots import MotionFailed
-from robocorba.motion.driving import PASS_M, THERE_M, THERE_RAD, Drive, DriveAt, DriveBy
+from robocorba.motion.driving import ARRIVED_M, ARRIVED_RAD, CORNER_TOLERANCE_M, Drive, DriveAt, DriveBy
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import RobotState
 from robocorba.simulation.physics import Limits
@@ -61,8 +61,8 @@ def test_a_drive_ends_exactly_where_it_shall(points: list[tuple[float, float]], 
     base = Base()
     base.run(Drive(points, heading, speed, LIMITS), 2000.0)
     state = base.state
-    assert math.dist((state.x, state.y), points[-1]) <= THERE_M
-    assert abs(math.remainder(state.heading - heading, math.tau)) <= THERE_RAD
+    assert math.dist((state.x, state.y), points[-1]) <= ARRIVED_M
+    assert abs(math.remainder(state.heading - heading, math.tau)) <= ARRIVED_RAD
     assert base.fastest <= speed + 1e-9
 
 
@@ -70,9 +70,9 @@ def test_corners_are_cut_no_more_than_allowed() -> None:
     base = Base()
     base.run(Drive([(3.0, 0.0), (3.0, 3.0), (0.0, 3.0)], None, 1.0, LIMITS))
     for corner in ((3.0, 0.0), (3.0, 3.0)):
-        assert min(math.dist(at, corner) for at in base.track) < 3 * PASS_M
+        assert min(math.dist(at, corner) for at in base.track) < 3 * CORNER_TOLERANCE_M
     off = [min(abs(y), abs(x - 3.0), abs(y - 3.0)) for x, y in base.track]
-    assert max(off) < 2 * PASS_M
+    assert max(off) < 2 * CORNER_TOLERANCE_M
 
 
 def test_slow_stretches_are_driven_slowly() -> None:
@@ -93,8 +93,8 @@ def test_it_faces_where_it_goes_and_keeps_that() -> None:
 def test_relative_drives_are_in_the_frame_of_the_robot() -> None:
     base = Base(1.0, 2.0, math.pi / 2)
     base.run(DriveBy(1.0, 0.5, -math.pi / 2, 0.5, LIMITS))
-    assert (base.state.x, base.state.y) == pytest.approx((0.5, 3.0), abs=THERE_M)
-    assert base.state.heading == pytest.approx(0.0, abs=THERE_RAD)
+    assert (base.state.x, base.state.y) == pytest.approx((0.5, 3.0), abs=ARRIVED_M)
+    assert base.state.heading == pytest.approx(0.0, abs=ARRIVED_RAD)
 
 
 def test_a_velocity_holds_for_its_time() -> None:

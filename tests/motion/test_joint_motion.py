@@ -79,7 +79,7 @@ def test_one_way_keeps_accelerations_too_and_takes_its_time(begin: Floats, end: 
 def test_joints_that_do_not_come_are_named() -> None:
     begin, end = np.zeros(18), np.zeros(18)
     end[3] = 1.0
-    with pytest.raises(MotionFailed, match=r"left_4 is 28\.6 deg from where it shall be"):
+    with pytest.raises(MotionFailed, match=r"left_4 is 28\.6 deg from its target"):
         Arms(begin, blocked=3, stop_at=0.5).run(moving([begin, end]))
 
 

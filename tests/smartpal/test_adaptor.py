@@ -20,12 +20,12 @@ ARGUMENTS = ["--naming", "127.0.0.1:1"]
 
 
 class Units:
-    """All well, unless told otherwise. `told`: what was ordered. `hold`: calls to jog the base wait for it."""
+    """Units without faults by default. `calls`: all calls in order. `hold`: calls to jog the base wait for it."""
 
     names = ("Mobility", "MnpR", "MnpL", "GripperR", "GripperL", "Lumbar")
 
     def __init__(self) -> None:
-        self.told: list[tuple[Any, ...]] = []
+        self.calls: list[tuple[Any, ...]] = []
         self.hold = threading.Event()
         self.hold.set()
         self.jogging = threading.Event()
@@ -48,7 +48,7 @@ class Units:
     def stop(self, unit: str) -> None:
         if unit in self.deaf:
             raise AdaptorFailed(f"{unit} does not answer")
-        self.told.append(("stop", unit))
+        self.calls.append(("stop", unit))
 
     def place(self) -> tuple[float, float, float]:
         time.sleep(self.delay_s)
@@ -69,10 +69,10 @@ class Units:
     def jog_base(self, ahead: float, left: float, turn: float) -> None:
         self.jogging.set()
         assert self.hold.wait(5.0)
-        self.told.append(("jog", ahead, left, turn))
+        self.calls.append(("jog", ahead, left, turn))
 
     def __getattr__(self, order: str) -> Any:
-        return lambda *arguments: self.told.append((order, *arguments))
+        return lambda *arguments: self.calls.append((order, *arguments))
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def adaptor(units: Units) -> SmartPalAdaptor:
 
 
 def orders(units: Units, name: str) -> list[tuple[Any, ...]]:
-    return [order for order in units.told if order[0] == name]
+    return [order for order in units.calls if order[0] == name]
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.01])
@@ -151,15 +151,15 @@ def test_lumbar_and_grippers_are_told_when_their_target_moves(units: Units, adap
 
 
 def test_without_joints_only_the_base_is_told(units: Units, adaptor: SmartPalAdaptor) -> None:
-    units.told.clear()
+    units.calls.clear()
     adaptor.write(ActorCommand((0.1, 0.0, 0.2)))
-    assert units.told == [("jog", 0.1, 0.0, 0.2)]
+    assert units.calls == [("jog", 0.1, 0.0, 0.2)]
 
 
 def test_jogs_hold_as_long_as_commands_are_valid(units: Units, adaptor: SmartPalAdaptor) -> None:
     for valid_s in (0.1, 0.2, 0.2, 60.0):
         adaptor.write(ActorCommand(valid_s=valid_s))
-    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.1, 0.2, smartpal_adaptor.MOST_JOG_S]
+    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.1, 0.2, smartpal_adaptor.MAX_JOG_S]
 
 
 def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartPalAdaptor) -> None:
@@ -168,7 +168,7 @@ def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartP
     writer = threading.Thread(target=lambda: answers.append(adaptor.write(ActorCommand((0.3, 0.0, 0.0)))))
     writer.start()
     assert units.jogging.wait(5.0)
-    units.told.clear()
+    units.calls.clear()
     assert adaptor.stop()
     assert {order[1] for order in orders(units, "stop")} == set(Units.names)
     units.hold.set()
@@ -176,13 +176,13 @@ def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartP
     # The jog came through after all: it was taken back.
     assert answers == [False]
     assert not orders(units, "jog_arm")
-    jogged = units.told.index(("jog", 0.3, 0.0, 0.0))
-    assert ("stop", "Mobility") in units.told[jogged:]
+    jogged = units.calls.index(("jog", 0.3, 0.0, 0.0))
+    assert ("stop", "Mobility") in units.calls[jogged:]
 
 
 def test_a_stop_names_who_did_not_and_stops_the_others(units: Units, adaptor: SmartPalAdaptor) -> None:
     units.deaf = {"MnpR"}
-    units.told.clear()
+    units.calls.clear()
     with pytest.raises(AdaptorFailed, match="MnpR does not answer"):
         adaptor.stop()
     assert {order[1] for order in orders(units, "stop")} == set(Units.names) - {"MnpR"}

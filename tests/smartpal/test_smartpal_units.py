@@ -1,4 +1,4 @@
-"""Metres and radians to millimetres and degrees, and answers to errors, with units that note what they are told."""
+"""Metres and radians to millimetres and degrees, and answers to errors, with units that record their calls."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ FEVER = _GlobalIDL.Alarm(0x99, _GlobalIDL.FAULT, "fever")
 
 
 class Notes:
-    """In the place of an ORB and of all units: `told` are the calls, `answers` those that are not plain success."""
+    """Replaces an ORB and all units: `calls` records all calls; `answers` are those other than success."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[Any, ...]] = []
+        self.calls: list[tuple[Any, ...]] = []
         self.answers: dict[tuple[str, str], Any] = {}
 
     def resolve_elsewhere(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
@@ -40,7 +40,7 @@ class Noting:
 
     def __getattr__(self, operation: str) -> Any:
         def call(*arguments: Any) -> Any:
-            self._notes.told.append((self._unit, operation, *arguments))
+            self._notes.calls.append((self._unit, operation, *arguments))
             answer = self._notes.answers.get((self._unit, operation), 0 if self._unit.startswith("Mnp") else True)
             if callable(answer):
                 answer = answer()
@@ -78,13 +78,13 @@ def test_what_is_told_is_in_millimetres_and_degrees(notes: Notes, units: RemoteS
         ("Lumbar", "move", -3.0, 40.0, 30.0, 60.0),
         ("GripperL", "move", -58.0, 120.0, 480.0),
     ]
-    for told, wanted in zip(notes.told, expected, strict=False):
-        assert told[:2] == wanted[:2]
-        for value, right in zip(told[2:], wanted[2:], strict=True):
+    for call, wanted in zip(notes.calls, expected, strict=False):
+        assert call[:2] == wanted[:2]
+        for value, right in zip(call[2:], wanted[2:], strict=True):
             assert value == pytest.approx(right)
-    assert {call[2] for call in notes.told[len(expected) :]} == {500}
+    assert {call[2] for call in notes.calls[len(expected) :]} == {500}
     units.set_jog_timeout(0.12)
-    assert {call[2] for call in notes.told[-3:]} == {120}
+    assert {call[2] for call in notes.calls[-3:]} == {120}
 
 
 def test_what_is_read_is_in_metres_and_radians(notes: Notes, units: RemoteSmartPalUnits) -> None:

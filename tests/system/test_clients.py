@@ -70,7 +70,7 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher
     code = process.returncode
     assert (code, err) == (0, "")
     assert out.splitlines()[:2] == ["A calls E1", "A is on L2"]
-    assert out.splitlines()[2].startswith("A is there: L2 (")
+    assert out.splitlines()[2].startswith("A has arrived: L2 (")
     code, out, err = run(launch, *simulation, "evict", "A", *state)
     assert (code, out, err) == (1, "", "robocorba simulation: no robot called A is logged on\n")
 

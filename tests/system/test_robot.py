@@ -140,7 +140,7 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
     moving(agent)
     process = robocorba("stop", "--all")
     out, _ = process.communicate(timeout=PATIENCE_S)
-    assert "E\tstands" in out.splitlines()
+    assert "E\tstopped" in out.splitlines()
     state = ended(agent)
     assert (state.condition, state.reason, state.program.result) == (
         Condition.STOPPED,

@@ -1,4 +1,4 @@
-"""RoboCorba::PlanRecord from and to the domain's plan."""
+"""Conversion between RoboCorba::PlanRecord and Plan."""
 
 from __future__ import annotations
 

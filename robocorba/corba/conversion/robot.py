@@ -1,4 +1,4 @@
-"""Robots as the IDL has them: what adaptors read and write, the agent's state, and the program that it runs."""
+"""Conversion between IDL structs and domain values: adaptors' states and commands, agents' states, program reports."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def actor_state(state: RobotState) -> Any:
 
 
 def fill(state: RobotState, struct: Any) -> None:
-    """Let a state be that of an ActorState."""
+    """Copy an ActorState into a state."""
     state.time, state.x, state.y, state.heading = struct.time, struct.x, struct.y, struct.heading
     state.velocity = struct.moving.ahead, struct.moving.left, struct.moving.turn
     state.joints, state.joint_velocities = np.array(struct.joints), np.array(struct.jointVelocities)
@@ -56,14 +56,14 @@ def actor_command(command: ActorCommand) -> Any:
 
 
 def actor_command_of(struct: Any) -> ActorCommand:
-    """Raises AdaptorFailed for what no robot can do."""
+    """Raises AdaptorFailed for an inconsistent or non-finite command."""
     wanted = struct.wanted
     velocity = wanted.ahead, wanted.left, wanted.turn
     joints, velocities = np.array(struct.joints, float), np.array(struct.jointVelocities, float)
     if len(joints) != len(velocities):
-        raise AdaptorFailed(f"{len(joints)} joints and {len(velocities)} velocities of joints don't belong together")
+        raise AdaptorFailed(f"the command has {len(joints)} joints, but {len(velocities)} joint velocities")
     if not np.isfinite([*velocity, struct.validFor, *joints, *velocities]).all():
-        raise AdaptorFailed("a command has a part that is no number")
+        raise AdaptorFailed("the command has a value that is not a finite number")
     return ActorCommand(velocity, joints, velocities, struct.validFor)
 
 

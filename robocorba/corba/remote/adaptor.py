@@ -1,4 +1,4 @@
-"""A robot adaptor that lives in another process, perhaps in another language."""
+"""Client of a robot adaptor in another process, possibly in another language."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.names import ADAPTORS
 from robocorba.stubs import RoboCorba
 
+#: Timeouts [s] for resolving the adaptor, for its `start`, and for its other calls.
 FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3
 Answer = TypeVar("Answer")
 
 
 def adaptor(surroundings: Surroundings) -> RobotAdaptor:
-    """The entry point `corba`."""
+    """The entry point `corba` of the adaptors."""
     return RemoteAdaptor(surroundings.orb, surroundings.name)
 
 
 class RemoteAdaptor(RobotAdaptor):
-    """A RoboCorba::RobotAdaptor. Of argv it takes `--uri URI`, by default that bound as RoboCorba/Adaptors/NAME; the
-    rest goes to the other process."""
+    """A RoboCorba::RobotAdaptor: that of `--uri URI` in argv, by default that bound as RoboCorba/Adaptors/NAME. The
+    other arguments are passed to its `start`."""
 
     def __init__(self, orb: Orb, robot_name: str) -> None:
         self._orb, self._name = orb, robot_name

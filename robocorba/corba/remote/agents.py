@@ -1,4 +1,4 @@
-"""Robot agents, called from other processes: what operators and leaders use."""
+"""Client of robot agents, for operators and leaders."""
 
 from __future__ import annotations
 
@@ -17,34 +17,36 @@ from robocorba.errors.services import NotReachable
 from robocorba.names import ROBOTS
 from robocorba.stubs import RoboCorba
 
-#: Of a call; to take another robot over takes longer, s.
-CALL_LIMIT_S, SWITCH_LIMIT_S = 3.0, 40.0
+#: Timeout of a call [s].
+CALL_LIMIT_S = 3.0
+#: Timeout of calls that check a program or start an adaptor [s].
+SLOW_CALL_LIMIT_S = 40.0
 Answer = TypeVar("Answer")
 
 
 class RemoteAgent:
-    """The agent of the robot called `name`. Raises NotReachable where it is not there within `timeout_s`; every call
-    where it does not answer."""
+    """The agent of the robot called `name`. Raises NotReachable if it is not found within `timeout_s`, and in every
+    call that it does not answer."""
 
     def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
         self.name = name
         self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_LIMIT_S)
-        self._patient = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent)
-        limit_calls(self._patient, SWITCH_LIMIT_S)
+        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent)
+        limit_calls(self._slow_agent, SLOW_CALL_LIMIT_S)
 
     def state(self) -> AgentState:
         return robot.agent_state_of(self._call(self._agent._get_state))
 
     def load(self, json: str) -> None:
         """Raises InvalidProgram, IllegalOrder."""
-        self._call(lambda: self._patient.loadProgram(json))
+        self._call(lambda: self._slow_agent.loadProgram(json))
 
     def run(self, is_stepping: bool = False) -> None:
         """Raises IllegalOrder."""
         self._call(lambda: self._agent.run(is_stepping))
 
     def begun(self, first: int) -> list[Begun]:
-        """Icons that have begun, from a number on."""
+        """Icons that have begun, from number `first`."""
         return [robot.begun_of(struct) for struct in self._call(lambda: self._agent.iconsFrom(first))]
 
     def pause(self) -> None:
@@ -63,19 +65,19 @@ class RemoteAgent:
         self._call(self._agent.abort)
 
     def stop(self) -> None:
-        """Emergency."""
+        """Emergency stop."""
         self._call(self._agent.stop)
 
     def reset_stop(self) -> None:
         """Raises IllegalOrder, AdaptorFailed."""
-        self._call(self._patient.resetStop)
+        self._call(self._slow_agent.resetStop)
 
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
         """Raises UnknownAdaptor, IllegalOrder, AdaptorFailed."""
-        self._call(lambda: self._patient.switchAdaptor(adaptor, list(argv)))
+        self._call(lambda: self._slow_agent.switchAdaptor(adaptor, list(argv)))
 
     def cap_speed(self, speed: float) -> None:
-        """m/s. Raises InvalidChoice."""
+        """Limit the base's speed [m/s]. Raises InvalidChoice."""
         self._call(lambda: self._agent.setSpeedCap(speed))
 
     def _call(self, call: Callable[[], Answer]) -> Answer:

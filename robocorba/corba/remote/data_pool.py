@@ -1,4 +1,4 @@
-"""A robot's own data pool, which follows the running system, and the data pools of other robots."""
+"""Follows the running system into a robot's own data pool; client of other robots' data pools."""
 
 from __future__ import annotations
 
@@ -23,24 +23,26 @@ from robocorba.repeating import Repeating
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.stubs import RoboCorba
 
-#: The floor is followed, and the map is asked for edits, so often, s.
-FOLLOW_S, MAP_CHECK_S = 0.033, 0.25
-#: A server that was away is looked for so long by each call, s; while it is away, calls are not more often than that.
+#: Interval between requests for the floor's changes [s].
+FOLLOW_S = 0.033
+#: Interval between requests for the map's version [s].
+MAP_CHECK_S = 0.25
+#: Timeout of each call for resolving a server that is away [s]. It also limits the call rate while the server is away.
 FIND_S = 0.2
-#: What can stand in the way on a floor, by the name of its collection in the geometrical map.
-_PLAN = {"walls": ElementKind.WALL, "objects": ElementKind.OBJECT, "doors": ElementKind.DOOR}
-_OF_ALL_FLOORS = (ElementKind.FLOOR, ElementKind.ELEVATOR)
+#: Kinds of obstacles on a floor, by the names of their collections in the geometrical map.
+_BLOCKING_KINDS = {"walls": ElementKind.WALL, "objects": ElementKind.OBJECT, "doors": ElementKind.DOOR}
+_KINDS_OF_ALL_FLOORS = (ElementKind.FLOOR, ElementKind.ELEVATOR)
 
 
 class PoolFollower:
-    """Keeps `pool` up to date from the running system, from `start` to `close`; servers may come and go meanwhile.
+    """Keeps `pool` up to date with the running system from `start` to `close`; servers may restart meanwhile.
 
-    oneself: the robot's name in the simulation. Let the pool go to another floor by its own `go_to`."""
+    own_name: the robot's name in the simulation. Change floors with `pool.go_to`."""
 
-    def __init__(self, orb: Orb, floor: str, oneself: str = "", every_s: float = FOLLOW_S) -> None:
-        self.pool = DataPool(RemoteDatabase(orb, FIND_S), RemoteFloorMap(orb).of, floor, oneself)
+    def __init__(self, orb: Orb, floor: str, own_name: str = "", interval_s: float = FOLLOW_S) -> None:
+        self.pool = DataPool(RemoteDatabase(orb, FIND_S), RemoteFloorMap(orb).of, floor, own_name)
         self._tasks = [
-            Repeating("data pool", self.pool.follow, every_s),
+            Repeating("data pool", self.pool.follow, interval_s),
             Repeating("data pool's map", self._follow_map, MAP_CHECK_S),
         ]
 
@@ -54,12 +56,12 @@ class PoolFollower:
             task.close()
 
     def _follow_map(self) -> None:
-        with contextlib.suppress(NotReachable, UnknownFloor):  # a floor that is gone has nothing to follow
+        with contextlib.suppress(NotReachable, UnknownFloor):  # a deleted floor has no map
             self.pool.follow_map()
 
 
-class _Known(NamedTuple):
-    """The floor that was asked for last, the version of the map, and what it says of the floor."""
+class _CachedFloor(NamedTuple):
+    """The floor that was requested last, with the map's version and content for it."""
 
     floor: str
     version: int
@@ -67,22 +69,22 @@ class _Known(NamedTuple):
 
 
 class RemoteFloorMap:
-    """The map of one floor at a time, as the map editor has it. That is found when it is first needed, and again where
-    it was away. Any thread may ask."""
+    """The map editor's map of one floor at a time. Resolves the map editor at the first call, and after each failure.
+    Thread-safe."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
         self._found: Any = None
-        self._known: _Known | None = None
+        self._known: _CachedFloor | None = None
 
     def of(self, floor: str) -> Building:
-        """A building of this floor with all that can stand in the way there, and of all elevators.
+        """A building of this floor with all its obstacles, and of all elevators.
 
         Raises UnknownFloor, NotReachable."""
         known = self._known
         try:
             editor = self._find()
-            version = editor._get_currentVersion()  # what is edited from now on is there the next time
+            version = editor._get_currentVersion()  # the next call sees edits from here on
             if known is None or known.floor != floor or (known.version != version and _has_changed(editor, known)):
                 building = _load(editor, floor)
             else:
@@ -90,7 +92,7 @@ class RemoteFloorMap:
         except CORBA.SystemException as wrong:
             self._found = None
             raise NotReachable(f"the map editor does not answer ({describe(wrong)})") from None
-        self._known = _Known(floor, version, building)
+        self._known = _CachedFloor(floor, version, building)
         return building
 
     def _find(self) -> Any:
@@ -104,9 +106,9 @@ def _load(editor: Any, floor: str) -> Building:
     storeys = _elements(editor, ElementKind.FLOOR, "")
     if floor not in storeys:
         raise UnknownFloor("floor", floor, list(storeys))
-    plan = GeometricalMap(**{collection: _elements(editor, kind, floor) for collection, kind in _PLAN.items()})
+    obstacles = {collection: _elements(editor, kind, floor) for collection, kind in _BLOCKING_KINDS.items()}
     elevators = _elements(editor, ElementKind.ELEVATOR, "")
-    return Building("", {floor: FloorMap(storeys[floor], plan)}, elevators)
+    return Building("", {floor: FloorMap(storeys[floor], GeometricalMap(**obstacles))}, elevators)
 
 
 def _elements(editor: Any, kind: ElementKind, floor: str) -> dict[str, Any]:
@@ -114,18 +116,19 @@ def _elements(editor: Any, kind: ElementKind, floor: str) -> dict[str, Any]:
     return {element.name: element for element in (maps.element_of(record.value) for record in records)}
 
 
-def _has_changed(editor: Any, known: _Known) -> bool:
-    """Whether an edit since then may concern the floor; those of other floors are left where they are."""
+def _has_changed(editor: Any, known: _CachedFloor) -> bool:
+    """Whether an edit since the cached version may concern the floor; edits of other floors do not."""
     try:
         changes = editor.changesSince(known.version)
     except RoboCorba.VersionUnavailable:
         return True
     kinds = [(KIND_OF[type(maps.element_of(change.value))], change.onFloor) for change in changes]
-    return any(kind in _OF_ALL_FLOORS or (kind in _PLAN.values() and floor == known.floor) for kind, floor in kinds)
+    blocking = _BLOCKING_KINDS.values()
+    return any(kind in _KINDS_OF_ALL_FLOORS or (kind in blocking and floor == known.floor) for kind, floor in kinds)
 
 
 class RemotePool:
-    """The data pool of another robot, a RoboCorba::DataPool. Raises NotReachable where its robot does not answer."""
+    """Client of another robot's data pool, a RoboCorba::DataPool. Raises NotReachable if the robot does not answer."""
 
     def __init__(self, reference: Any) -> None:
         self._pool = reference
@@ -133,7 +136,7 @@ class RemotePool:
 
     @classmethod
     def of_robot(cls, orb: Orb, robot: str, timeout_s: float = 10.0) -> RemotePool:
-        """That of a robot by its name, which is waited for so long. Raises NotReachable."""
+        """The data pool of the robot of this name; waits up to `timeout_s` for the robot. Raises NotReachable."""
         agent = orb.resolve(f"{ROBOTS}/{robot}", RoboCorba.RobotAgent, timeout_s, CALL_LIMIT_S)
         reference = _answer(agent._get_pool)
         if reference is None:
@@ -142,12 +145,12 @@ class RemotePool:
 
     @property
     def floor(self) -> str:
-        """Where its robot is."""
+        """The floor that its robot is on."""
         return str(_answer(self._pool._get_floorName))
 
     @property
     def lag_s(self) -> float:
-        """How old is what it knows."""
+        """The greatest age of its content [s]."""
         return float(_answer(self._pool._get_lag))
 
     def content(self) -> FloorUpdate:
@@ -159,7 +162,7 @@ class RemotePool:
         return plans.plan_of(_answer(self._pool.plan, name))
 
     def plans(self) -> list[Plan]:
-        """All that its robot leads, by name."""
+        """Plans of all missions that its robot leads, sorted by name."""
         return [plans.plan_of(record) for record in _answer(self._pool.plans)]
 
 

@@ -1,4 +1,4 @@
-"""A robot's session at the simulation server, called from the robot's own process."""
+"""Client of a robot's session at the simulation server, for the robot's own process."""
 
 from __future__ import annotations
 
@@ -28,23 +28,27 @@ from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
 
-#: Of what is called with every tick, and of what the server keeps on disk before it answers, s. A robot stands long
-#: before a call of a tick is given up: its last command has ended.
-CALL_LIMIT_S, CHANGE_LIMIT_S = 1.0, 3.0
+#: Timeout of calls in the control loop [s]. The robot stops long before it, when its last command expires.
+CALL_LIMIT_S = 1.0
+#: Timeout of calls that the server stores on disk before it answers [s].
+CHANGE_LIMIT_S = 3.0
+#: Timeout for resolving the simulation server [s].
 FIND_LIMIT_S = 5.0
-#: A robot that was lost is put so far from where it was where it does not fit there any more, m.
+#: Distances [m] and number of directions from its last pose at which a lost robot is logged on again if that pose is
+#: occupied.
 ASIDE_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
 Answer = TypeVar("Answer")
 
 
 class RemoteSession:
-    """A BuildingSession of the robot that `about` describes; `log_on` comes first."""
+    """The BuildingSession of the robot that `about` describes; call `log_on` first."""
 
     def __init__(self, orb: Orb, about: Description) -> None:
         self._orb, self.about = orb, about
         self._lock = threading.Lock()
+        #: References to the session with CALL_LIMIT_S and with CHANGE_LIMIT_S, and to its assigned sensor server.
         self._session: Any = None
-        self._slow: Any = None
+        self._slow_session: Any = None
         self._sensor: Any = None
         self._latest: SessionState | None = None
 
@@ -57,7 +61,7 @@ class RemoteSession:
     def log_on(self, at: Pose | None = None) -> None:
         """Raises RobotLost, SimulationError, UnknownFloor."""
         with self._lock:
-            if self._session is not None and self._is_known():
+            if self._session is not None and self._is_alive():
                 return
             if at is None and self._latest:
                 self._register_near(self._latest.at)
@@ -67,7 +71,7 @@ class RemoteSession:
     def log_off(self) -> None:
         with self._lock, contextlib.suppress(RobotLost, CORBA.Exception):
             if self._session is not None:
-                self._slow.deregister()
+                self._slow_session.deregister()
         self._session = None
 
     def state(self) -> SessionState:
@@ -75,7 +79,7 @@ class RemoteSession:
         return found
 
     def heartbeat(self) -> None:
-        self._call(lambda: self._slow.heartbeat())
+        self._call(lambda: self._slow_session.heartbeat())
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
         self._call(lambda: self._session.command(RoboCorba.Velocity(*velocity), valid_s))
@@ -88,36 +92,36 @@ class RemoteSession:
         return np.array(seen.distances)
 
     def grip(self, what: str, x: float, y: float) -> None:
-        self._call(lambda: self._slow.grip(what, RoboCorba.XY(x, y)))
+        self._call(lambda: self._slow_session.grip(what, RoboCorba.XY(x, y)))
 
     def release(self) -> None:
-        self._call(lambda: self._slow.release())
+        self._call(lambda: self._slow_session.release())
 
     def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
         if party:
-            self._call(lambda: self._slow.callElevatorTogether(elevator, destination, party, size))
+            self._call(lambda: self._slow_session.callElevatorTogether(elevator, destination, party, size))
         else:
-            self._call(lambda: self._slow.callElevator(elevator, destination))
+            self._call(lambda: self._slow_session.callElevator(elevator, destination))
 
     def give_up_elevator(self) -> None:
-        self._call(lambda: self._slow.giveUpElevator())
+        self._call(lambda: self._slow_session.giveUpElevator())
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._call(lambda: self._slow.reserveAreas(simulation.areas(areas), limit_s))
+        self._call(lambda: self._slow_session.reserveAreas(simulation.areas(areas), limit_s))
 
     def reservation(self) -> Reservation | None:
         return simulation.reservation_of(self._call(lambda: self._session.reservation()))
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        self._call(lambda: self._slow.keepAreas(simulation.areas(areas)))
+        self._call(lambda: self._slow_session.keepAreas(simulation.areas(areas)))
 
     def release_areas(self) -> None:
-        self._call(lambda: self._slow.releaseAreas())
+        self._call(lambda: self._slow_session.releaseAreas())
 
-    # ---- inside ----
+    # ---- implementation ----
 
-    def _is_known(self) -> bool:
-        """Whether the server knows the session still; a server that was started again does, within the lease."""
+    def _is_alive(self) -> bool:
+        """Whether the session still exists at the server, which restores sessions when it restarts within the lease."""
         try:
             self._session.heartbeat()
         except CORBA.OBJECT_NOT_EXIST:
@@ -127,7 +131,7 @@ class RemoteSession:
         return True
 
     def _register_near(self, place: Pose) -> None:
-        """Where it was before it was lost; just beside it where somebody else has come so near meanwhile."""
+        """Register at the pose before the loss, or just beside it if the place is taken meanwhile."""
         for aside_m in ASIDE_M:
             for turn in range(DIRECTIONS if aside_m else 1):
                 x = place.x + aside_m * math.cos(math.tau * turn / DIRECTIONS)
@@ -142,11 +146,11 @@ class RemoteSession:
             server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, FIND_LIMIT_S, CHANGE_LIMIT_S)
             found = server.registerRobot(simulation.description(about))
             uri = self._orb.uri(found)
-            self._session, self._slow = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
+            self._session, self._slow_session = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
             limit_calls(self._session, CALL_LIMIT_S)
-            limit_calls(self._slow, CHANGE_LIMIT_S)
-            self._sensor = self._slow._get_sensor()
-            limit_calls(self._sensor, CHANGE_LIMIT_S)  # the first call may have to wait for a sensor process
+            limit_calls(self._slow_session, CHANGE_LIMIT_S)
+            self._sensor = self._slow_session._get_sensor()
+            limit_calls(self._sensor, CHANGE_LIMIT_S)  # the first call may wait for the sensor server
         except NotReachable as wrong:
             raise RobotLost(str(wrong)) from None
         except CORBA.UserException as wrong:

@@ -1,6 +1,5 @@
-"""The units of a SmartPal, as the hardware adaptor calls them: metres and radians here, millimetres and degrees there.
-
-Nowhere else are units converted on the client's side."""
+"""Client of a SmartPal's units for the hardware adaptor. It converts between metres and radians, which RoboCorba uses,
+and the robot's millimetres and degrees; no other client code converts units."""
 
 from __future__ import annotations
 
@@ -23,15 +22,15 @@ from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 
-#: How long a call takes at most, s.
+#: Timeout of a call [s].
 CALL_LIMIT_S = 0.3
-#: A call that ends later than its limit by this much, s, was late because this process stood still, not the unit.
+#: A call that exceeds its timeout by this time [s] was late because this process was paused, not because of the unit.
 _PAUSED_S = 0.05
-#: Alarms that are asked for.
-_MOST_ALARMS = 4
+#: Most alarms that are requested.
+_MAX_ALARMS = 4
 _MM = 1000.0
 
-#: Where a unit is bound in the root of the robot's naming service, by the name that we call it.
+#: By our name of a unit: its name in the root context of the robot's naming service, and its interface.
 _BOUND = {
     "Mobility": ("Mobility.Unit", YeRTUnitMobility.mobility),
     "MnpR": ("MnpR", _GlobalIDL.ArmUnit),
@@ -43,13 +42,14 @@ _BOUND = {
 _ARMS = {Side.LEFT: "MnpL", Side.RIGHT: "MnpR"}
 _GRIPPERS = {Side.LEFT: "GripperL", Side.RIGHT: "GripperR"}
 
-#: States in which a unit does what it is told.
+#: States in which a unit accepts commands.
 _MOBILITY_WORKS = {0x10: "Ready", 0x11: "Busy", 0x1A: "Caution"}
 _AXES_WORK = {0x12: "Ready", 0x13: "Busy", 0x16: "Jog busy", 0x17: "Direct busy", 0x1A: "Caution"}
-_MOBILITY_STANDS, _AXES_STAND = (0x10, 0x1A), (0x12, 0x1A)
+#: States in which a unit is stopped and accepts commands.
+_MOBILITY_STOPPED, _AXES_STOPPED = (0x10, 0x1A), (0x12, 0x1A)
 _MOBILITY_LOCKED = 0x17
 _WARNINGS = (-100, -101)
-#: What an arm's return code says.
+#: Meanings of an arm's return codes.
 _REASONS = {
     -1: "it failed",
     -2: "not in this state",
@@ -65,11 +65,11 @@ _REFUSED = -1
 
 
 class RemoteSmartPalUnits:
-    """The SmartPalUnits of the robot whose naming service listens at `naming`. Raises AdaptorFailed where a unit is not
-    to be found.
+    """The SmartPalUnits of the robot whose naming service listens at `naming`. Raises AdaptorFailed if a unit can't be
+    resolved.
 
-    Of every method: UnitFailed where a unit refuses, with its return or state code; AdaptorFailed where nobody answers
-    within CALL_LIMIT_S. Any thread may call."""
+    Every method raises UnitFailed with the return or state code if a unit refuses, and AdaptorFailed if it does not
+    answer within CALL_LIMIT_S. Thread-safe."""
 
     def __init__(self, orb: Orb, naming: Address) -> None:
         self._units: dict[str, Any] = {}
@@ -86,15 +86,16 @@ class RemoteSmartPalUnits:
     # ---- all units ----
 
     def is_ready(self, unit: str) -> bool:
-        """Whether it stands and waits for orders."""
+        """Whether the unit is stopped and accepts commands."""
         if unit == "Mobility":
-            return self._state(unit)[0] in _MOBILITY_STANDS
+            return self._state(unit)[0] in _MOBILITY_STOPPED
         if unit in _GRIPPERS.values():
             return bool(self._call(unit, "isServoOn")) and not self._alarms(unit)
-        return self._state(unit)[0] in _AXES_STAND
+        return self._state(unit)[0] in _AXES_STOPPED
 
     def make_ready(self, unit: str) -> None:
-        """Clear its alarms, switch power and servo on. To refuse is no error yet: what it depends on may follow."""
+        """Clear the unit's alarms, switch its power and servo on. Refusals are ignored, since a unit may depend on one
+        that is made ready later."""
         if unit == "Mobility":
             if self._state(unit)[0] == _MOBILITY_LOCKED:
                 self._call(unit, "unlock")
@@ -107,14 +108,14 @@ class RemoteSmartPalUnits:
             self._call(unit, *step)
 
     def check(self, unit: str) -> None:
-        """Raise UnitFailed unless it does what it is told."""
+        """Raise UnitFailed unless the unit accepts commands."""
         if unit in _GRIPPERS.values():
             if not self._call(unit, "isServoOn"):
                 self._refuse(unit, _REFUSED, "its servo is off")
             return
-        state, words = self._state(unit)
+        state, text = self._state(unit)
         if state not in (_MOBILITY_WORKS if unit == "Mobility" else _AXES_WORK):
-            self._refuse(unit, state, words)
+            self._refuse(unit, state, text)
 
     def stop(self, unit: str) -> None:
         self._order(unit, "stop")
@@ -122,82 +123,82 @@ class RemoteSmartPalUnits:
     # ---- the base ----
 
     def place(self) -> tuple[float, float, float]:
-        """x, y in m, heading in rad."""
+        """x, y [m] and heading [rad] by odometry."""
         done, x, y, theta = self._call("Mobility", "getPosition")
         if not done:
-            self._refuse("Mobility", _REFUSED, "it does not say where it is")
+            self._refuse("Mobility", _REFUSED, "it does not report its position")
         return x / _MM, y / _MM, math.radians(theta)
 
     def set_place(self, x: float, y: float, heading: float) -> None:
-        """What it calls the place where it stands from now on."""
+        """Set the odometry to x, y [m] and heading [rad]."""
         self._order("Mobility", "setPosition", x * _MM, y * _MM, math.degrees(heading))
 
     def set_base_limits(self, speed: float, turn: float, acceleration: float, turn_acceleration: float) -> None:
-        """m/s, rad/s, m/s^2, rad/s^2."""
+        """[m/s], [rad/s], [m/s^2], [rad/s^2]."""
         self._order("Mobility", "setVelocity", speed * _MM, math.degrees(turn))
         self._order("Mobility", "setAcceleration", acceleration * _MM, math.degrees(turn_acceleration))
 
     def jog_base(self, ahead: float, left: float, turn: float) -> None:
-        """m/s, rad/s in its own frame."""
+        """ahead and left [m/s], turn [rad/s], in the base's frame."""
         self._order("Mobility", "moveJog", ahead * _MM, left * _MM, math.degrees(turn))
 
     # ---- the arms ----
 
     def set_jog_timeout(self, timeout_s: float) -> None:
-        """How long a jog of base or arms holds."""
+        """Timeout of the base's and the arms' jogs."""
         for unit in ("Mobility", *_ARMS.values()):
             self._order(unit, "setJogTimeout", round(timeout_s * 1000))
 
     def set_arm_acceleration(self, time_s: float) -> None:
-        """From standstill to the fastest."""
+        """Time from standstill to full speed."""
         for unit in _ARMS.values():
             self._order(unit, "setJointAcceleration", round(time_s * 1000))
 
     def arm(self, side: Side) -> Floats:
-        """(7,), rad."""
+        """Joint angles (7,) [rad]."""
         code, joints = self._call(_ARMS[side], "getFeedbackPos", _GlobalIDL.JOINT)
         if code != 0:
             self._refuse(_ARMS[side], code, _REASONS.get(code, ""))
         return np.radians(joints)
 
     def jog_arm(self, side: Side, velocities: Floats) -> None:
-        """(7,), rad/s."""
+        """Joint velocities (7,) [rad/s]."""
         self._order(_ARMS[side], "moveJogJoint", np.degrees(velocities).tolist())
 
     # ---- lumbar and grippers ----
 
     def lumbar(self) -> Floats:
-        """(2,), rad."""
+        """Joint angles (2,) [rad]."""
         done, lower, upper = self._call("Lumbar", "getFeedback")
         if not done:
-            self._refuse("Lumbar", _REFUSED, "it does not say where it is")
+            self._refuse("Lumbar", _REFUSED, "it does not report its position")
         return np.radians([lower, upper])
 
     def move_lumbar(self, lower: float, upper: float, speed: float, acceleration: float) -> None:
-        """rad, rad/s, rad/s^2."""
+        """[rad], [rad/s], [rad/s^2]."""
         self._order("Lumbar", "move", *map(math.degrees, (lower, upper, speed, acceleration)))
 
     def grip(self, side: Side) -> float:
-        """rad; minus is open."""
+        """Angle [rad]; open is negative."""
         done, position = self._call(_GRIPPERS[side], "getFeedback")
         if not done:
-            self._refuse(_GRIPPERS[side], _REFUSED, "it does not say where it is")
+            self._refuse(_GRIPPERS[side], _REFUSED, "it does not report its position")
         return math.radians(position)
 
     def move_grip(self, side: Side, position: float, speed: float, acceleration: float) -> None:
-        """rad, rad/s, rad/s^2."""
+        """[rad], [rad/s], [rad/s^2]."""
         self._order(_GRIPPERS[side], "move", *map(math.degrees, (position, speed, acceleration)))
 
     # ---- calls ----
 
     def _call(self, unit: str, operation: str, *arguments: Any) -> Any:
-        """Called a second time where this process was paused during the first call: its time ran out then although
-        the unit may well have answered. Every operation sets or reads values, so a repeated call changes nothing."""
-        begun = time.monotonic()
+        """Repeat a call that timed out because this process was paused: the unit may have answered. Every operation
+        reads or sets values, so the repetition is harmless."""
+        began = time.monotonic()
         try:
             return self._call_once(unit, operation, *arguments)
         except AdaptorFailed:
-            if time.monotonic() - begun < CALL_LIMIT_S + _PAUSED_S:
+            if time.monotonic() - began < CALL_LIMIT_S + _PAUSED_S:
                 raise
             return self._call_once(unit, operation, *arguments)
 
@@ -213,23 +214,23 @@ class RemoteSmartPalUnits:
             if not answer:
                 self._refuse(unit, _REFUSED, f"it refuses {operation}")
         elif answer != 0 and answer not in _WARNINGS:
-            self._refuse(unit, answer, f"it refuses {operation}: {_REASONS.get(answer, 'for no reason that we know')}")
+            self._refuse(unit, answer, f"it refuses {operation}: {_REASONS.get(answer, 'unknown return code')}")
 
     def _state(self, unit: str) -> tuple[int, str]:
-        _, state, words = self._call(unit, "getState")
-        return state, words
+        _, state, text = self._call(unit, "getState")
+        return state, text
 
     def _alarms(self, unit: str) -> list[Any]:
         return [
-            alarm for alarm in self._call(unit, "getActiveAlarm", _MOST_ALARMS)[2] if alarm.type != _GlobalIDL.WARNING
+            alarm for alarm in self._call(unit, "getActiveAlarm", _MAX_ALARMS)[2] if alarm.type != _GlobalIDL.WARNING
         ]
 
     def _refuse(self, unit: str, code: int, reason: str) -> NoReturn:
-        """Why a unit refuses: what its alarms say, else what its state says."""
+        """Raise UnitFailed with the unit's alarms, or else with its state."""
         alarms = self._alarms(unit)
         if alarms:
-            said = ", ".join(f"alarm {alarm.code:#x} {alarm.description}" for alarm in alarms)
-            raise UnitFailed(unit, code, f"{reason}; {said}")
+            listed = ", ".join(f"alarm {alarm.code:#x} {alarm.description}" for alarm in alarms)
+            raise UnitFailed(unit, code, f"{reason}; {listed}")
         if unit not in _GRIPPERS.values():
             reason = f"{reason}; it is {self._state(unit)[1]}"
         raise UnitFailed(unit, code, reason)
@@ -238,13 +239,14 @@ class RemoteSmartPalUnits:
 def adaptor(surroundings: Surroundings) -> SmartPalAdaptor:
     """The entry point `smartpal` of the adaptors."""
 
-    def where() -> Place:
+    def body_place() -> Place:
         at = surroundings.session.latest.at
         return at.x, at.y, at.heading
 
-    return SmartPalAdaptor(units_at(surroundings.orb), where)
+    return SmartPalAdaptor(units_at(surroundings.orb), body_place)
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:
-    """What finds the units of the robot whose naming service listens at HOST:PORT. Raises InvalidSetting."""
+    """A function that resolves the units of the robot whose naming service listens at HOST:PORT; it raises
+    InvalidSetting."""
     return lambda naming: RemoteSmartPalUnits(orb, Address.parse(naming, "--naming"))

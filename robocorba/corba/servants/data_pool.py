@@ -13,7 +13,7 @@ from robocorba.stubs import RoboCorba__POA
 
 
 class DataPoolServant(RoboCorba__POA.DataPool):
-    """RoboCorba::DataPool; others read, and change nothing."""
+    """RoboCorba::DataPool, read-only."""
 
     def __init__(self, pool: DataPool, plans: Plans) -> None:
         self._pool, self._plans = pool, plans

@@ -1,4 +1,4 @@
-"""Servants of a robot process: its agent, and a Python adaptor that another process uses."""
+"""Servants of a robot process: its agent, and a Python adaptor for another process."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
 
 
 class RobotAdaptorServant(RoboCorba__POA.RobotAdaptor):
-    """RoboCorba::RobotAdaptor in front of one that is written in Python."""
+    """RoboCorba::RobotAdaptor for an adaptor written in Python."""
 
     def __init__(self, adaptor: RobotAdaptor) -> None:
         self._adaptor = adaptor

@@ -1,0 +1,257 @@
+"""Movements of a robot's base: driving along paths, giving way to other robots, riding elevators."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import random
+from collections.abc import Callable, Sequence
+from itertools import product
+
+from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
+from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
+from robocorba.collision_avoidance.stepping_aside import place_aside
+from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
+from robocorba.control.movements import Movements
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import PathError
+from robocorba.errors.robots import MotionFailed, RobotLost
+from robocorba.errors.services import NotReachable
+from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
+from robocorba.motion.motion import Motion
+from robocorba.motion.robot_state import Velocity
+from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
+from robocorba.programs.base_checks import Planner
+from robocorba.simulation.elevator import Phase
+from robocorba.spatial.pose import XY
+
+#: Distance from the middle of a cabin at which a robot calls the elevator [m]; this is outside the doors.
+ELEVATOR_CALL_DISTANCE_M = 2.0
+#: Timeout of waiting for an elevator [s, robot's clock].
+ELEVATOR_LIMIT_S = 300.0
+#: A robot that touches an obstacle plans with a radius that is smaller by this [m], so that it can leave.
+CONTACT_M = 0.02
+#: Clearances that are tried for a path [m], widest first, because the base cuts corners.
+PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
+#: Greatest length of a path with clearance: this factor of the shortest path plus this distance [m].
+DETOUR_FACTOR, DETOUR_M = 1.05, 0.5
+#: Speed of stepping aside [m/s].
+STEP_ASIDE_M_S = 0.2
+#: Random pause after stepping aside [s], from and to.
+PAUSES_S = (0.2, 0.8)
+#: Interval between searches for a path around the blocking robot [s].
+REPLAN_INTERVAL_S = 0.5
+#: Time after which a blocked robot takes the path of the map, without such a path [s].
+LONGEST_PAUSE_S = 10.0
+#: A drive fails when it is blocked more often than this.
+MAX_BLOCKAGES = 8
+
+_log = logging.getLogger(__name__)
+
+
+class BaseMovements(Movements):
+    """Mixin of Robot, which sets the attributes. Without `_nearby` the base does not give way to other robots."""
+
+    _planner: Planner
+    _nearby: Nearby | None
+
+    # ---- along paths ----
+
+    def drive_path(
+        self,
+        floor: str,
+        x: float,
+        y: float,
+        heading: float | None = None,
+        speed: float = 0.0,
+        looks_around: bool = False,
+    ) -> None:
+        """Drive to a point (x, y) [m] in the building, across floors.
+
+        The path avoids temporary obstacles once the robot was blocked; with `looks_around`, from the start. speed:
+        limit [m/s], 0 for the controller's. Also raises PathError, InvalidRide, ElevatorFull."""
+        goal, limit = Place(floor, x, y), self._speed(speed)
+        points = (self._path_around(goal, limit) if looks_around else None) or self._path_past_objects(goal, limit)
+        for _ in range(MAX_BLOCKAGES):
+            try:
+                self._drive_along(points, heading, limit)
+                return
+            except Blocked as blocked:
+                if not self._nearby or not blocked.other:
+                    raise
+                _log.info("%s", blocked)
+                self._step_aside(self._nearby, blocked.other)
+                points = self._path_after_blockage(blocked.other, goal, limit)
+        self._drive_along(points, heading, limit)
+
+    def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
+        """By the map, with movable objects at their present poses: along the roadmap, or through free space where an
+        object blocks the roadmap. Also from a place where the robot touches an obstacle."""
+        request = self._request(goal, speed)
+        if self._nearby:
+            objects = self._nearby.movable_objects(self.session.latest.holding)
+            request = request._replace(**objects._asdict())
+        first: PathError | None = None
+        for radius, mode in product((RADIUS_M, RADIUS_M - CONTACT_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
+            try:
+                found = self._planner.paths(request._replace(radius=radius, mode=mode))[0]
+            except PathError as error:
+                first = first or error
+            else:
+                return self._with_clearance(request._replace(mode=mode), found).points
+        assert first
+        raise first
+
+    def _with_clearance(self, request: PathRequest, found: Path) -> Path:
+        """The path with the widest clearance that is hardly longer than `found`."""
+        for clearance_m in PATH_CLEARANCES_M[:-1]:
+            with contextlib.suppress(PathError):
+                wider = self._planner.paths(request._replace(radius=RADIUS_M + clearance_m))[0]
+                if wider.distance <= DETOUR_FACTOR * found.distance + DETOUR_M:
+                    return wider
+        return found
+
+    def _path_around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
+        """Around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
+        here = self.session.latest
+        point = (goal.x, goal.y) if goal.floor == here.at.floor else None
+        known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else TemporaryObstacles()
+        if known == TemporaryObstacles():
+            return None
+        request = self._request(goal, speed)._replace(**known._asdict())
+        for clearance_m, mode in product(PATH_CLEARANCES_M, (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
+            with contextlib.suppress(PathError):
+                return self._planner.paths(request._replace(radius=RADIUS_M + clearance_m, mode=mode))[0].points
+        return None
+
+    def _request(self, goal: Place, speed: float) -> PathRequest:
+        here, state = self.session.latest.at, self.controller.state
+        return PathRequest(Place(here.floor, state.x, state.y), goal, radius=RADIUS_M, speed=speed)
+
+    def _step_aside(self, nearby: Nearby, other: OtherRobot) -> None:
+        """Step aside as far as possible so that another robot gets past, then pause."""
+        state = self.controller.state
+        with contextlib.suppress(MotionFailed, NotReachable):
+            if place := place_aside(nearby, (state.x, state.y), other):
+                self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE), nearby, avoid_walls=True))
+        self.wait(random.uniform(*PAUSES_S))
+
+    def _path_after_blockage(self, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
+        """A path around another robot as soon as there is one; after LONGEST_PAUSE_S the map's path."""
+        deadline = self.clock() + LONGEST_PAUSE_S
+        while self.clock() < deadline:
+            if points := self._path_around(goal, speed, other.name):
+                return points
+            self.wait(REPLAN_INTERVAL_S)
+        return self._path_past_objects(goal, speed)
+
+    def _drive_along(self, points: Sequence[PathPoint], heading: float | None, limit: float) -> None:
+        """Drive from point to point, and ride from floor to floor."""
+        state = self.controller.state
+        leg: list[tuple[float, float]] = []
+        speeds: list[float] = []
+        for before, point, after in zip([points[0], *points], points, [*points[1:], None], strict=False):
+            if point.kind is PointKind.ELEVATOR_ENTRY and after:
+                came_from = leg[-1] if leg else (state.x, state.y)
+                leg.append(_before(came_from, (point.x, point.y), ELEVATOR_CALL_DISTANCE_M))
+                self._drive(leg, None, limit, [*speeds, _speed_between(before, point)])
+                self._ride(point, after, _speed_between(before, point))
+                leg, speeds = [], []
+            elif point.kind is not PointKind.ELEVATOR_EXIT:
+                leg.append((point.x, point.y))
+                speeds.append(_speed_between(before, point))
+        self._drive(leg, heading, limit, speeds)
+
+    # ---- on this floor ----
+
+    def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
+        """Drive straight to a point (x, y) [m] on this floor."""
+        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), precise_positioning=True))
+
+    def drive_by(
+        self, ahead: float, left: float, turn: float, speed: float = 0.0, as_far_as_free: bool = False
+    ) -> None:
+        """Drive by an offset, ahead and left [m], turn [rad]. as_far_as_free: return where an obstacle blocks it."""
+        motion = DriveBy(ahead, left, turn, self._speed(speed), BASE)
+        try:
+            self.move(self._giving_way(motion, precise_positioning=True, avoid_walls=as_far_as_free))
+        except Blocked as blocked:
+            if not as_far_as_free:
+                raise
+            _log.info("%s", blocked)
+
+    def drive_at(self, velocity: Velocity, seconds: float) -> None:
+        """Drive at a velocity for some time, then stop."""
+        self.move(DriveAt(velocity, seconds))
+
+    def stop_base(self) -> None:
+        """Stop the base, and wait until it is stationary."""
+        self.move(StopBase())
+
+    def _drive(
+        self,
+        points: Sequence[tuple[float, float]],
+        heading: float | None,
+        speed: float,
+        speeds: Sequence[float] | None = None,
+    ) -> None:
+        self.move(self._giving_way(Drive(points, heading, speed, BASE, speeds), points[-1]))
+
+    def _giving_way(
+        self, motion: Motion, goal: XY | None = None, precise_positioning: bool = False, avoid_walls: bool = False
+    ) -> Motion:
+        return GiveWay(motion, self._nearby, goal, precise_positioning, avoid_walls) if self._nearby else motion
+
+    def _speed(self, limit: float) -> float:
+        cap = self.controller.speed_cap
+        return min(limit, cap) if limit else cap
+
+    # ---- elevators ----
+
+    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+        """Reserve a ride from this floor, and wait until the doors are open. party: name of a group of `size` robots
+        that ride together. Raises InvalidRide, ElevatorFull."""
+        self.session.call_elevator(elevator, destination, party, size)
+        self.session.state()  # the latest state now has the ride
+        self.wait_for_ride(Phase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
+
+    def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
+        try:
+            self.call_elevator(entry.elevator, exit.floor)
+            self._drive([(entry.x, entry.y)], None, speed)
+            self.wait_for_ride(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
+        except RoboCorbaError:
+            with contextlib.suppress(RobotLost):
+                self.session.give_up_elevator()
+            raise
+
+    def wait_for_ride(self, phase: Phase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
+        """Wait until the ride is in this phase. otherwise: text of the MotionFailed if it is not within
+        ELEVATOR_LIMIT_S. check: raises another error that ends the wait."""
+
+        def is_there() -> bool:
+            check()
+            ride = self.session.latest.ride
+            if ride is None:
+                raise MotionFailed(f"{otherwise}: the ride was lost")
+            return ride.phase is phase
+
+        if not self.wait(ELEVATOR_LIMIT_S, is_there):
+            raise MotionFailed(otherwise)
+
+
+def _speed_between(one: PathPoint, other: PathPoint) -> float:
+    """The path planning agent's speed between two points [m/s]; the map limits it."""
+    seconds = other.time - one.time
+    return (other.distance - one.distance) / seconds if seconds > 0.0 else math.inf
+
+
+def _before(start: tuple[float, float], goal: tuple[float, float], distance_m: float) -> tuple[float, float]:
+    """The point at this distance before the goal on the line from `start`; `start` if that is nearer."""
+    length = math.dist(start, goal)
+    if length <= distance_m:
+        return start
+    share = 1.0 - distance_m / length
+    return start[0] + share * (goal[0] - start[0]), start[1] + share * (goal[1] - start[1])

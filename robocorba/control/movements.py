@@ -1,0 +1,39 @@
+"""Running a robot's motions one after the other, interruptible from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from robocorba.control.execution_control import ExecutionControl
+from robocorba.control.high_controller import HighController
+from robocorba.control.session import BuildingSession
+from robocorba.motion.motion import Motion
+
+
+class Movements:
+    """Base class for the movements of a robot's parts. One thread at a time moves the robot; any may use `course`."""
+
+    def __init__(self, controller: HighController, session: BuildingSession) -> None:
+        self.controller, self.session = controller, session
+        self.course = ExecutionControl(controller.cancel, self._hold)
+
+    def move(self, motion: Motion) -> None:
+        """Run a motion to its end."""
+        self.course.check()
+        self.controller.move(motion)
+
+    def wait(self, seconds: float, is_met: Callable[[], bool] = lambda: False) -> bool:
+        """Wait for some time [s, robot's clock] or until a condition is met; returns whether it is."""
+
+        def check() -> bool:
+            self.controller.check()  # the clock of a robot that is stopped does not advance
+            return is_met()
+
+        return self.course.wait_for(check, seconds, self.clock)
+
+    def clock(self) -> float:
+        """The robot's time [s]."""
+        return self.controller.state.time
+
+    def _hold(self, is_held: bool) -> None:
+        self.controller.is_paused = is_held
