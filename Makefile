@@ -1,4 +1,4 @@
-# Each target makes what it needs, once: the virtual environment, the installed package, the stubs.
+# Each target first makes what is missing: the virtual environment, the installed package, the stubs.
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -8,15 +8,15 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .PHONY: demo test lint bench bench-events bench-simulation bench-robots stubs clean help
 
 help:
-	@echo "make demo    the paper's experiment: three robots carry a table; report.html with film and figures"
+	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
 	@echo "make test    run every test"
-	@echo "make lint    formatting, lint and types"
-	@echo "make bench   measure, print tables, write JSON and pictures to bench/results: the path planning agent"
-	@echo "make bench-events  the event service: the paper's Figure 13, and one channel beside other brokers"
-	@echo "make bench-simulation  the simulation: rays, pictures, robots, sensors, kills"
-	@echo "make bench-robots  robots: kinematics, control loop, stops, data pool, virtual and actual, missions"
-	@echo "make stubs   make the Python stubs from idl/ anew"
-	@echo "make clean   remove what make made"
+	@echo "make lint    check formatting, lint and types"
+	@echo "make bench   measure the path planner; tables on the terminal, JSON and pictures in bench/results"
+	@echo "make bench-events      measure the event service: the paper's Figure 13, and one channel against other brokers"
+	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
+	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, data pool, virtual and actual, missions"
+	@echo "make stubs   regenerate the Python stubs after a change in idl/"
+	@echo "make clean   remove everything that make has made"
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || \
@@ -52,7 +52,7 @@ lint: stubs
 bench: stubs
 	@$(BIN)/python -m bench planning
 
-# Peers whose clients can't be installed, or whose brokers are not there, are left out.
+# The benches skip brokers that are not installed.
 $(VENV)/.peers: $(VENV)/.installed
 	-@$(BIN)/python -m pip install --quiet --editable '.[dev,bench]'
 	@touch $@
