@@ -13,14 +13,14 @@ from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
 from robocorba.control.model_switcher import Surroundings
-from robocorba.control.realtime import be_prompt
+from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.data_pool import PoolFollower
 from robocorba.corba.remote.paths import RemotePlanner
-from robocorba.corba.remote.places import free_places
+from robocorba.corba.remote.places import path_node_positions
 from robocorba.corba.remote.session import RemoteSession
 from robocorba.corba.servants.data_pool import DataPoolServant
 from robocorba.corba.servants.robot import RobotAgentServant
@@ -60,7 +60,7 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
     if settings.at:
         session.log_on(settings.at)
         return
-    for place in free_places(orb, settings.floor):
+    for place in path_node_positions(orb, settings.floor):
         with contextlib.suppress(PlaceTaken):
             session.log_on(Pose(*place))
             return
@@ -70,7 +70,7 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = RobotSettings.read(arguments, __doc__ or "")
     logs.setup(f"robot_{settings.name}", settings.common.state / "logs")
-    be_prompt()
+    raise_process_priority()
     wanted = program.load(settings.program) if settings.program else None
     start = settings.at or Pose(settings.floor, 0.0, 0.0)
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:

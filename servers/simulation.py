@@ -26,7 +26,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.names import ADMINISTRATOR
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
-from robocorba.simulation.building import Happening
+from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.session import Session
@@ -86,7 +86,7 @@ class SimulationServer:
         self._orb.deactivate_key(f"sessions/{session.client.key}")
         self._orb.deactivate_key(_sensor_key(session))
 
-    def _publish(self, happening: Happening) -> None:
+    def _publish(self, happening: SimulationEvent) -> None:
         if self._announcer:
             self._announcer.happened(happening)
 

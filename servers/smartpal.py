@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Sequence
 
 from robocorba import logs
-from robocorba.control.realtime import be_prompt, be_punctual
+from robocorba.control.realtime import raise_process_priority, use_realtime_scheduling
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
 from robocorba.kinematics.smartpal import Side
@@ -17,10 +17,10 @@ from robocorba.smartpal.robot import RealTime, SmartPal
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SmartPalSettings.read(arguments, __doc__ or "")
     logs.setup("smartpal", settings.server.state / "logs")
-    be_prompt()
+    raise_process_priority()
     robot = SmartPal(settings.seed, settings.start)
     robot.warm_up()
-    be_punctual()  # threads started from here on inherit the priority; a robot's own computers do nothing else
+    use_realtime_scheduling()  # inherited by threads started later; a robot's own computers do nothing else
     faults = robot.faults
     with (
         Orb(settings.server.naming, settings.server.endpoint, context="", with_kinds=True) as orb,

@@ -21,7 +21,7 @@ def random_places(building: Building, radius_m: float, count: int, seed: int) ->
         floor = names[len(found) % len(names)]
         x0, y0, x1, y1 = boxes[floor]
         x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
-        if spaces[floor].stands_free(x, y, radius_m) and not _in_shaft(building, x, y):
+        if spaces[floor].point_is_free(x, y, radius_m) and not _in_shaft(building, x, y):
             found.append(Place(floor, x, y))
     return found
 

@@ -34,8 +34,8 @@ from robocorba.maps.samples import load_sample, sample_path
 from robocorba.planning.request import Place
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
-from robocorba.testing.actual_robot import robot_place
-from robocorba.testing.missions import FLOOR, MissionPlace, Start, Watch, missions
+from robocorba.testing.actual_robot import running_stand_in
+from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, tell
 
@@ -97,7 +97,7 @@ class Outcome(NamedTuple):
         }
 
 
-def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, float]) -> Outcome:
+def carry(place: MissionSystem, seed: int, way: str, to: tuple[float, float, float]) -> Outcome:
     """Run a mission and measure it through the simulation server."""
     before = place.collisions
     began = time.monotonic()
@@ -132,7 +132,7 @@ def carry(place: MissionPlace, seed: int, way: str, to: tuple[float, float, floa
     )
 
 
-def spread_out(place: MissionPlace, building: Building, seed: int) -> None:
+def spread_out(place: MissionSystem, building: Building, seed: int) -> None:
     """Drive the robots to free places away from the table."""
     table = place.body(TABLE)
     chosen: list[Place] = []
@@ -165,14 +165,14 @@ def another_load(is_wanted: bool, folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def stand_ins(place: MissionPlace, names: Sequence[str]) -> Iterator[dict[str, tuple[str, ...]]]:
+def stand_ins(place: MissionSystem, names: Sequence[str]) -> Iterator[dict[str, tuple[str, ...]]]:
     """A simulated actual robot for each name; yields their adaptors with arguments."""
     with contextlib.ExitStack() as stack:
         found = {}
         for seed, name in enumerate(names, 1):
             folder = place.folder / f"actual-{name}"
             folder.mkdir()
-            robot = stack.enter_context(robot_place(folder, "--seed", str(seed), orb=place.orb))
+            robot = stack.enter_context(running_stand_in(folder, "--seed", str(seed), orb=place.orb))
             found[name] = ("smartpal", "--naming", str(robot.naming))
         yield found
 

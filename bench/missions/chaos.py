@@ -34,7 +34,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.subplan import Carry
 from robocorba.stubs import RoboCorba
-from robocorba.testing.missions import FLOOR, MissionPlace, Start, missions, save_three_rooms
+from robocorba.testing.missions import FLOOR, MissionSystem, Start, missions, save_three_rooms
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import PROGRESS, at_most, quantile, tell
 
@@ -71,7 +71,7 @@ class Outcome(NamedTuple):
 class Chaos:
     """Successive missions in one system."""
 
-    def __init__(self, place: MissionPlace, seed: int) -> None:
+    def __init__(self, place: MissionSystem, seed: int) -> None:
         self.place, self._random = place, random.Random(seed)
         self._count = 0
         self._parked: Any = None
@@ -231,7 +231,7 @@ class Chaos:
             wrong.append(f"logged on: {self.place.names()}, expected: {names}")
         if held := self.place.holding():
             wrong.append(f"still held: {held}")
-        if not self.place.stands_still((*names, TABLE)):
+        if not self.place.is_stationary((*names, TABLE)):
             wrong.append("something moves")
         if not 0.4 < self.place.body(TABLE).x < 5.6:
             wrong.append(f"the table is at {self.place.body(TABLE)}")

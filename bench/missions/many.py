@@ -44,7 +44,7 @@ from robocorba.names import MISSIONS
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
-from robocorba.testing.missions import FLOOR, MissionPlace, Start, missions
+from robocorba.testing.missions import FLOOR, MissionSystem, Start, missions
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
 
@@ -58,7 +58,7 @@ ALONG_M, OUTSIDE_M = 1.2, 1.1
 #: Rooms whose box goes out into the corridor.
 GOES_OUT = (3, 7)
 #: Time limits for all missions to end, and for all robots to be free afterwards [s].
-DEADLINE_S, FREE_S = 900.0, 120.0
+DEADLINE_S, RELEASE_LIMIT_S = 900.0, 120.0
 #: Time over which the CPU time of idle robots is measured [s].
 IDLE_S = 10.0
 #: Time limit for the start of a robot [s].
@@ -189,7 +189,7 @@ def crew(of: Sequence[Room], count: int) -> dict[str, Start]:
 # ---- the missions ----
 
 
-def begin(place: MissionPlace, of: Sequence[Room]) -> float:
+def begin(place: MissionSystem, of: Sequence[Room]) -> float:
     """Start all missions; return the time between the first and the last start [s]."""
     agents = [place.agent(f"l{room.number}") for room in of]
     for agent, room in zip(agents, of, strict=True):
@@ -204,7 +204,7 @@ def begin(place: MissionPlace, of: Sequence[Room]) -> float:
     return began[-1] - began[0]
 
 
-def ended(place: MissionPlace, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[tuple[Room, Report]]:
+def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[tuple[Room, Report]]:
     """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in
     a second."""
     running = list(of)
@@ -221,7 +221,7 @@ def ended(place: MissionPlace, of: Sequence[Room], began: float, paces: list[flo
         time.sleep(1.0)
 
 
-def outcome(place: MissionPlace, room: Room, report: Report) -> Outcome:
+def outcome(place: MissionSystem, room: Room, report: Report) -> Outcome:
     files = list((place.folder / f"l{room.number}" / MISSIONS).glob("*/report.json"))
     known = json.loads(files[0].read_text()) if files else {}
     attempts = {one["mission"] for one in known.get("events", ())}
@@ -276,7 +276,7 @@ def states_mixed(outcomes: Sequence[Outcome]) -> list[str]:
 class Costs:
     """CPU time of robots and servers since the last call of `look`."""
 
-    def __init__(self, place: MissionPlace) -> None:
+    def __init__(self, place: MissionSystem) -> None:
         self._robots = [psutil.Process(process.pid) for process in place.robots.values()]
         self._servers = place.running.note_descendants()
         self._at, self._before = 0.0, [0.0, 0.0]
@@ -302,7 +302,7 @@ def _cpu_s(process: psutil.Process) -> float:
 
 
 @contextlib.contextmanager
-def robots(place: MissionPlace, starts: Mapping[str, Start]) -> Iterator[None]:
+def robots(place: MissionSystem, starts: Mapping[str, Start]) -> Iterator[None]:
     """A ready process for each robot."""
     command = (sys.executable, "-m", "bench.missions.nursery")
     with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
@@ -322,17 +322,17 @@ def robots(place: MissionPlace, starts: Mapping[str, Start]) -> Iterator[None]:
             place.end()
 
 
-def _is_ready(place: MissionPlace, name: str) -> bool:
+def _is_ready(place: MissionSystem, name: str) -> bool:
     out = _out(place, name).read_text() if _out(place, name).exists() else ""
     assert place.robots[name].is_running(), out  # type: ignore[attr-defined]
     return "ready\n" in out
 
 
-def _out(place: MissionPlace, name: str) -> Path:
+def _out(place: MissionSystem, name: str) -> Path:
     return place.folder / name / "out"
 
 
-def aftermath(place: MissionPlace, names: Sequence[str], things: Sequence[str]) -> list[str]:
+def aftermath(place: MissionSystem, names: Sequence[str], things: Sequence[str]) -> list[str]:
     """Errors in the state of robots and objects after all missions have ended."""
     wrong: list[str] = []
 
@@ -340,7 +340,7 @@ def aftermath(place: MissionPlace, names: Sequence[str], things: Sequence[str]) 
         return [name for name in names if not place.is_free(name)]
 
     try:
-        eventually(lambda: not others(), FREE_S)
+        eventually(lambda: not others(), RELEASE_LIMIT_S)
     except AssertionError:
         states = {name: place.agent(name).state() for name in others()}
         for name, state in states.items():
@@ -350,7 +350,7 @@ def aftermath(place: MissionPlace, names: Sequence[str], things: Sequence[str]) 
             wrong.append(f"{name} is {doing}\n{_out(place, name).read_text()[-4000:]}")
     if held := place.holding():
         wrong.append(f"held: {held}")
-    if not place.stands_still((*names, *things)):
+    if not place.is_stationary((*names, *things)):
         wrong.append("something moves")
     return wrong
 

@@ -36,7 +36,7 @@ from robocorba.repeating import Repeating
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
-from robocorba.testing.missions import MissionPlace
+from robocorba.testing.missions import MissionSystem
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
 
@@ -70,7 +70,7 @@ class Crossed(NamedTuple):
 class TwoNetworks:
     """place: in lab, like this process. within: command prefix that starts C in hall."""
 
-    def __init__(self, place: MissionPlace, within: tuple[str, ...], router: Process) -> None:
+    def __init__(self, place: MissionSystem, within: tuple[str, ...], router: Process) -> None:
         self.place, self.within, self._router = place, within, router
         self._said = self._heard = 0
         self._frame = os.urandom(FLOOD_BYTES)
@@ -134,7 +134,7 @@ def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
         stack.enter_context(Process((*hall.command(*channel), *where), folder / "hall.log"))
         orb = stack.enter_context(Orb(naming, call_timeout_s=5.0))
         eventually(lambda: _is_linked(orb), START_LIMIT_S, "the link between the channels")
-        place = MissionPlace(folder, Running(up.process, folder / "state", naming), orb, launch)
+        place = MissionSystem(folder, Running(up.process, folder / "state", naming), orb, launch)
         try:
             yield TwoNetworks(place, hall.command(), router)
         finally:

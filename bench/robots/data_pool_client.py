@@ -26,7 +26,7 @@ from robocorba.corba.remote.data_pool import PoolFollower
 from robocorba.settings import Address
 from robocorba.testing.report import timed_ms
 
-LOAD_LIMIT_S = 30.0
+LOAD_TIMEOUT_S = 30.0
 #: Interval at which readers read the pool [s].
 LOOK_S = 0.002
 #: Types of objects that a pool references and does not own.
@@ -45,7 +45,7 @@ class Pools:
         before = uss()
         for floor in floors:
             self._followers.append(PoolFollower(self._orb, floor, "nobody").start())
-        deadline = time.monotonic() + LOAD_LIMIT_S
+        deadline = time.monotonic() + LOAD_TIMEOUT_S
         while not all(follower.pool.snapshot().is_known for follower in self._followers):
             if time.monotonic() > deadline:
                 raise RuntimeError(self._followers[-1].pool.problem)

@@ -49,10 +49,10 @@ def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats
     return found
 
 
-def ours(inverse: InverseKinematics, side: Side, keeps_clear: bool) -> Solve:
+def ours(inverse: InverseKinematics, side: Side, avoid_collisions: bool) -> Solve:
     def solve(target: HandPose) -> Floats | None:
         try:
-            return inverse.solve(side, target, HOME, keeps_clear=keeps_clear)
+            return inverse.solve(side, target, HOME, avoid_collisions=avoid_collisions)
         except Unreachable:
             return None
 

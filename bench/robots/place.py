@@ -74,7 +74,7 @@ def _answers(orb: Orb, naming: Address) -> bool:
 
 def faults(orb: Orb, naming: Address) -> Any:
     """The reference that switches the stand-in's faults."""
-    return orb.resolve_elsewhere(naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
+    return orb.resolve_in_other_naming_service(naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
 
 
 class RecordedRobot:

@@ -34,10 +34,10 @@ from robocorba.programs import program
 from robocorba.programs.icons import kind
 from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
-from robocorba.testing.actual_robot import robot_place
+from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.processes import Launcher, claimed_ports, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell, write_csv
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, Apart, apart, robot_process
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, apart, robot_process
 
 NAME, ROBOT = "virtual_and_actual", "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
@@ -73,7 +73,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=3, help="default: %(default)s")
     options = parser.parse_args()
     body = Body()
-    ends: list[Apart] = []
+    ends: list[StateDifference] = []
     parts: list[tuple[list[Part], list[Part]]] = []
     with tempfile.TemporaryDirectory() as folder, claimed_ports() as port, Orb(Address("127.0.0.1", port)) as orb:
         for run in range(1, options.runs + 1):
@@ -108,7 +108,7 @@ def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple
         stack.callback(running.stop)
         arguments = [*WHERE, "--record", "ticks.csv"]
         if adaptor == "smartpal":
-            actual = stack.enter_context(robot_place(folder, "--seed", str(seed), orb=orb))
+            actual = stack.enter_context(running_stand_in(folder, "--seed", str(seed), orb=orb))
             arguments += ["--adaptor", "smartpal", "--", "--naming", str(actual.naming)]
         robot = stack.enter_context(robot_process(folder, orb, ROBOT, *arguments))
         robot.robocorba("program", "run", str(PROGRAM), "--robot", ROBOT)
@@ -170,7 +170,7 @@ def _hand_mm(body: Body, side: Side, joints: Floats, other: Floats) -> float:
 
 
 def rows(
-    ticks: list[dict[str, Any]], parts: list[tuple[list[Part], list[Part]]], ends: list[Apart]
+    ticks: list[dict[str, Any]], parts: list[tuple[list[Part], list[Part]]], ends: list[StateDifference]
 ) -> list[dict[str, Any]]:
     """A row for each icon over all runs, and one for the final states."""
     found = []
@@ -208,7 +208,7 @@ def _spread(what: str, values: list[float]) -> dict[str, float]:
     return {f"{what} p50": quantile(values, 0.5), f"{what} p99": quantile(values, 0.99), f"{what} most": max(values)}
 
 
-def marks(ends: list[Apart]) -> list[Mark]:
+def marks(ends: list[StateDifference]) -> list[Mark]:
     return [
         at_most("bases at the end, mm", max(end.base_m for end in ends) * MM, BASE_M * MM),
         at_most(

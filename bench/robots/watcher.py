@@ -32,7 +32,7 @@ LOOK_S = 0.002
 #: Most observations that wait to be printed: one minute.
 MOST_LOOKS = 30_000
 #: Timeouts for resolving and for calls [s].
-FIND_S, CALL_LIMIT_S = 0.5, 1.0
+RESOLVE_TIMEOUT_S, CALL_LIMIT_S = 0.5, 1.0
 #: A base below this speed is stationary [m/s] and [rad/s].
 STANDS_M_S = 0.005
 _MOBILITY_BUSY = 0x11
@@ -46,7 +46,7 @@ def building(orb: Orb, floor: str, name: str) -> Look:
     def look() -> list[float]:
         try:
             if not copy:
-                database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, FIND_S, CALL_LIMIT_S)
+                database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, RESOLVE_TIMEOUT_S, CALL_LIMIT_S)
                 copy.append(RemoteFloor(database, floor))
             copy[0].follow()
         except RoboCorbaError:
@@ -63,8 +63,8 @@ def building(orb: Orb, floor: str, name: str) -> Look:
 
 def units(orb: Orb, naming: Address) -> Look:
     """Observes the robot's base and left arm through the robot's public interface."""
-    mobility = orb.resolve_elsewhere(naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_LIMIT_S)
-    arm = orb.resolve_elsewhere(naming, "MnpL", _GlobalIDL.ArmUnit, CALL_LIMIT_S)
+    mobility = orb.resolve_in_other_naming_service(naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_LIMIT_S)
+    arm = orb.resolve_in_other_naming_service(naming, "MnpL", _GlobalIDL.ArmUnit, CALL_LIMIT_S)
 
     def look() -> list[float]:
         _, state, _ = mobility.getState()

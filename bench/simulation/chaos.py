@@ -20,8 +20,8 @@ from robocorba.testing.report import PROGRESS, at_most, quantile, tell
 from robocorba.testing.simulation import (
     CLIENT_SPEED,
     CLIENTS,
-    FREE_S,
     LOST_S,
+    RELEASE_LIMIT_S,
     ROBOTS_EACH,
     STOP_S,
     Chaos,
@@ -39,7 +39,7 @@ TIMES = {
     "back_s": "dead server: first answer, s",
     "lost_m": "dead server: robots were set back, m",
 }
-LIMITS = {"stop_s": STOP_S, "free_s": FREE_S}
+LIMITS = {"stop_s": STOP_S, "free_s": RELEASE_LIMIT_S}
 
 
 def row(member: str, outcomes: list[Outcome]) -> dict[str, Any]:

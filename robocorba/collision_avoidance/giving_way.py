@@ -15,7 +15,7 @@ from robocorba.collision_avoidance.temporary_obstacles import STATIONARY_M_S
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE, RADIUS_M
-from robocorba.motion.motion import Motion, Wish
+from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.spatial.frames import turned
 from robocorba.spatial.pose import XY
@@ -37,11 +37,11 @@ BLOCKED_SHARE = 0.1
 #: A robot that has been stationary for this time [s] is parked.
 PARKED_S = 2.0
 #: Time after which Blocked is raised [s], for a robot blocked by a parked robot or a wall.
-GIVE_UP_PARKED_S = 0.5
+BLOCKED_BY_PARKED_S = 0.5
 #: The same for a robot blocked by one with an earlier name [s].
-GIVE_UP_FIRST_S = 1.0
+BLOCKED_BY_EARLIER_S = 1.0
 #: The same for a robot blocked by one with a later name, which should step aside first [s].
-GIVE_UP_LAST_S = 4.0
+BLOCKED_BY_LATER_S = 4.0
 #: Clearance to walls and objects [m], with `avoid_walls`.
 WALL_M = 0.02
 
@@ -76,7 +76,7 @@ class GiveWay:
         #: Since when each stationary robot has been stationary [s], by name.
         self._stationary_since: dict[str, float] = {}
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         """Raises MotionFailed, Blocked."""
         command = self._motion.wish(state, elapsed_s)
         if command is None:
@@ -125,13 +125,13 @@ class GiveWay:
 
     def _patience_s(self, other: OtherRobot | None, since: float) -> float:
         if other is None:
-            return GIVE_UP_PARKED_S
+            return BLOCKED_BY_PARKED_S
         if self._precise_positioning:
             return math.inf  # the motion itself raises MotionFailed when it is stuck
         stationary_since = self._stationary_since.get(other.name, math.inf)
         if since - stationary_since >= PARKED_S:
-            return GIVE_UP_PARKED_S
-        return GIVE_UP_FIRST_S if other.name < self._nearby.name else GIVE_UP_LAST_S
+            return BLOCKED_BY_PARKED_S
+        return BLOCKED_BY_EARLIER_S if other.name < self._nearby.name else BLOCKED_BY_LATER_S
 
 
 def safe_share(state: RobotState, vx: float, vy: float, other: OtherRobot, margin_m: float) -> float:

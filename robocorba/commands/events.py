@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from robocorba.corba.event_client import Event, EventClient
 
 #: Timeout for finding a channel [s].
-FIND_S = 3.0
+RESOLVE_TIMEOUT_S = 3.0
 #: `tail` checks that its channel still serves it after this time without events [s].
 CHECK_S = 2.0
 #: Maximum number of events that wait in `tail`, and in the channel for it.
@@ -61,7 +61,7 @@ def stats(
 ) -> None:
     """Show proxies, links and event counts. Exit code 0 if every channel answers, else 1."""
     with reporting("events stats"), _orb(naming) as orb:
-        names = channels or orb.names(CHANNELS, FIND_S)
+        names = channels or orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
         if not names:
             raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
         states = event_stats.ask(orb, names)
@@ -119,7 +119,7 @@ def push(
             raise InvalidEvent("payload", f"{payload[:80]!r} is not JSON: {wrong}") from None
         with _orb(naming) as orb, _connected(orb, channel) as client:
             client.source = source
-            client.push(type, value, priority=priority, expiry_s=expiry, retry_s=FIND_S)
+            client.push(type, value, priority=priority, expiry_s=expiry, retry_s=RESOLVE_TIMEOUT_S)
 
 
 @peer_app.command()
@@ -229,11 +229,11 @@ def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
 def _connected(orb: Orb, channel: str) -> EventClient:
     from robocorba.corba.event_client import EventClient
 
-    return EventClient(orb, channel, timeout_s=FIND_S)
+    return EventClient(orb, channel, timeout_s=RESOLVE_TIMEOUT_S)
 
 
 def _find(orb: Orb, channel: str) -> Any:
-    return orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, FIND_S)
+    return orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, RESOLVE_TIMEOUT_S)
 
 
 def _orb(naming: str | None) -> Orb:

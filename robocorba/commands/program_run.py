@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 #: Interval between requests for the robot's progress [s].
 LOOK_S = 0.1
 #: Time for which the robot may not answer before the command fails [s].
-AWAY_LIMIT_S = 10.0
+ABSENCE_LIMIT_S = 10.0
 KEYS = "p: pause  r: resume  s: step  q: end"
 
 
@@ -78,7 +78,7 @@ def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
             away_s = 0.0
         except NotReachable:
             away_s += LOOK_S
-            if away_s > AWAY_LIMIT_S:
+            if away_s > ABSENCE_LIMIT_S:
                 raise
             stop.wait(LOOK_S)
             continue

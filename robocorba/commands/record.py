@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absence, Stop, progress
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.floors import RemoteFloors
 from robocorba.errors.services import NotReachable
@@ -23,7 +23,7 @@ POLL_INTERVAL_S = 0.05
 #: Longest interval between recorded updates of an unchanged floor [s].
 LONGEST_PAUSE_S = 1.0
 #: Time to wait for a server that does not answer [s].
-AWAY_LIMIT_S = 30.0
+ABSENCE_LIMIT_S = 30.0
 
 
 def record(
@@ -39,8 +39,8 @@ def record(
     with reporting("record"), Orb(Settings.read(naming=naming).naming) as orb:
         stop = Stop()
         floors = floor or []
-        RemoteFloors(orb, floors).follow(FIND_S)  # reports errors before a file is created
-        editor = orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_S)
+        RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
+        editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
         recorder = Recorder(file, native.loads(editor.exportMap(), "the served map"), overwrite=force)
         try:
             with recorder:
@@ -51,13 +51,13 @@ def record(
 
 def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop) -> None:
     """Record changes until stopped. Raises UnknownFloor, StateDamaged, NotReachable."""
-    absence = Absence(AWAY_LIMIT_S)
+    absence = Absence(ABSENCE_LIMIT_S)
     began = time.time()
     written_at: dict[str, float] = {}
     with progress(seconds) as bar:
         for passed_s in stop.ticks(POLL_INTERVAL_S, seconds):
             try:
-                updates = floors.follow(FIND_AGAIN_S)
+                updates = floors.follow(RETRY_TIMEOUT_S)
                 absence.end()
             except NotReachable as wrong:
                 bar(passed_s, absence.go_on(wrong))

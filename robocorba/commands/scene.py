@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from robocorba.commands.waiting import FIND_AGAIN_S
+from robocorba.commands.waiting import RETRY_TIMEOUT_S
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.floors import CALL_LIMIT_S, RemoteFloors
@@ -42,7 +42,7 @@ class System:
         self._floors = RemoteFloors(orb, floors)
         self._server: Any = None
 
-    def look(self, find_s: float = FIND_AGAIN_S) -> SystemTables:
+    def look(self, find_s: float = RETRY_TIMEOUT_S) -> SystemTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
         self._floors.follow(find_s)
         views = list(self._floors.views.values())

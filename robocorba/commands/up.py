@@ -15,7 +15,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers
-from robocorba.supervision.subnets import remove_former_links, subnets_of
+from robocorba.supervision.subnets import parse_subnets, remove_former_links
 from robocorba.supervision.system import NAMING_SERVICE, System
 
 
@@ -50,7 +50,7 @@ def up(
         )
         if building is not None and not building.is_file():
             raise InvalidSetting("--building", str(building), "there is no such file")
-        folder, names = StateFolder(settings.state), subnets_of(subnets)
+        folder, names = StateFolder(settings.state), parse_subnets(subnets)
         system = System(
             folder=folder,
             naming=naming,

@@ -14,9 +14,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from robocorba.errors.services import NotReachable
 
 #: Timeout for resolving a server at first, and in each retry after it was lost [s].
-FIND_S, FIND_AGAIN_S = 3.0, 0.5
+RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S = 3.0, 0.5
 #: Time for which a command waits for an absent server [s].
-AWAY_LIMIT_S = 10.0
+ABSENCE_LIMIT_S = 10.0
 
 
 class Stop:
@@ -57,7 +57,7 @@ class Stop:
 class Absence:
     """The time for which a server has been absent, at most `limit_s`."""
 
-    def __init__(self, limit_s: float = AWAY_LIMIT_S) -> None:
+    def __init__(self, limit_s: float = ABSENCE_LIMIT_S) -> None:
         self._limit_s = limit_s
         self._since: float | None = None
 

@@ -15,7 +15,7 @@ from rich.live import Live
 
 from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import System, SystemTables, as_json, as_tables, show
-from robocorba.commands.waiting import FIND_AGAIN_S, FIND_S, Absence, Stop, progress
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absence, Stop, progress
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import errors as idl_errors
 from robocorba.corba.orb import Orb
@@ -54,7 +54,7 @@ def watch(
             film(Camera(orb, floors, width), video, seconds, fps, stop)
             return
         system = System(orb, floors)
-        scene = system.look(FIND_S)
+        scene = system.look(RESOLVE_TIMEOUT_S)
         if json:
             print(as_json(scene))
         elif once:
@@ -104,7 +104,7 @@ class Camera:
         self._server: Any = None
         self._floor = floors[0] if floors else ""
 
-    def png(self, find_s: float = FIND_AGAIN_S) -> bytes:
+    def png(self, find_s: float = RETRY_TIMEOUT_S) -> bytes:
         """Render the floor now. Raises UnknownFloor, InvalidPicture, NotReachable."""
         try:
             if not self._floor:
@@ -130,7 +130,7 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> No
     from robocorba.video import VideoFile
 
     absence, most = Absence(), round(seconds * fps) or math.inf
-    picture = camera.png(FIND_S)
+    picture = camera.png(RESOLVE_TIMEOUT_S)
     video = VideoFile(file, *Image.open(io.BytesIO(picture)).size, fps)
     try:
         with video, progress(seconds) as bar:

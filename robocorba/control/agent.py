@@ -15,7 +15,7 @@ from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Begun, OtherRobots, Report, Result, Runner
+from robocorba.control.runner import IconBegun, OtherRobots, Report, Result, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
@@ -80,7 +80,7 @@ class Task(Protocol):
     def report(self) -> Report:
         """Its progress, and its result once it has ended."""
 
-    def begun(self, first: int) -> list[Begun]:
+    def begun(self, first: int) -> list[IconBegun]:
         """Icons or steps that have begun, from number `first`."""
 
     def run(self) -> object:
@@ -174,7 +174,7 @@ class ControlAgent:
             robot.course.reset(is_stepping)
             self._begin(Runner(self._program, robot, self._others))
 
-    def begun(self, first: int) -> list[Begun]:
+    def begun(self, first: int) -> list[IconBegun]:
         """Icons of the present or last program that have begun, from number `first`."""
         return self._task.begun(first) if self._task else []
 

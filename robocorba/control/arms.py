@@ -30,7 +30,7 @@ class ArmMovements(Movements):
             raise MotionFailed(f"this robot has {len(joints)} joints, not SmartPal's {len(JOINTS)}")
         return joints
 
-    def joints_along(self, postures: Sequence[Floats], seconds: float = 0.0) -> None:
+    def move_joints_along(self, postures: Sequence[Floats], seconds: float = 0.0) -> None:
         """Move all joints along postures, (18,) each [rad]. seconds: least duration."""
         waypoints = np.array([self.joints, *postures])
         self.move(JointMotion(waypoints, JOINTS, SPEED, ACCELERATION, seconds))

@@ -66,14 +66,14 @@ class BaseMovements(Movements):
         y: float,
         heading: float | None = None,
         speed: float = 0.0,
-        looks_around: bool = False,
+        around_obstacles: bool = False,
     ) -> None:
         """Drive to a point (x, y) [m] in the building, across floors.
 
-        The path avoids temporary obstacles once the robot was blocked; with `looks_around`, from the start. speed:
+        The path avoids temporary obstacles once the robot was blocked; with `around_obstacles`, from the start. speed:
         limit [m/s], 0 for the controller's. Also raises PathError, InvalidRide, ElevatorFull."""
         goal, limit = Place(floor, x, y), self._speed(speed)
-        points = (self._path_around(goal, limit) if looks_around else None) or self._path_past_objects(goal, limit)
+        points = (self._path_around(goal, limit) if around_obstacles else None) or self._path_past_objects(goal, limit)
         for _ in range(MAX_BLOCKAGES):
             try:
                 self._drive_along(points, heading, limit)
@@ -170,15 +170,13 @@ class BaseMovements(Movements):
         """Drive straight to a point (x, y) [m] on this floor."""
         self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), precise_positioning=True))
 
-    def drive_by(
-        self, ahead: float, left: float, turn: float, speed: float = 0.0, as_far_as_free: bool = False
-    ) -> None:
-        """Drive by an offset, ahead and left [m], turn [rad]. as_far_as_free: return where an obstacle blocks it."""
+    def drive_by(self, ahead: float, left: float, turn: float, speed: float = 0.0, until_blocked: bool = False) -> None:
+        """Drive by an offset, ahead and left [m], turn [rad]. until_blocked: return where an obstacle blocks it."""
         motion = DriveBy(ahead, left, turn, self._speed(speed), BASE)
         try:
-            self.move(self._giving_way(motion, precise_positioning=True, avoid_walls=as_far_as_free))
+            self.move(self._giving_way(motion, precise_positioning=True, avoid_walls=until_blocked))
         except Blocked as blocked:
-            if not as_far_as_free:
+            if not until_blocked:
                 raise
             _log.info("%s", blocked)
 
@@ -224,7 +222,7 @@ class BaseMovements(Movements):
             self.wait_for_ride(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
         except RoboCorbaError:
             with contextlib.suppress(RobotLost):
-                self.session.give_up_elevator()
+                self.session.cancel_elevator()
             raise
 
     def wait_for_ride(self, phase: Phase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:

@@ -16,9 +16,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.realtime import be_punctual
+from robocorba.control.realtime import use_realtime_scheduling
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
-from robocorba.motion.motion import Motion, Wish
+from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.spatial.frames import turned
 from robocorba.spatial.grids import Floats
@@ -195,7 +195,7 @@ class HighController:
             self.stopped, self._is_lost = "", False
 
     def _run(self) -> None:
-        be_punctual()
+        use_realtime_scheduling()
         due = time.monotonic()
         try:
             while not self._closing.is_set():
@@ -281,25 +281,25 @@ class HighController:
             velocities = np.clip(velocities, -self._speed, self._speed)
         return ActorCommand(velocity, self._targets, velocities, VALID_S)
 
-    def _motion_command(self, state: RobotState) -> Wish:
+    def _motion_command(self, state: RobotState) -> MotionCommand:
         running = self._motion
         if running is None or self.is_paused:
             if running:
                 running.paused(state)
-            return Wish()
+            return MotionCommand()
         try:
             command = running.motion.wish(state, running.elapsed(state))
             if command is None:
                 self._end_motion(None)
             elif running.elapsed(state) > running.limit_s:
                 raise MotionFailed(f"not done within {running.limit_s:g} s")
-            return command or Wish()
+            return command or MotionCommand()
         except MotionFailed as wrong:
             self._end_motion(wrong)
         except Exception as wrong:  # a bug in a motion must not leave the robot driving
             _log.exception("a motion failed")
             self._end_motion(MotionFailed(f"{type(wrong).__name__}: {wrong}"))
-        return Wish()
+        return MotionCommand()
 
     def _limited(self, wanted: Velocity, heading: float) -> Velocity:
         """Limit a velocity to the cap and to the base's acceleration, the latter in the building's frame: in the frame

@@ -17,7 +17,7 @@ SWITCH_S = 0.0005
 _log = logging.getLogger(__name__)
 
 
-def be_punctual() -> bool:
+def use_realtime_scheduling() -> bool:
     """Give this thread, and threads that it starts, real-time priority (SCHED_FIFO). Returns whether the system allows
     it: it does for root, with CAP_SYS_NICE, or by `ulimit -r`."""
     try:
@@ -28,7 +28,7 @@ def be_punctual() -> bool:
     return True
 
 
-def be_prompt() -> None:
+def raise_process_priority() -> None:
     """Shorten the time for which a real-time thread of this process waits for the interpreter's lock: lower the switch
     interval, and raise the priority of the threads that may hold the lock. Call it before the process starts threads.
     Without permission the priority stays as it is."""

@@ -51,7 +51,7 @@ class Report(NamedTuple):
     seconds: float = 0.0
 
 
-class Begun(NamedTuple):
+class IconBegun(NamedTuple):
     """An icon that has begun. number: counts from 0. seconds: since the program's start."""
 
     number: int
@@ -88,7 +88,7 @@ class Runner:
         self._program, self._robot, self._others = program, robot, others
         self._started_at = time.monotonic()
         self._last_report = Report(program.name)
-        self._begun: deque[Begun] = deque(maxlen=MAX_ICONS_BEGUN)
+        self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
         self._last_outcome: Outcome = "done"
         self._events: deque[Heard] = deque(maxlen=MAX_EVENTS)
 
@@ -114,7 +114,7 @@ class Runner:
             raise
         return self.report
 
-    def begun(self, first: int) -> list[Begun]:
+    def begun(self, first: int) -> list[IconBegun]:
         """Icons that have begun, from number `first`. Thread-safe."""
         return [icon for icon in list(self._begun) if icon.number >= first]
 
@@ -126,7 +126,7 @@ class Runner:
             self._update(icon=path, kind=kind(icon))
             self._robot.course.at_icon()
             number = self._begun[-1].number + 1 if self._begun else 0
-            self._begun.append(Begun(number, path, kind(icon), self.report.seconds))
+            self._begun.append(IconBegun(number, path, kind(icon), self.report.seconds))
             self._last_outcome = self._do(icon, path) or "done"
             self._update(icons_done=self.report.icons_done + 1)
 
@@ -158,7 +158,7 @@ class Runner:
     @_do.register(icons.Lumbar)
     def _(self, icon: Any, path: str) -> None:
         postures = hands.way(icon, self._robot.joints, self._robot.kinematics)
-        self._robot.joints_along(postures, icon.seconds or 0.0)
+        self._robot.move_joints_along(postures, icon.seconds or 0.0)
 
     @_do.register
     def _(self, icon: icons.Gripper, path: str) -> None:

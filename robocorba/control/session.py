@@ -69,7 +69,7 @@ class BuildingSession(Protocol):
 
         Raises InvalidRide, ElevatorFull."""
 
-    def give_up_elevator(self) -> None:
+    def cancel_elevator(self) -> None:
         """Cancel the ride."""
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:

@@ -8,7 +8,7 @@ import omniORB
 from omniORB import CORBA
 
 
-def limit_calls(reference: Any, timeout_s: float | None) -> None:
+def set_call_timeout(reference: Any, timeout_s: float | None) -> None:
     """Set the timeout of calls through this reference object; None: the timeout of the ORB."""
     omniORB.setClientCallTimeout(reference, 0 if timeout_s is None else max(1, round(timeout_s * 1000)))
 

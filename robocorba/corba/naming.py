@@ -12,7 +12,7 @@ from urllib.parse import quote
 import CosNaming
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 
@@ -61,7 +61,7 @@ class NamingService:
                     raise NotReachable(f"{self.path(name)} is not reachable: {reason}") from None
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE_S)
-        limit_calls(reference, call_timeout_s)
+        set_call_timeout(reference, call_timeout_s)
         return reference
 
     def resolve_once(self, name: str, interface: Any, call_timeout_s: float) -> Any:
@@ -72,7 +72,7 @@ class NamingService:
             found = self._root(call_timeout_s).resolve(self._components(name))
             if found is None:
                 raise NotReachable(f"{name} is bound to nil at {self.address}")
-            limit_calls(found, call_timeout_s)
+            set_call_timeout(found, call_timeout_s)
             reference = found._narrow(interface)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise NotReachable(f"the naming service at {self.address} does not know {name}") from None
@@ -80,7 +80,7 @@ class NamingService:
             raise NotReachable(f"{name} at {self.address} does not answer ({describe(wrong)})") from None
         if reference is None:
             raise NotReachable(f"what is bound to {name} at {self.address} is not a {interface._NP_RepositoryId}")
-        limit_calls(reference, call_timeout_s)
+        set_call_timeout(reference, call_timeout_s)
         return reference
 
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
@@ -138,7 +138,7 @@ class NamingService:
     def _bindings(self, path: str, deadline: float) -> list[Any]:
         found = self._root(_call_limit_s(deadline)).resolve(self._components(path))
         context = found._unchecked_narrow(CosNaming.NamingContext)
-        limit_calls(context, PROBE_TIMEOUT_S)
+        set_call_timeout(context, PROBE_TIMEOUT_S)
         bindings, rest = context.list(_PAGE_SIZE)
         has_more = rest is not None
         while has_more:
@@ -154,7 +154,7 @@ class NamingService:
     def _root(self, timeout_s: float = PROBE_TIMEOUT_S) -> Any:
         root = self._connect(f"corbaloc:iiop:1.2@{self.address}/NameService")
         context = root._unchecked_narrow(CosNaming.NamingContext)
-        limit_calls(context, timeout_s)
+        set_call_timeout(context, timeout_s)
         return context
 
     def _lookup(self, name: str, deadline: float) -> Any:
@@ -169,12 +169,12 @@ class NamingService:
         try:
             if found is None:
                 raise _Retryable("it is bound to nil")
-            limit_calls(found, _call_limit_s(deadline))
+            set_call_timeout(found, _call_limit_s(deadline))
             reference = found._narrow(interface)
             if reference is None:
                 kind = interface._NP_RepositoryId
                 raise NotReachable(f"what is bound to {self.path(name)} at {self.address} is not a {kind}")
-            limit_calls(reference, _call_limit_s(deadline))
+            set_call_timeout(reference, _call_limit_s(deadline))
             if reference._non_existent():
                 raise _Retryable("its server answers that the object does not exist")
         except CORBA.SystemException as wrong:

@@ -270,7 +270,7 @@ class Orb:
         through the reference (default: the ORB's), after which they raise CORBA.TIMEOUT."""
         return self._names.resolve(name, interface, timeout_s, call_timeout_s)
 
-    def resolve_elsewhere(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
+    def resolve_in_other_naming_service(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
         """The object bound to `name`, which may have a kind, in the root of another naming service; without retries.
 
         call_timeout_s: timeout of each call, also of later calls through the reference. Raises NotReachable."""

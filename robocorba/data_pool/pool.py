@@ -17,7 +17,7 @@ from robocorba.data_pool.snapshot import NO_BODIES, NO_ELEVATORS, NO_MOTIONS, Fl
 from robocorba.data_pool.walls import NearestObstacle, Walls
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import OutOfStep
+from robocorba.errors.simulation import UpdateMismatch
 from robocorba.maps.model import Building
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
@@ -62,7 +62,7 @@ class DataPool:
         here = self._here
         try:
             self._replace(here, here.follow(), "")
-        except (NotReachable, UnknownFloor, OutOfStep) as wrong:
+        except (NotReachable, UnknownFloor, UpdateMismatch) as wrong:
             self._replace(here, None, str(wrong))
 
     def follow_map(self) -> None:
@@ -83,7 +83,7 @@ class DataPool:
         snapshot, problem = FloorSnapshot(floor), ""
         try:
             snapshot = there.follow()
-        except (NotReachable, OutOfStep) as wrong:
+        except (NotReachable, UpdateMismatch) as wrong:
             problem = str(wrong)
         with self._lock:
             self._here, self._snapshot, self.problem = there, snapshot, problem
@@ -167,8 +167,8 @@ class _Follower:
             self._walls = Walls(building, self._floor)
 
     def follow(self) -> FloorSnapshot:
-        """The current snapshot. Raises UnknownFloor, NotReachable; OutOfStep, after which the next call reloads the
-        whole floor."""
+        """The current snapshot. Raises UnknownFloor, NotReachable; UpdateMismatch, after which the next call
+        reloads the whole floor."""
         if self._walls is None:
             self.look_at_map()
         requested_at = self._clock()
@@ -176,7 +176,7 @@ class _Follower:
         try:
             update = self._source.changes(view.floor, view.version)
             has_changed = view.apply(update)
-        except OutOfStep:
+        except UpdateMismatch:
             self._view = FloorView(self._floor)
             raise
         # The view keeps changing; the content of a snapshot must not.

@@ -38,7 +38,7 @@ RoboCorbaError
 │   ├── InvalidMission, StaleMission, UnknownMission
 │   ├── InvalidPicture        a field of a request for a floor's picture is invalid
 │   ├── VideoError, StateDamaged   a film can't be written; a recording can't be read
-│   ├── OutOfStep             a floor update does not continue the known version
+│   ├── UpdateMismatch             a floor update does not continue the known version
 │   └── SimulationBusy        the call was not executed for lack of time
 ├── RobotError
 │   ├── InvalidProgram        an icon of a program is invalid: which one, which parameter, and why

@@ -116,7 +116,7 @@ class UnknownMission(SimulationError):
         super().__init__(f"there is no mission {name[:80]!r}")
 
 
-class OutOfStep(SimulationError):
+class UpdateMismatch(SimulationError):
     """An update of `floor` begins at version `since`, but the local copy is at `version`: load the whole floor."""
 
     def __init__(self, floor: str, version: int, since: int) -> None:

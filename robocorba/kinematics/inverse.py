@@ -31,7 +31,7 @@ class InverseKinematics:
     towards comfortable arms.
 
     In all methods `seed` (18,) are the start joints, best the present ones; joints that need not move keep their
-    angles. With `lumbar_helps` the trunk may move, which also moves the other arm. With `keeps_clear` no two links
+    angles. With `use_lumbar` the trunk may move, which also moves the other arm. With `avoid_collisions` no two links
     collide in the answer. With `leaps` the solver also tries other seeds, which may lead to a very different
     posture; without, the answer follows from the seed, as a hand on a straight line needs. Raises Unreachable with
     the remaining error. Not thread-safe."""
@@ -53,12 +53,12 @@ class InverseKinematics:
         target: HandPose,
         seed: Floats,
         *,
-        lumbar_helps: bool = False,
-        keeps_clear: bool = True,
+        use_lumbar: bool = False,
+        avoid_collisions: bool = True,
         leaps: bool = True,
     ) -> Floats:
         """Joints for one hand at a pose."""
-        return self._solve({side: target}, 1.0, seed, lumbar_helps, keeps_clear, leaps)
+        return self._solve({side: target}, 1.0, seed, use_lumbar, avoid_collisions, leaps)
 
     def solve_position(
         self,
@@ -66,12 +66,12 @@ class InverseKinematics:
         target: HandPose,
         seed: Floats,
         *,
-        lumbar_helps: bool = False,
-        keeps_clear: bool = True,
+        use_lumbar: bool = False,
+        avoid_collisions: bool = True,
         leaps: bool = True,
     ) -> Floats:
         """Joints for one hand at the position of `target`, with any attitude."""
-        return self._solve({side: target}, 0.0, seed, lumbar_helps, keeps_clear, leaps)
+        return self._solve({side: target}, 0.0, seed, use_lumbar, avoid_collisions, leaps)
 
     def solve_both(
         self,
@@ -79,24 +79,24 @@ class InverseKinematics:
         right: HandPose,
         seed: Floats,
         *,
-        lumbar_helps: bool = False,
-        keeps_clear: bool = True,
+        use_lumbar: bool = False,
+        avoid_collisions: bool = True,
         leaps: bool = True,
     ) -> Floats:
         """Joints for both hands simultaneously."""
-        return self._solve({Side.LEFT: left, Side.RIGHT: right}, 1.0, seed, lumbar_helps, keeps_clear, leaps)
+        return self._solve({Side.LEFT: left, Side.RIGHT: right}, 1.0, seed, use_lumbar, avoid_collisions, leaps)
 
     def _solve(
         self,
         goals: Mapping[Side, HandPose],
         turns_count: float,
         seed: Floats,
-        lumbar_helps: bool,
-        keeps_clear: bool,
+        use_lumbar: bool,
+        avoid_collisions: bool,
         leaps: bool,
     ) -> Floats:
         places, attitudes, weights = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 2))
-        free = list(range(len(JOINTS)))[LUMBAR] if lumbar_helps else []
+        free = list(range(len(JOINTS)))[LUMBAR] if use_lumbar else []
         for side, goal in goals.items():
             if not all(map(math.isfinite, goal)):
                 raise Unreachable(side.value, f"{tuple(goal)} is no pose")
@@ -109,7 +109,7 @@ class InverseKinematics:
         for joints in self._seeds(seed, moving, leaps):
             left = solve_pose(self._chains, joints, places, attitudes, weights, moving, LOWER, UPPER, self._comfort)
             if left < NEAR:
-                touching = self.body.collisions(joints) if keeps_clear else []
+                touching = self.body.collisions(joints) if avoid_collisions else []
                 if not touching:
                     return joints
                 colliding = " and ".join(touching[0])

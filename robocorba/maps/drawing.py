@@ -129,7 +129,7 @@ def to_pixel(building: Building, floor: str, point: XY, width_px: int = 1200, ti
     return int((point[0] - frame.x0) * frame.scale), int((frame.y1 - point[1]) * frame.scale)
 
 
-def draw_standing(sheet: Sheet, building: Building, floor: str) -> None:
+def draw_geometrical_map(sheet: Sheet, building: Building, floor: str) -> None:
     """Draw areas, walls, objects, doors and elevators without names."""
     plan = building.floors[floor].geometrical
     _draw_areas(sheet, [(area.polygon, area.subnet) for area in plan.areas.values()])
@@ -144,18 +144,18 @@ def _draw_layers(sheet: Sheet, building: Building, floor: str, path: Sequence[Pa
     """Draw the layers from bottom to top. Names come last and never overlap."""
     entry = building.floors[floor]
     topology = entry.topological
-    draw_standing(sheet, building, floor)
+    draw_geometrical_map(sheet, building, floor)
     places = {name: node.at for name, node in topology.nodes.items()}
     _draw_edges(sheet, places, [edge for edge in topology.edges.values() if {edge.a, edge.b} <= places.keys()])
     _draw_path(sheet, path)
-    draw_furniture(sheet, title)
+    draw_title_and_legend(sheet, title)
     for place in [*places.values(), *((mark.x, mark.y) for mark in path)]:
         sheet.keep_clear(place)
-    write_names(sheet, entry, building.elevators.values(), path)
+    write_labels(sheet, entry, building.elevators.values(), path)
     return sheet.image()
 
 
-def write_names(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], path: Sequence[PathMark]) -> None:
+def write_labels(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], path: Sequence[PathMark]) -> None:
     """Write names, the most important first. Names without room are omitted."""
     plan = entry.geometrical
     for mark in path:
@@ -254,7 +254,7 @@ def _draw_path(sheet: Sheet, path: Sequence[PathMark]) -> None:
             sheet.axes.plot(mark.x, mark.y, shape, color=colour, zorder=11, **marker)
 
 
-def draw_furniture(sheet: Sheet, title: str, legend: Sequence[tuple[str, str]] = LEGEND) -> None:
+def draw_title_and_legend(sheet: Sheet, title: str, legend: Sequence[tuple[str, str]] = LEGEND) -> None:
     """Title, scale bar and legend."""
     frame, px = sheet.frame, 1 / sheet.frame.scale
     sheet.lines([((frame.x0, frame.y0 + FOOT_PX * px), (frame.x1, frame.y0 + FOOT_PX * px))], "#e3e3e3", 1, zorder=2)

@@ -10,9 +10,9 @@ import shapely
 from robocorba.spatial.pose import XY
 
 #: Maximum number of corners.
-MOST_CORNERS = 1000
+MAX_CORNERS = 1000
 #: Maximum absolute value of a coordinate [m].
-FARTHEST_M = 1e6
+MAX_COORDINATE_M = 1e6
 
 #: A floor, and the corners of a polygon on it [m].
 FloorArea = tuple[str, tuple[XY, ...]]
@@ -20,11 +20,11 @@ FloorArea = tuple[str, tuple[XY, ...]]
 
 def check_polygon(field: str, polygon: Sequence[XY], make_error: Callable[[str, str], Exception]) -> None:
     """Raise `make_error(field, reason)` unless `polygon` (corners in m) is a simple polygon within the limits."""
-    if not 3 <= len(polygon) <= MOST_CORNERS:
-        raise make_error(field, f"{len(polygon)} corners are not between 3 and {MOST_CORNERS}")
+    if not 3 <= len(polygon) <= MAX_CORNERS:
+        raise make_error(field, f"{len(polygon)} corners are not between 3 and {MAX_CORNERS}")
     for i, corner in enumerate(polygon):
-        if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in corner):
-            raise make_error(f"{field}[{i}]", f"{corner} is not a point within {FARTHEST_M:g} m")
+        if not all(math.isfinite(value) and abs(value) <= MAX_COORDINATE_M for value in corner):
+            raise make_error(f"{field}[{i}]", f"{corner} is not a point within {MAX_COORDINATE_M:g} m")
     shape = shapely.Polygon(polygon)
     if not shape.is_valid or shape.area == 0:
         raise make_error(field, f"not a simple polygon: {shapely.is_valid_reason(shape)}")

@@ -30,7 +30,7 @@ MAX_PIXELS, MIN_HEIGHT_PX, HEAD_PX, FOOT_PX = 8000, 160, 36, 34
 #: Resolution of pictures [pixels per inch].
 DPI = 100
 #: Longer names are truncated [characters].
-MAX_LETTERS = 28
+MAX_LABEL_LENGTH = 28
 #: Characters of the font; a box replaces all others.
 _LETTERS = frozenset(get_font(findfont("DejaVu Sans")).get_charmap())
 
@@ -141,7 +141,7 @@ class Sheet:
         it `must` be written. `within` is a box [m] that it has to fit into."""
         if not text:
             return
-        shown = text if len(text) <= MAX_LETTERS else f"{text[: MAX_LETTERS - 2]}…"
+        shown = text if len(text) <= MAX_LABEL_LENGTH else f"{text[: MAX_LABEL_LENGTH - 2]}…"
         label = self.text(shown, *at, self._letter_size * scale, color=colour, weight="bold" if bold else "normal")
         box = label.get_window_extent(self._canvas.get_renderer())
         if within is not None and box.width > (within[2] - within[0]) * self.frame.scale - 4:

@@ -43,7 +43,7 @@ from robocorba.maps.vicinity import (
     object_box,
     obstacles_near,
     point_box,
-    walls_cut_by,
+    walls_intersecting,
 )
 
 #: Largest common area of two shafts that touch but don't overlap [m²].
@@ -194,7 +194,7 @@ def _changed_obstacles(
         openings += [
             line_box(doors[name], 2 * DOOR_REACH_M) for name in on_floor.get(ElementKind.DOOR, ()) if name in doors
         ]
-    reopened = set(walls_cut_by(after, floor, openings))
+    reopened = set(walls_intersecting(after, floor, openings))
     suspects |= {("wall", name) for name in reopened}
 
     walls = reopened | on_floor.get(ElementKind.WALL, set())

@@ -141,7 +141,7 @@ def _polygon_reach(shape: IdentityKey[PolygonShape]) -> float:
     return max(math.hypot(*point) for point in shape.value.points)
 
 
-def walls_cut_by(building: Building, floor: str, openings: Sequence[Box]) -> Iterator[str]:
+def walls_intersecting(building: Building, floor: str, openings: Sequence[Box]) -> Iterator[str]:
     """Names of the walls of a floor that intersect one of the boxes (of many boxes: their common bounding box)."""
     boxes = openings if len(openings) <= MAX_SEPARATE_BOXES else [box for box in [bounding_box(openings)] if box]
     reached = (wall.name for box in boxes for wall in walls_in(building.floors[floor].geometrical, box))

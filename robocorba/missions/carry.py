@@ -27,12 +27,12 @@ from robocorba.planning.body_search import (
     HEADINGS,
     STEP_M,
     Found,
-    find_ways,
+    find_routes,
     lay_lattice,
     remaining,
     shorten,
 )
-from robocorba.planning.request import FARTHEST_M, SMARTPAL_RADIUS_M
+from robocorba.planning.request import MAX_COORDINATE_M, SMARTPAL_RADIUS_M
 from robocorba.spatial.grids import Floats
 
 #: Least clearance of the body [m].
@@ -104,8 +104,8 @@ def plan_carry(
     for field, at in (("start", start), ("goal", goal)):
         if at.floor not in building.floors:
             raise InvalidCarry(field, f"there is no floor {at.floor[:80]!r}")
-        if not all(map(math.isfinite, at.pose)) or max(abs(at.x), abs(at.y)) > FARTHEST_M:
-            raise InvalidCarry(field, f"{at.pose} is not finite or beyond {FARTHEST_M:g} m")
+        if not all(map(math.isfinite, at.pose)) or max(abs(at.x), abs(at.y)) > MAX_COORDINATE_M:
+            raise InvalidCarry(field, f"{at.pose} is not finite or beyond {MAX_COORDINATE_M:g} m")
     obstacles = BuildingObstacles(building, name, blocked or {})
     routes = list(_elevator_routes(building, start, goal))
     if not routes:
@@ -231,7 +231,9 @@ def _plan_legs(
         lattice = lay_lattice(floor_obstacles.grid, box, anchor, body.search_body.reach + 1.0)
         core_m = body.core_m + body.margin_m
         left = remaining(lattice, goals, core_m)
-        found, reached = find_ways(floor_obstacles.grid, body.search_body, lattice, left, sources, goals, body.margin_m)
+        found, reached = find_routes(
+            floor_obstacles.grid, body.search_body, lattice, left, sources, goals, body.margin_m
+        )
         if not found:
             searched = SearchResult(lattice, left, core_m, reached, (float(sources[0, 0]), float(sources[0, 1])), goals)
             attempts.append(Attempt(i, body.formation, body.footprint, floor_obstacles, cabin, searched))

@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Callable
 
 from robocorba.errors.robots import MotionFailed
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.rhythm import Rhythm
 from robocorba.missions.trajectory import Trajectory
-from robocorba.motion.motion import Wish
+from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.frames import turned
 
@@ -34,7 +34,7 @@ class CarryMotion:
         self,
         trajectory: Trajectory,
         place: tuple[float, float, float],
-        progress: Rhythm,
+        progress: CarryProgress,
         clock: LeaderClock,
         slipped_m: Callable[[], float],
     ) -> None:
@@ -45,7 +45,7 @@ class CarryMotion:
         #: Leader's time and trajectory time [s] of each control cycle.
         self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         now = self._clock.now()
         along_s, rate = self._progress.along_s(now)
         self.ticks.append((now, along_s))
@@ -59,4 +59,4 @@ class CarryMotion:
         if self.error_m > MAX_ERROR_M:
             raise MotionFailed(f"{self.error_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
         vx, vy = vx * rate + POSITION_GAIN * dx, vy * rate + POSITION_GAIN * dy
-        return Wish((*turned(vx, vy, -state.heading), turn * rate + POSITION_GAIN * heading_error))
+        return MotionCommand((*turned(vx, vy, -state.heading), turn * rate + POSITION_GAIN * heading_error))

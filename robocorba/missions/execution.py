@@ -17,9 +17,9 @@ from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD,
 from robocorba.kinematics.tasks import POSTURES, grip_table
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions import subplan
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.carrying import CarryMotion
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.rhythm import Rhythm
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import Phase
 from robocorba.spatial.frames import Frame, into, out_of
@@ -36,10 +36,10 @@ ObjectLocator = Callable[[str], Frame | None]
 _log = logging.getLogger(__name__)
 
 
-class Performer:
+class StepExecutor:
     """Does steps on a robot. locate: must take robot and object from the same simulation step."""
 
-    def __init__(self, robot: Robot, progress: Rhythm, clock: LeaderClock, locate: ObjectLocator) -> None:
+    def __init__(self, robot: Robot, progress: CarryProgress, clock: LeaderClock, locate: ObjectLocator) -> None:
         self._robot, self._progress, self._clock, self._locate = robot, progress, clock, locate
         self.carry: CarryMotion | None = None
         #: The grip point in the frames of the object and of the robot [m].
@@ -82,7 +82,7 @@ class Performer:
     @execute.register
     def _(self, step: subplan.Gather) -> None:
         self._posture("tuck")
-        self._robot.drive_path(step.floor, step.x, step.y, step.heading, looks_around=True)
+        self._robot.drive_path(step.floor, step.x, step.y, step.heading, around_obstacles=True)
 
     @execute.register
     def _(self, step: subplan.Approach) -> None:
@@ -124,14 +124,14 @@ class Performer:
 
     @execute.register
     def _(self, step: subplan.BackOff) -> None:
-        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED_M_S, as_far_as_free=True)
+        self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED_M_S, until_blocked=True)
         self._posture("tuck")
 
     @execute.register
     def _(self, step: subplan.Reach) -> None:
         side = Side(step.hand)
-        joints = self._robot.kinematics.solve(side, HandPose(*step.pose), self._robot.joints, lumbar_helps=True)
-        self._robot.joints_along([joints])
+        joints = self._robot.kinematics.solve(side, HandPose(*step.pose), self._robot.joints, use_lumbar=True)
+        self._robot.move_joints_along([joints])
 
     @execute.register
     def _(self, step: subplan.Grip) -> None:
@@ -154,11 +154,11 @@ class Performer:
         with contextlib.suppress(RoboCorbaError):
             was_holding = bool(self._robot.session.state().holding)
             self.let_go()
-            self._robot.session.give_up_elevator()
+            self._robot.session.cancel_elevator()
             if was_holding:
                 self._robot.grip(tuple(Side), OPEN_RAD)
                 with contextlib.suppress(MotionFailed):
-                    self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED_M_S, as_far_as_free=True)
+                    self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED_M_S, until_blocked=True)
             self._posture("tuck")
 
     def _posture(self, name: str) -> None:
@@ -166,7 +166,7 @@ class Performer:
         for side in Side:
             joints[ARM[side]] = POSTURES[name]
         joints[LUMBAR] = 0.0
-        self._robot.joints_along([joints])
+        self._robot.move_joints_along([joints])
 
     def _hands_at(self, ahead_m: float, height_m: float) -> None:
         """Bring both hands level to an edge; if it is out of reach, into the posture `reach`."""
@@ -174,12 +174,12 @@ class Performer:
         joints[[GRIP[side] for side in Side]] = OPEN_RAD
         hands = grip_table(height_m, ahead_m, HAND_SPACING_M)
         try:
-            joints = self._robot.kinematics.solve_both(*hands, joints, lumbar_helps=True)
+            joints = self._robot.kinematics.solve_both(*hands, joints, use_lumbar=True)
         except Unreachable as too_far:
             _log.warning("the hands cannot reach the edge at height %.2f m: %s", height_m, too_far)
             for side in Side:
                 joints[ARM[side]] = POSTURES["reach"]
-        self._robot.joints_along([joints])
+        self._robot.move_joints_along([joints])
 
     def _remember_grip(self, step: subplan.TakeHold) -> None:
         """Store the grip point in the frames of the object and of the robot; the two must stay together."""

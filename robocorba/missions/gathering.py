@@ -14,7 +14,7 @@ from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.missions.formation import Pose
 from robocorba.missions.obstacles import placed
 from robocorba.missions.world import MovableObject, World
-from robocorba.planning.request import MOST_AREAS, Path, PathRequest, Place, RouteMode
+from robocorba.planning.request import MAX_AREAS, Path, PathRequest, Place, RouteMode
 from robocorba.spatial.pose import XY
 
 #: Wanted gap between gathering robots [m].
@@ -27,7 +27,7 @@ _ITERATIONS = 50
 
 class GatheringPaths:
     """Paths around the `carried` object and all other movable objects at their current poses, which may differ from the
-    map. If there are more than MOST_AREAS of them, at the poses of the map.
+    map. If there are more than MAX_AREAS of them, at the poses of the map.
 
     Raises NotReachable."""
 
@@ -40,7 +40,7 @@ class GatheringPaths:
         others = world.others(carried.name if carried else "")
         shapes += [(floor, item.geometry) for floor, items in others.items() for item in items]
         areas = [(floor, _corners(part)) for floor, shape in shapes for part in shapely.get_parts(shape)]
-        fits = len(areas) <= MOST_AREAS
+        fits = len(areas) <= MAX_AREAS
         self._areas = tuple(areas) if fits else ()
         self._without = tuple(world.building().floors) if fits else ()
 

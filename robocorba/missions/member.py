@@ -7,13 +7,13 @@ import time
 
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Begun, Report, Result
+from robocorba.control.runner import IconBegun, Report, Result
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.execution import ObjectLocator, Performer
+from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Order, Proposal, Record, State
-from robocorba.missions.rhythm import Rhythm
 
 #: The member ends the mission after this time without orders from its leader [s].
 LEADER_TIMEOUT_S = 4.0
@@ -32,15 +32,15 @@ class Member:
         self.mission, self.leader = proposal.mission, proposal.leader
         self._subplan, self._phases = proposal.subplan, proposal.phases
         self._robot = robot
-        self.clock, self._progress = LeaderClock(), Rhythm()
-        self._executor = Performer(robot, self._progress, self.clock, locate)
+        self.clock, self._progress = LeaderClock(), CarryProgress()
+        self._executor = StepExecutor(robot, self._progress, self.clock, locate)
         self._changed = threading.Condition()
         self._order = Order(mission=proposal.mission, leader=proposal.leader)
         self._order_received_at = self._began = time.monotonic()
         self._step, self._is_done, self._began_at = -1, False, 0.0
         self._failed, self._ended = "", False
         self._late_at = float("inf")
-        self._begun: list[Begun] = []
+        self._begun: list[IconBegun] = []
         self.report = Report(f"mission {self.mission}")
 
     @property
@@ -99,7 +99,7 @@ class Member:
             record=self._record() if self._ended else None,
         )
 
-    def begun(self, first: int) -> list[Begun]:
+    def begun(self, first: int) -> list[IconBegun]:
         """Steps that have begun, from number `first` on."""
         return self._begun[first:]
 
@@ -142,7 +142,7 @@ class Member:
         step = self._subplan.steps[number]
         self._step, self._is_done, self._began_at = number, False, self.clock.now()
         self._late_at = time.monotonic() + step.limit_s
-        self._begun.append(Begun(number, f"steps[{number}]", self._phase(), time.monotonic() - self._began))
+        self._begun.append(IconBegun(number, f"steps[{number}]", self._phase(), time.monotonic() - self._began))
         self._update_report()
         self._executor.execute(step)
         self._late_at = float("inf")

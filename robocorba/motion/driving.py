@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from robocorba.errors.robots import MotionFailed
-from robocorba.motion.motion import Wish
+from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.spatial.frames import out_of, turned
 from robocorba.spatial.pose import Limits
@@ -56,7 +56,7 @@ class Drive:
         self._nearest = self._least_error_rad = math.inf
         self._progress_at = 0.0
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         here = state.x, state.y
         if self._segment_start is None:
             self._segment_start = here
@@ -70,7 +70,7 @@ class Drive:
         if is_there and is_stationary(state):
             return None
         self._check_progress(state, remaining, abs(error_rad), elapsed_s)
-        return Wish((*turned(vx, vy, -state.heading), self._turn(error_rad)))
+        return MotionCommand((*turned(vx, vy, -state.heading), self._turn(error_rad)))
 
     def _pass_corners(self, here: tuple[float, float]) -> None:
         assert self._segment_start is not None
@@ -155,7 +155,7 @@ class DriveBy:
         self._by, self._speed, self._limits = (ahead, left, turn), speed, limits
         self._drive: Drive | None = None
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if self._drive is None:
             ahead, left, turn = self._by
             goal = out_of(ahead, left, (state.x, state.y, state.heading))
@@ -180,17 +180,17 @@ class DriveAt:
     def __init__(self, velocity: Velocity, seconds: float) -> None:
         self._velocity, self._seconds = velocity, seconds
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if elapsed_s < self._seconds:
-            return Wish(self._velocity)
-        return None if is_stationary(state) else Wish(ZERO_VELOCITY)
+            return MotionCommand(self._velocity)
+        return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
 
 
 class StopBase:
     """Stops the base; ends once it is stationary."""
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
-        return None if is_stationary(state) else Wish(ZERO_VELOCITY)
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
 
 
 def is_stationary(state: RobotState) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.errors.robots import MotionFailed
-from robocorba.motion.motion import Wish
+from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
 
@@ -57,7 +57,7 @@ class JointMotion:
             float(np.sqrt(_PEAK_ACCELERATION * steepest / (ACCELERATION_SHARE * acceleration)).max()),
         )
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if elapsed_s >= self.seconds:
             missing = np.abs(state.joints - self._waypoints[-1])[self._watched]
             if not len(missing) or missing.max() <= ARRIVED_RAD:
@@ -67,8 +67,8 @@ class JointMotion:
                     return None
                 worst = self._watched[int(missing.argmax())]
                 raise MotionFailed(f"{self._names[worst]} is {math.degrees(missing.max()):.1f} deg from its target")
-            return Wish(joints=self._waypoints[-1], joint_velocities=np.zeros(len(self._names)))
-        return Wish(joints=self._at(elapsed_s)[0], joint_velocities=self._at(elapsed_s)[1])
+            return MotionCommand(joints=self._waypoints[-1], joint_velocities=np.zeros(len(self._names)))
+        return MotionCommand(joints=self._at(elapsed_s)[0], joint_velocities=self._at(elapsed_s)[1])
 
     def _at(self, elapsed_s: float) -> tuple[Floats, Floats]:
         """Joint angles and velocities."""
@@ -101,9 +101,9 @@ class GripMotion(JointMotion):
         self._contact_joints: Floats | None = None
         self._contact_at = self._stationary_since = 0.0
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if self._contact_joints is not None:
-            hold = Wish(joints=self._contact_joints, joint_velocities=np.zeros(len(self._contact_joints)))
+            hold = MotionCommand(joints=self._contact_joints, joint_velocities=np.zeros(len(self._contact_joints)))
             return hold if elapsed_s < self._contact_at + HOLD_S else None
         command = super().wish(state, elapsed_s)
         if command is None or command.joints is None or self._force_n is None:

@@ -8,7 +8,7 @@ from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.spatial.grids import Floats
 
 
-class Wish(NamedTuple):
+class MotionCommand(NamedTuple):
     """What a motion commands in one control cycle.
 
     velocity: of the base, ahead and to the left [m/s], turn [rad/s]. joints (n,) [rad] and joint_velocities (n,)
@@ -22,7 +22,7 @@ class Wish(NamedTuple):
 class Motion(Protocol):
     """One movement of the robot, used once."""
 
-    def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         """The command for this cycle; None once the motion has ended. Raises MotionFailed.
 
         elapsed_s: since its start, without pauses."""

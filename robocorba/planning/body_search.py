@@ -76,7 +76,7 @@ def remaining(lattice: Lattice, goals: Floats, radius_m: float) -> Floats:
     return _remaining(lattice.frame, lattice.open_m, np.array(cells, np.int64).reshape(-1, 2), radius_m)
 
 
-def find_ways(
+def find_routes(
     grid: Grid,
     body: CapsuleBody,
     lattice: Lattice,

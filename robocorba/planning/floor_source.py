@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeVar
 
 from robocorba.maps.geometry import DOOR_REACH_M
 from robocorba.maps.model import Building
-from robocorba.maps.vicinity import line_box, walls_cut_by
+from robocorba.maps.vicinity import line_box, walls_intersecting
 
 #: Greatest number of changed elements for an incremental update; rebuilding the whole floor is cheaper beyond it.
 MAX_TOUCHED = 1_000
@@ -58,7 +58,7 @@ class FloorSource:
         if doors:
             both = (self.plan.doors, before.plan.doors)
             boxes = [line_box(side[name], 2 * DOOR_REACH_M) for name in doors for side in both if name in side]
-            walls |= set(walls_cut_by(building, self.floor.name, boxes))
+            walls |= set(walls_intersecting(building, self.floor.name, boxes))
         if len(walls) + len(objects) + len(doors) > MAX_TOUCHED:
             return None
         return Touched(walls, objects, doors)

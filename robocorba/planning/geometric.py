@@ -27,7 +27,7 @@ def routes(
     """The shortest route and, as alternatives, those by other elevators; empty if there is none. Drives obey one-way
     edges only with `obey_one_way`."""
     for place in (request.start, request.goal):
-        if not snapshot.spaces[place.floor].stands_free(place.x, place.y, request.radius):
+        if not snapshot.spaces[place.floor].point_is_free(place.x, place.y, request.radius):
             return []
     best = _find_route(snapshot, request, request.avoid_elevators, deadline, obey_one_way)
     if best is None:
@@ -103,7 +103,7 @@ def _cabins(snapshot: BuildingSnapshot, radius: float, avoid: frozenset[str]) ->
         for floor in elevator.floors():
             nodes = snapshot.building.floors[floor].topological.nodes.values()
             place = next((node.at for node in nodes if node.elevator == name), elevator.at)
-            if snapshot.spaces[floor].stands_free(*place, radius):
+            if snapshot.spaces[floor].point_is_free(*place, radius):
                 found[floor, name] = place
     return found
 

@@ -122,7 +122,7 @@ def _explain(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) 
     """Raise NotFree or NoPath with the reason why there is no path."""
     for which, place in (("start", request.start), ("goal", request.goal)):
         space = snapshot.spaces[place.floor]
-        if not space.stands_free(place.x, place.y, request.radius):
+        if not space.point_is_free(place.x, place.y, request.radius):
             obstacle, clearance = diagnosis.obstacle_at(space, place.x, place.y, request.radius)
             raise NotFree(which, *place, obstacle, clearance, request.radius)
     raise NoPath(*diagnosis.explain_no_path(snapshot, request, deadline))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from robocorba.errors.paths import InvalidPoint, InvalidRequest, UnknownFloor
 from robocorba.maps.model import Building
-from robocorba.maps.polygons import FARTHEST_M, check_polygon
+from robocorba.maps.polygons import MAX_COORDINATE_M, check_polygon
 from robocorba.spatial.pose import XY
 
 #: Radius of the disc that planners in SmartPal's laboratory use for its base [m].
@@ -19,7 +19,7 @@ SMARTPAL_SPEED_M_S = 1.0
 #: Greatest robot radius of a request; clearances are computed up to it [m].
 LARGEST_RADIUS_M = 3.0
 MAX_ALTERNATIVES = 9
-MOST_AREAS = 64
+MAX_AREAS = 64
 
 
 class PointKind(Enum):
@@ -130,16 +130,16 @@ class PathRequest(NamedTuple):
 
 
 def is_near(place: Place) -> bool:
-    """Whether both coordinates are numbers within FARTHEST_M."""
-    return -FARTHEST_M <= place.x <= FARTHEST_M and -FARTHEST_M <= place.y <= FARTHEST_M
+    """Whether both coordinates are numbers within MAX_COORDINATE_M."""
+    return -MAX_COORDINATE_M <= place.x <= MAX_COORDINATE_M and -MAX_COORDINATE_M <= place.y <= MAX_COORDINATE_M
 
 
 def check_place(building: Building, which: str, place: Place) -> None:
     """Raise InvalidPoint or UnknownFloor unless the place could be in the building."""
-    if not abs(place.x) <= FARTHEST_M:
-        raise InvalidPoint(which, "x", f"{place.x!r} is not a number within {FARTHEST_M:g} m")
-    if not abs(place.y) <= FARTHEST_M:
-        raise InvalidPoint(which, "y", f"{place.y!r} is not a number within {FARTHEST_M:g} m")
+    if not abs(place.x) <= MAX_COORDINATE_M:
+        raise InvalidPoint(which, "x", f"{place.x!r} is not a number within {MAX_COORDINATE_M:g} m")
+    if not abs(place.y) <= MAX_COORDINATE_M:
+        raise InvalidPoint(which, "y", f"{place.y!r} is not a number within {MAX_COORDINATE_M:g} m")
     if place.floor not in building.floors:
         raise UnknownFloor(which, place.floor[:200], tuple(building.floors))
 
@@ -162,8 +162,8 @@ def check_request(building: Building, request: PathRequest) -> None:
             raise UnknownFloor("avoidAreas", floor[:200], tuple(building.floors))
         if area not in building.floors[floor].geometrical.areas:
             raise InvalidRequest("avoidAreas", f"there is no area {area[:80]!r} on {floor}")
-    if len(request.avoid_areas) + len(request.forbidden_areas) > MOST_AREAS:
-        raise InvalidRequest("forbiddenAreas", f"more than {MOST_AREAS} areas")
+    if len(request.avoid_areas) + len(request.forbidden_areas) > MAX_AREAS:
+        raise InvalidRequest("forbiddenAreas", f"more than {MAX_AREAS} areas")
     for i, (floor, polygon) in enumerate(request.forbidden_areas):
         if floor not in building.floors:
             raise UnknownFloor(f"forbiddenAreas[{i}]", floor[:200], tuple(building.floors))

@@ -97,9 +97,9 @@ class FloorSpace:
         """Whether a point lies inside the outline and outside every solid object."""
         return bool(is_ground(self.borders, self.rings, self.inside, x, y))
 
-    def stands_free(self, x: float, y: float, radius_m: float) -> bool:
+    def point_is_free(self, x: float, y: float, radius_m: float) -> bool:
         """Whether a robot of this radius [m] fits at a point."""
-        return bool(stands_free(self.grid, self.borders, self.rings, self.inside, x, y, radius_m))
+        return bool(point_is_free(self.grid, self.borders, self.rings, self.inside, x, y, radius_m))
 
     def nearest(self, x: float, y: float, reach_m: float) -> tuple[float, Obstacle | None]:
         """The nearest obstacle and its distance [m]; (reach_m, None) if none is nearer."""
@@ -215,7 +215,7 @@ def is_ground(borders: Floats, rings: Floats, inside: int, x: float, y: float) -
 
 
 @kernel
-def stands_free(grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float) -> bool:
+def point_is_free(grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float) -> bool:
     """Whether a point lies on the ground and no segment is nearer than `radius`."""
     return line_free(grid, x, y, x, y, radius) and is_ground(borders, rings, inside, x, y)
 

@@ -207,7 +207,7 @@ def connect_around_corners(
         nodes = [
             int(node)
             for node in candidates
-            if space.stands_free(float(xy[node, 0]), float(xy[node, 1]), request.radius)
+            if space.point_is_free(float(xy[node, 0]), float(xy[node, 1]), request.radius)
         ]
         targets: list[XY] = [(float(xy[node, 0]), float(xy[node, 1])) for node in nodes]
         legs = graph.legs(place[1:], targets, lanes=lanes, outbound=outbound, deadline=deadline)

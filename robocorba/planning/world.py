@@ -10,7 +10,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import RoadmapArrays
-from robocorba.planning.space import FloorSpace, stands_free
+from robocorba.planning.space import FloorSpace, point_is_free
 from robocorba.spatial.grids import Floats, Grid, Longs
 
 
@@ -126,4 +126,4 @@ def floor_point_is_free(ground: Ground, floor: int, x: float, y: float, radius: 
     """Whether a robot of this radius [m] fits at a point of a floor."""
     borders = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]
     rings = ground.rings[ground.first_ring[floor] : ground.first_ring[floor + 1]]
-    return stands_free(floor_grid(ground, floor), borders, rings, ground.inside[floor], x, y, radius)
+    return point_is_free(floor_grid(ground, floor), borders, rings, ground.inside[floor], x, y, radius)

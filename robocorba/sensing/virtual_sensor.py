@@ -126,7 +126,7 @@ class VirtualSensor:
     def follow(self, update: FloorUpdate, asked_at: float) -> None:
         """Apply an update of a floor that was requested from the Omni database at time `asked_at` of the clock [s].
 
-        Raises UnknownFloor, OutOfStep."""
+        Raises UnknownFloor, UpdateMismatch."""
         self._floor(update.floor).follow(update, asked_at)
 
     def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> ScanResult:

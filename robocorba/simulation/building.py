@@ -86,7 +86,7 @@ class SimulatedRobot:
         return self._last
 
 
-class Happening(NamedTuple):
+class SimulationEvent(NamedTuple):
     """A published event of the simulation. kind: "collision", "grip lost", "ride lost" or "reservation over"."""
 
     time: float
@@ -193,7 +193,7 @@ class SimulatedBuilding:
         robot = self._robot(name)
         robot.physics.remove(robot.body)
         del self.robots[name], self.bodies[robot.body]
-        self.give_up_elevator(name)
+        self.cancel_elevator(name)
         self.reservations.release(name)
 
     def pose(self, name: str) -> Pose:
@@ -237,7 +237,7 @@ class SimulatedBuilding:
         self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size)
         self._update_elevator_states()
 
-    def give_up_elevator(self, name: str) -> None:
+    def cancel_elevator(self, name: str) -> None:
         """Cancel the robot's ride, if any."""
         for cabin in self.cabins.values():
             if name in cabin.sessions:
@@ -251,7 +251,7 @@ class SimulatedBuilding:
 
     # ---- time ----
 
-    def step(self) -> list[Happening]:
+    def step(self) -> list[SimulationEvent]:
         """Advance time by STEP_S; return the events."""
         self._steps += 1
         events = []
@@ -261,20 +261,20 @@ class SimulatedBuilding:
                 self._count_collision(first, second)
                 self._count_collision(second, first)
                 bodies = tuple(_owner(body) for body in (first, second) if body)
-                events.append(Happening(self.time, name, "collision", bodies))
+                events.append(SimulationEvent(self.time, name, "collision", bodies))
             for robot in lost:
-                events.append(Happening(self.time, name, "grip lost", (_owner(robot),)))
+                events.append(SimulationEvent(self.time, name, "grip lost", (_owner(robot),)))
         for name, cabin in self.cabins.items():
             if cabin.sessions:
                 self._detect_entry_and_exit(name, cabin)
             cabin.advance(STEP_S)
             self._apply_cabin_state(name, cabin)
             for rider, why in cabin.ended:
-                events.append(Happening(self.time, cabin.floor, "ride lost", (rider,), why))
+                events.append(SimulationEvent(self.time, cabin.floor, "ride lost", (rider,), why))
             cabin.ended.clear()
         for over in self.reservations.advance(self.time):
             why = f"its limit of {over.limit_s:g} s is over"
-            events.append(Happening(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
+            events.append(SimulationEvent(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
         self._update_elevator_states()
         return events
 
@@ -284,7 +284,7 @@ class SimulatedBuilding:
             floor.refresh()
         self._update_elevator_states()
 
-    def moments_on(self, floor: str) -> dict[str, ElevatorState]:
+    def elevator_states_on(self, floor: str) -> dict[str, ElevatorState]:
         """State of the elevators that serve a floor, by name. Thread-safe."""
         served = self.building.elevators
         return {

@@ -14,7 +14,7 @@ from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import InvalidChoice, SessionExpired, UnknownRobot
 from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
-from robocorba.simulation.building import Happening, SimulatedBuilding
+from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import LastScan, OmniDatabase
 from robocorba.simulation.registry import Description, Registry, RobotClient
@@ -64,7 +64,7 @@ class ManagementAgent:
         building: Building,
         map_version: int,
         store: SimulationStore,
-        publish: Callable[[Happening], None] = lambda happening: None,
+        publish: Callable[[SimulationEvent], None] = lambda happening: None,
         session_ended: Callable[[Session], None] = lambda session: None,
     ) -> None:
         self._store, self._publish, self._session_ended = store, publish, session_ended

@@ -64,7 +64,7 @@ class OmniDatabase:
                 self._floors.pop(name, None)
                 raise UnknownFloor("floorName", name, self.floors)
             floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
-            floor.update(physics.snapshot, self._building.bodies, self._building.moments_on(name))
+            floor.update(physics.snapshot, self._building.bodies, self._building.elevator_states_on(name))
             return floor.since(name, since, self.map_version)
 
     def elevators(self) -> dict[str, ElevatorState]:

@@ -28,7 +28,7 @@ from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, MOVABLE
 from robocorba.maps.geometry import landing_line, shaft_polygon
 from robocorba.maps.model import Building, Elevator, FloorMap
 from robocorba.maps.movable import movables
-from robocorba.maps.sheet import GROUND, HEAD_PX, INK, MAX_LETTERS, Frame, Sheet
+from robocorba.maps.sheet import GROUND, HEAD_PX, INK, MAX_LABEL_LENGTH, Frame, Sheet
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import Body, BodyKind, FloorView
 from robocorba.spatial.pose import XY
@@ -273,7 +273,7 @@ class _Picture:
 
     def _write(self, name: str, column: float, row: float, room_px: float = math.inf) -> None:
         """Draw a name centred at a pixel, shifted to lie within the picture; skip a name wider than `room_px`."""
-        shown = name if len(name) <= MAX_LETTERS else f"{name[: MAX_LETTERS - 2]}…"
+        shown = name if len(name) <= MAX_LABEL_LENGTH else f"{name[: MAX_LABEL_LENGTH - 2]}…"
         letters, halo = _name(shown, self._letter_px)
         if letters.width < room_px:
             left = min(max(0, round(column - letters.width / 2)), self._frame.width - letters.width)
@@ -305,10 +305,10 @@ def _draw_static(frame: Frame, building: Building, floor: str) -> Image.Image:
     building = msgspec.structs.replace(building, floors={**building.floors, floor: standing})
 
     sheet = Sheet(frame)
-    drawing.draw_standing(sheet, building, floor)
-    drawing.draw_furniture(sheet, "", _LEGEND)
+    drawing.draw_geometrical_map(sheet, building, floor)
+    drawing.draw_title_and_legend(sheet, "", _LEGEND)
     elsewhere = [elevator for elevator in building.elevators.values() if floor not in elevator.floors()]
-    drawing.write_names(sheet, standing, elsewhere, ())
+    drawing.write_labels(sheet, standing, elsewhere, ())
     return sheet.image()
 
 

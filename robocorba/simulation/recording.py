@@ -29,7 +29,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from robocorba import __version__
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import OutOfStep, StateDamaged
+from robocorba.errors.simulation import StateDamaged, UpdateMismatch
 from robocorba.maps import native
 from robocorba.maps.model import Building
 from robocorba.spatial.floor_format import dumps, loads
@@ -84,7 +84,7 @@ struct FloorUpdate {
 
 #: Errors that the parsers raise on damaged files.
 _DAMAGE: tuple[Any, ...] = (McapError, struct.error, zlib.error, zstandard.ZstdError, msgspec.MsgspecError)
-_DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeError, MapFileError, OutOfStep)
+_DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeError, MapFileError, UpdateMismatch)
 _PREFIX = struct.Struct("<BQ")
 
 

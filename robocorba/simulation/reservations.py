@@ -20,7 +20,7 @@ from robocorba.simulation.world_record import ReservationRecord
 from robocorba.spatial.pose import XY
 
 #: Limits of a request: its areas, and the corners of all its areas.
-MOST_AREAS, MOST_CORNERS = 32, 512
+MAX_AREAS, MAX_CORNERS = 32, 512
 #: Requests in force at most.
 MOST_REQUESTS = 500
 #: Longest duration of a grant [s].
@@ -197,11 +197,11 @@ def kept_of(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
 
 def check_sizes(polygons: Sequence[Sequence[object]]) -> None:
     """Check the numbers of areas and corners of a request. Raises InvalidReservation."""
-    if len(polygons) > MOST_AREAS:
-        raise InvalidReservation("areas", f"{len(polygons)} areas; at most {MOST_AREAS}")
+    if len(polygons) > MAX_AREAS:
+        raise InvalidReservation("areas", f"{len(polygons)} areas; at most {MAX_AREAS}")
     corners = sum(map(len, polygons))
-    if corners > MOST_CORNERS:
-        raise InvalidReservation("areas", f"{corners} corners in total; at most {MOST_CORNERS}")
+    if corners > MAX_CORNERS:
+        raise InvalidReservation("areas", f"{corners} corners in total; at most {MAX_CORNERS}")
 
 
 def _shapes(areas: Iterable[FloorArea]) -> dict[str, BaseGeometry]:

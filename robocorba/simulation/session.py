@@ -80,9 +80,9 @@ class Session:
             raise InvalidRide("party", "needs a name")
         self.call_elevator(elevator, destination, party, size)
 
-    def give_up_elevator(self) -> None:
+    def cancel_elevator(self) -> None:
         """Cancel the ride, if any. Raises SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.give_up_elevator(self.name))
+        self._do(lambda: self._building.cancel_elevator(self.name))
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         """Request areas; the grant lasts `limit_s` of simulated time.

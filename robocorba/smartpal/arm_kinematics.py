@@ -92,7 +92,9 @@ class ArmKinematics:
 
     def _solve(self, target: HandPose, seed: Floats) -> Floats:
         with self._lock:
-            solved = self._inverse.solve(self._side, target, self._all_joints(seed), keeps_clear=False, leaps=False)
+            solved = self._inverse.solve(
+                self._side, target, self._all_joints(seed), avoid_collisions=False, leaps=False
+            )
         return solved[ARM[self._side]]
 
     def _jacobian(self, joints: Floats) -> Floats:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.errors.simulation import OutOfStep
+from robocorba.errors.simulation import UpdateMismatch
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.pose import XY
 
@@ -72,9 +72,11 @@ class FloorView:
         self._rebuild_rows()
 
     def apply(self, update: FloorUpdate) -> bool:
-        """Apply an update; return whether bodies came or went. Raises OutOfStep if it does not continue `version`."""
+        """Apply an update; return whether bodies came or went.
+
+        Raises UpdateMismatch if it does not continue `version`."""
         if update.since not in (WHOLE, self.version):
-            raise OutOfStep(update.floor, self.version, update.since)
+            raise UpdateMismatch(update.floor, self.version, update.since)
         is_whole = update.since == WHOLE
         if is_whole:
             self.bodies, self.elevators = {}, {}
@@ -94,7 +96,7 @@ class FloorView:
         numbers = update.motions["number"]
         places = self._numbers.searchsorted(numbers)
         if not (self._numbers_or_none[places] == numbers).all():
-            raise OutOfStep(update.floor, self.version, update.since)  # a moved body is unknown
+            raise UpdateMismatch(update.floor, self.version, update.since)  # a moved body is unknown
         return self._row_of[places]
 
     def motion(self, number: int) -> np.void:

@@ -24,7 +24,7 @@ TIMEOUT_S = 2.0
 _log = logging.getLogger(__name__)
 
 
-def subnets_of(text: str, setting: str = "--subnets") -> tuple[str, ...]:
+def parse_subnets(text: str, setting: str = "--subnets") -> tuple[str, ...]:
     """The names in a comma-separated list such as lab,hall. Raises InvalidSetting."""
     names = tuple(name.strip() for name in text.split(","))
     for name in names:

@@ -19,7 +19,7 @@ from robocorba.testing.processes import Launcher, claimed_ports, eventually
 ROOT = Path(__file__).resolve().parents[2]
 
 
-class RobotPlace(NamedTuple):
+class StandIn(NamedTuple):
     """naming: of the robot itself. process: the stand-in. orb: of this process, for another naming service."""
 
     naming: Address
@@ -29,14 +29,14 @@ class RobotPlace(NamedTuple):
     @property
     def faults(self) -> Any:
         """The stand-in's SmartPalFaults."""
-        return self.orb.resolve_elsewhere(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
+        return self.orb.resolve_in_other_naming_service(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
 
     def unit(self, name: str, interface: Any) -> Any:
-        return self.orb.resolve_elsewhere(self.naming, name, interface, 2.0)
+        return self.orb.resolve_in_other_naming_service(self.naming, name, interface, 2.0)
 
 
 @contextlib.contextmanager
-def robot_place(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[RobotPlace]:
+def running_stand_in(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[StandIn]:
     """Both processes, ready, until the end of the `with`. orb: of this process if it already has one."""
     with claimed_ports() as port, Launcher(folder) as launch:
         naming = Address("127.0.0.1", port)
@@ -50,12 +50,12 @@ def robot_place(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterat
             PYTHONPATH=str(ROOT),
         )
         with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
-            place = RobotPlace(naming, process, ours)
+            place = StandIn(naming, process, ours)
             eventually(lambda: _is_ready(place), 60.0, "the stand-in")
             yield place
 
 
-def _is_ready(place: RobotPlace) -> bool:
+def _is_ready(place: StandIn) -> bool:
     assert place.process.poll() is None, place.process.communicate()[1]
     try:
         place.faults.none()

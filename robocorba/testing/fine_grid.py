@@ -52,7 +52,7 @@ class FloorGeometry:
             if edge.one_way
         ]
 
-    def stands_free(self, at: XY, radius_m: float) -> bool:
+    def point_is_free(self, at: XY, radius_m: float) -> bool:
         return not self.touching([(at, at)], radius_m)
 
     def clearance(self, at: XY) -> float:
@@ -161,7 +161,7 @@ class FineGrid:
         return self._links[at]
 
     def _find_links(self, at: XY) -> list[tuple[Cell, float]]:
-        if not self._floor.stands_free(at, self._radius):
+        if not self._floor.point_is_free(at, self._radius):
             return []
         if self._lanes and any(lane.distance(Point(at)) <= self._radius + GRID_MARGIN_M for lane in self._lanes):
             return []

@@ -88,21 +88,21 @@ class BodyPose(NamedTuple):
 
 
 @contextlib.contextmanager
-def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionPlace]:
+def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
     """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
     with claimed_ports() as port, Launcher(folder) as launch:
         running = real_system(launch, folder / "state", port, "--building", str(building), "--subnets", subnets)
         running.wait_ready()
         threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
         with Orb(running.naming, call_timeout_s=5.0) as orb:
-            place = MissionPlace(folder, running, orb, launch)
+            place = MissionSystem(folder, running, orb, launch)
             try:
                 yield place
             finally:
                 place.end()
 
 
-class MissionPlace:
+class MissionSystem:
     """A running system. robots: their processes, by name."""
 
     def __init__(self, folder: Path, running: Running, orb: Orb, launch: Launcher) -> None:
@@ -245,7 +245,7 @@ class MissionPlace:
     def is_back(self, name: str, before: int) -> bool:
         return self.running.pid(name) not in (0, before)
 
-    def stands_still(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
+    def is_stationary(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
         """Whether none of the bodies moves within some time."""
         _, before = self.bodies()
         time.sleep(seconds)
@@ -264,7 +264,7 @@ class Watch:
 
     A grip point is where a hand was on the table when the table began to move."""
 
-    def __init__(self, place: MissionPlace, table: str, every_s: float = 0.04) -> None:
+    def __init__(self, place: MissionSystem, table: str, every_s: float = 0.04) -> None:
         self._place, self._table, self._every_s = place, table, every_s
         self.seen: list[tuple[float, dict[str, BodyPose]]] = []
         self._ending = threading.Event()

@@ -31,11 +31,11 @@ from robocorba.supervision.launch import module_command
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
 
 #: Time within which a dead robot's name, place and slot are free again [s].
-FREE_S = 3.0
+RELEASE_LIMIT_S = 3.0
 #: Time before a kill whose poses may be lost [s].
 LOST_S = 0.2
 #: Interval between heartbeats of test robots [s].
-BEAT_S = 0.4
+HEARTBEAT_INTERVAL_S = 0.4
 #: Exceptions of a call whose server died or is restarting.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
@@ -89,7 +89,7 @@ class Place:
             (running.state / "administrator.ior").read_text(), RoboCorba.SimulationAdministrator
         )
         self._sessions: list[Any] = []
-        self._heartbeats = Repeating("beats", self._heartbeat, BEAT_S).start()
+        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
 
     def close(self) -> None:
         self._heartbeats.close()
@@ -199,7 +199,7 @@ def is_gone(session: Any) -> bool:
     return False
 
 
-def complaints(state: Path) -> list[str]:
+def error_lines(state: Path) -> list[str]:
     """Lines of the servers' logs that report errors."""
     lines = [line for log in sorted((state / "logs").glob("*.log")) for line in log.read_text().splitlines()]
     return [line[:600] for line in lines if re.search(r"\b(ERROR|CRITICAL)\b|Traceback", line)]

@@ -24,7 +24,7 @@ BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
 RUN_LIMIT_S, END_LIMIT_S = 180.0, 20.0
 
 
-class Apart(NamedTuple):
+class StateDifference(NamedTuple):
     """Differences between two robots. hands_m: each hand in the frame of its robot."""
 
     base_m: float
@@ -32,12 +32,12 @@ class Apart(NamedTuple):
     hands_m: dict[Side, float]
 
 
-def apart(one: AgentState, other: AgentState, body: Body) -> Apart:
+def apart(one: AgentState, other: AgentState, body: Body) -> StateDifference:
     """The differences between the states of two robots."""
     a, b = one.actor, other.actor
     hands = {side: math.dist(body.hand(side, a.joints).position, body.hand(side, b.joints).position) for side in Side}
     turned = abs(math.remainder(a.heading - b.heading, math.tau))
-    return Apart(math.dist((a.x, a.y), (b.x, b.y)), turned, hands)
+    return StateDifference(math.dist((a.x, a.y), (b.x, b.y)), turned, hands)
 
 
 class RobotProcess(NamedTuple):

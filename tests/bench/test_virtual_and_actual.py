@@ -12,7 +12,7 @@ from robocorba.control.tick_file import Tick, TickFile
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.testing.virtual_and_actual import Apart
+from robocorba.testing.virtual_and_actual import StateDifference
 
 ICONS = ("icons[0]", "icons[2].icons[0]", "icons[3]")
 
@@ -46,7 +46,7 @@ def test_ticks_are_compared_icon_by_icon(tmp_path: Path) -> None:
     assert {row["base_mm"] for row in found} == {3.0}
     assert {row["turned_deg"] for row in found} == {round(np.degrees(0.02), 4)}
     assert found[-1]["program_s"] == pytest.approx(3 * 54 / 50)
-    table = bench.rows(found, [(virtual, actual)], [Apart(0.004, 0.001, dict.fromkeys(Side, 0.002))])
+    table = bench.rows(found, [(virtual, actual)], [StateDifference(0.004, 0.001, dict.fromkeys(Side, 0.002))])
     assert [row["icon"] for row in table] == [*("[0] mhand_posture", "[2][0] mbase_by", "[3] gripper", "at the end")]
     assert (table[0]["s virtual"], table[0]["s actual"]) == pytest.approx((0.98, 1.08))
     assert table[-1]["base most"] == pytest.approx(4.0)
@@ -54,5 +54,10 @@ def test_ticks_are_compared_icon_by_icon(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("base_m", "is_reached"), [(0.009, True), (0.011, False)])
 def test_marks(base_m: float, is_reached: bool) -> None:
-    found = bench.marks([Apart(0.001, 0.001, dict.fromkeys(Side, 0.001)), Apart(base_m, 0.0, dict.fromkeys(Side, 0.0))])
+    found = bench.marks(
+        [
+            StateDifference(0.001, 0.001, dict.fromkeys(Side, 0.001)),
+            StateDifference(base_m, 0.0, dict.fromkeys(Side, 0.0)),
+        ]
+    )
     assert all(mark.is_reached for mark in found) == is_reached

@@ -193,5 +193,5 @@ class InStep:
     def release_areas(self) -> None:
         self._world.reservations.release(self._robot.name)
 
-    def give_up_elevator(self) -> None:
+    def cancel_elevator(self) -> None:
         pass

@@ -205,7 +205,7 @@ def meet(crowd: Crowd, goals: dict[str, Pose], limit_s: float = 150.0) -> None:
     """Everybody gets to its goal, and nobody touches anything."""
 
     def go(goal: Pose, robot: Robot) -> None:
-        robot.drive_path(FLOOR, *goal, looks_around=True)
+        robot.drive_path(FLOOR, *goal, around_obstacles=True)
 
     wrong = crowd.run(limit_s, **{name: partial(go, goal) for name, goal in goals.items()})
     assert (wrong, crowd.touched) == ({}, [])
@@ -269,7 +269,7 @@ def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
     goals = {"A": (6.7, 4.42), "B": (6.24, 1.78), "C": (7.16, 1.78)}  # where they gather
 
     def there(robot: Robot, to: XY) -> None:
-        robot.drive_path(FLOOR, *to, looks_around=True)
+        robot.drive_path(FLOOR, *to, around_obstacles=True)
 
     assert crowd.run(120.0, **{name: partial(there, to=to) for name, to in goals.items()}) == {}
     assert crowd.touched == []

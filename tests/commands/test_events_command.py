@@ -15,7 +15,7 @@ from robocorba.corba.event_client import Event
 from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.servers import probe_of, servers
-from robocorba.supervision.subnets import subnets_of
+from robocorba.supervision.subnets import parse_subnets
 
 
 def event(payload: Any, **more: Any) -> Event:
@@ -154,7 +154,7 @@ def test_json_has_the_names_of_the_idl() -> None:
 
 
 def test_each_channel_has_all_others_as_peers() -> None:
-    editor, simulation, *others = servers(subnets_of("lab, hall,yard"), sensors=2)
+    editor, simulation, *others = servers(parse_subnets("lab, hall,yard"), sensors=2)
     sensors, channels = others[:2], others[2:]
     assert (editor.name, simulation.arguments) == ("map_editor", ("--channel", "lab"))
     assert [(server.name, list(server.objects), server.arguments) for server in sensors] == [
@@ -185,6 +185,6 @@ def test_each_channel_has_all_others_as_peers() -> None:
 )
 def test_what_is_no_list_of_subnets_is_named(text: str, reason: str) -> None:
     with pytest.raises(InvalidSetting) as refused:
-        subnets_of(text)
+        parse_subnets(text)
     assert refused.value.setting == "--subnets"
     assert reason in refused.value.reason

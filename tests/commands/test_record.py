@@ -67,7 +67,7 @@ def test_an_absence_is_waited_for(tmp_path: Path) -> None:
 
 
 def test_after_a_longer_one_what_there_is_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(record, "AWAY_LIMIT_S", 0.0)
+    monkeypatch.setattr(record, "ABSENCE_LIMIT_S", 0.0)
     with pytest.raises(NotReachable, match="away"):
         recorded(tmp_path, [[update(WHOLE, 5)], *[NotReachable("away")] * 3])
     found = Recording(tmp_path / "a.mcap")

@@ -145,8 +145,8 @@ class InProcessSession:
     def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
         self._answer().call_elevator(elevator, destination, party, size)
 
-    def give_up_elevator(self) -> None:
-        self._answer().give_up_elevator()
+    def cancel_elevator(self) -> None:
+        self._answer().cancel_elevator()
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         self._answer().reserve(areas, limit_s)

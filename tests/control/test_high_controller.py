@@ -18,7 +18,7 @@ from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S,
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
 from robocorba.kinematics.smartpal import BASE, LOWER, SPEED, UPPER
 from robocorba.motion.driving import Drive, DriveAt
-from robocorba.motion.motion import Wish
+from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
 from tests.control.places import controller, documented_adaptor, eventually
@@ -119,7 +119,7 @@ def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor
 
 def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
     class Wrong:
-        def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+        def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             raise ZeroDivisionError("of its own")
 
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
@@ -240,9 +240,9 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
         def __init__(self) -> None:
             self.elapsed: list[float] = []
 
-        def wish(self, state: RobotState, elapsed_s: float) -> Wish | None:
+        def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             self.elapsed.append(elapsed_s)
-            return Wish() if elapsed_s < 0.6 else None
+            return MotionCommand() if elapsed_s < 0.6 else None
 
     watching = Watching()
     thread, _ = in_background(high.move, watching)

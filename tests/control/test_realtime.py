@@ -7,14 +7,14 @@ import subprocess
 import sys
 import threading
 
-from robocorba.control.realtime import NICE, PRIORITY, SWITCH_S, be_punctual
+from robocorba.control.realtime import NICE, PRIORITY, SWITCH_S, use_realtime_scheduling
 
 
 def test_priority_is_had_or_not() -> None:
     found: list[tuple[bool, int, int]] = []
 
     def run() -> None:
-        is_allowed, number = be_punctual(), threading.get_native_id()
+        is_allowed, number = use_realtime_scheduling(), threading.get_native_id()
         found.append((is_allowed, os.sched_getscheduler(number), os.sched_getparam(number).sched_priority))
 
     thread = threading.Thread(target=run)
@@ -26,7 +26,7 @@ def test_priority_is_had_or_not() -> None:
 
 def test_a_prompt_process_hands_on_its_lock_and_is_preferred_or_goes_on_without() -> None:
     asks = (
-        "from robocorba.control.realtime import be_prompt; import os, sys, threading; be_prompt();"
+        "from robocorba.control import realtime; import os, sys, threading; realtime.raise_process_priority();"
         "seen = []; one = threading.Thread(target=lambda: seen.append(os.getpriority(os.PRIO_PROCESS, 0)));"
         "one.start(); one.join(); print(sys.getswitchinterval(), *seen)"
     )

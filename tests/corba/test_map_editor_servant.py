@@ -11,7 +11,7 @@ from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants import map_editor
-from robocorba.corba.servants.map_editor import ENDED_KEPT, MapEditorServant
+from robocorba.corba.servants.map_editor import CLOSED_TRANSACTIONS_KEPT, MapEditorServant
 from robocorba.maps import editing, native
 from robocorba.maps.editing import BuildingEditor
 from robocorba.maps.model import Wall
@@ -75,16 +75,16 @@ def test_transactions_left_alone_make_room(editor: MapEditorServant, clock: Cloc
         editor.begin().rollBack()
         with pytest.raises(RoboCorba.TransactionClosed):
             left[-1].commit()
-    assert orb.active <= 64 + ENDED_KEPT
+    assert orb.active <= 64 + CLOSED_TRANSACTIONS_KEPT
     assert "never" not in [record.value._v.name for record in editor.elements(RoboCorba.WALL_ELEMENT, "L2")]
 
 
 def test_what_ended_is_forgotten_in_time_but_never_what_is_open(editor: MapEditorServant, orb: CountingOrb) -> None:
     open_all_the_time, ended = editor.begin(), editor.begin()
     ended.rollBack()
-    for _ in range(2 * ENDED_KEPT):
+    for _ in range(2 * CLOSED_TRANSACTIONS_KEPT):
         editor.begin().rollBack()
-    assert orb.active <= ENDED_KEPT + 3
+    assert orb.active <= CLOSED_TRANSACTIONS_KEPT + 3
     with pytest.raises(CORBA.OBJECT_NOT_EXIST):
         ended.commit()
     open_all_the_time.create("L2", wall("w"))
@@ -93,7 +93,7 @@ def test_what_ended_is_forgotten_in_time_but_never_what_is_open(editor: MapEdito
 
 def test_an_answer_holds_the_first_findings(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(found.id.name, found.position.floor) for found in editor.check()] == [("west", "L1"), ("east", "L1")]
-    monkeypatch.setattr(map_editor, "MOST_FINDINGS", 1)
+    monkeypatch.setattr(map_editor, "MAX_FINDINGS", 1)
     assert [found.id.name for found in editor.check()] == ["west"]
 
 

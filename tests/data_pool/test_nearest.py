@@ -40,7 +40,7 @@ def everything(place: Place, floor: str, oneself: str) -> dict[str, list[tuple[B
     for item in obstacles(building, floor):
         if item.kind != "object" or item.name not in movable:
             found.setdefault(item.name, []).append((item.geometry, 0.0))
-    for name, moment in place.world.moments_on(floor).items():
+    for name, moment in place.world.elevator_states_on(floor).items():
         if moment.floor != floor or moment.doors is not Doors.OPEN:
             found.setdefault(name, []).append((landing_doors(building, name, floor), 0.0))
     for name, (thing, on) in place.world.objects.items():

@@ -91,7 +91,7 @@ def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
 def test_the_shaft_is_opened_and_joined_to_the_floor(tmp_path: Path) -> None:
     building = _with_roads(read_map(_written(tmp_path)).building)
     for floor in ("L1", "L2"):
-        assert FloorSpace(building, floor).stands_free(9.0, 3.0, 0.4)
+        assert FloorSpace(building, floor).point_is_free(9.0, 3.0, 0.4)
     path = PathPlanner(building).shortest(Place("L1", 2.0, 2.0), Place("L2", 2.0, 4.0))
     assert [point.floor for point in path.points][:: len(path.points) - 1] == ["L1", "L2"]
 

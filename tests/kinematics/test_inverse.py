@@ -36,7 +36,7 @@ def test_where_a_hand_can_be_it_gets(side: Side, seed: int) -> None:
     truth = HOME.copy()
     truth[ARM[side]] = anywhere(1, seed)[0][ARM[side]]
     target = BODY.hand(side, truth)
-    found = INVERSE.solve(side, target, HOME, keeps_clear=False)
+    found = INVERSE.solve(side, target, HOME, avoid_collisions=False)
     assert is_at(side, found, target)
     rest = np.setdiff1d(np.arange(len(JOINTS)), np.arange(len(JOINTS))[ARM[side]])
     assert np.array_equal(found[rest], HOME[rest])
@@ -67,7 +67,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: Body, invers
 def test_from_anywhere_with_the_lumbar(side: Side, seed: int, other: int) -> None:
     truth, start = anywhere(1, seed)[0], anywhere(1, other)[0]
     target = BODY.hand(side, truth)
-    found = INVERSE.solve(side, target, start, lumbar_helps=True, keeps_clear=False)
+    found = INVERSE.solve(side, target, start, use_lumbar=True, avoid_collisions=False)
     assert is_at(side, found, target)
     untouched = [*range(len(JOINTS))[ARM[_other(side)]], *GRIP.values()]
     assert np.array_equal(found[untouched], start[untouched])
@@ -79,7 +79,7 @@ def test_both_hands_at_once(seed: int) -> None:
     truth = anywhere(1, seed)[0]
     truth[LUMBAR] = 0
     goals = {side: BODY.hand(side, truth) for side in Side}
-    found = INVERSE.solve_both(*goals.values(), HOME, keeps_clear=False)
+    found = INVERSE.solve_both(*goals.values(), HOME, avoid_collisions=False)
     for side, goal in goals.items():
         assert is_at(side, found, goal)
     assert np.array_equal(found[LUMBAR], HOME[LUMBAR])
@@ -91,7 +91,7 @@ def test_a_position_alone(side: Side, seed: int) -> None:
     truth = HOME.copy()
     truth[ARM[side]] = anywhere(1, seed)[0][ARM[side]]
     x, y, z, *_ = BODY.hand(side, truth)
-    found = INVERSE.solve_position(side, HandPose(x, y, z), HOME, keeps_clear=False)
+    found = INVERSE.solve_position(side, HandPose(x, y, z), HOME, avoid_collisions=False)
     assert math.dist(BODY.hand(side, found)[:3], (x, y, z)) < 1e-5
     assert within_limits(found)
 
@@ -112,7 +112,7 @@ def test_what_is_out_of_reach_is_refused(side: Side, far: float, bearing: float,
 
 def test_a_hand_that_would_have_to_be_in_the_trunk_is_refused(inverse: InverseKinematics) -> None:
     inside = BODY.hand(Side.LEFT, at(left_2=14.5, left_1=5))
-    assert is_at(Side.LEFT, inverse.solve(Side.LEFT, inside, HOME, keeps_clear=False), inside)
+    assert is_at(Side.LEFT, inverse.solve(Side.LEFT, inside, HOME, avoid_collisions=False), inside)
     with pytest.raises(Unreachable, match=r"only where .*left_\w+.* collide"):
         inverse.solve(Side.LEFT, inside, HOME)
 
@@ -177,7 +177,7 @@ def test_a_hand_led_along_a_line_goes_in_small_steps(inverse: InverseKinematics)
 def test_without_leaps_only_the_seed_is_tried(inverse: InverseKinematics) -> None:
     with pytest.raises(Unreachable):
         for joints in anywhere(30, 6):
-            inverse.solve(Side.LEFT, BODY.hand(Side.LEFT, joints), joints * 0, leaps=False, keeps_clear=False)
+            inverse.solve(Side.LEFT, BODY.hand(Side.LEFT, joints), joints * 0, leaps=False, avoid_collisions=False)
 
 
 def test_an_arm_left_free_bends_at_ease(inverse: InverseKinematics) -> None:

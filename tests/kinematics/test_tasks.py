@@ -57,7 +57,7 @@ def test_what_the_postures_are_for(body: Body) -> None:
 @pytest.mark.parametrize("spacing_m", [0.3, 0.5])
 def test_tables_are_gripped(body: Body, inverse: InverseKinematics, height_m: float, spacing_m: float) -> None:
     hands = grip_table(height_m, 0.45, spacing_m)
-    joints = inverse.solve_both(*hands, HOME, lumbar_helps=True)
+    joints = inverse.solve_both(*hands, HOME, use_lumbar=True)
     assert within_limits(joints)
     assert body.collisions(joints) == []
     for side, aside in ((Side.LEFT, spacing_m / 2), (Side.RIGHT, -spacing_m / 2)):

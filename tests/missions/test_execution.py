@@ -9,9 +9,9 @@ import pytest
 from robocorba.control import execution_control
 from robocorba.control.robot import Robot
 from robocorba.maps.model import BoxShape, MapObject
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.execution import Performer
-from robocorba.missions.rhythm import Rhythm
+from robocorba.missions.execution import StepExecutor
 from robocorba.missions.subplan import BackOff, Carry, Reserve, Ride, TakeHold
 from robocorba.missions.trajectory import Trajectory
 from tests.collision_avoidance.crowd import Crowd
@@ -26,8 +26,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(execution_control, "LOOK_S", 0.002)
 
 
-def performer(robot: Robot) -> Performer:
-    return Performer(robot, Rhythm(), LeaderClock(), lambda thing: None)
+def performer(robot: Robot) -> StepExecutor:
+    return StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: None)
 
 
 @pytest.mark.parametrize("step", [CARRY, Ride(elevator="E1", destination="L2")], ids=lambda step: type(step).__name__)
@@ -80,7 +80,7 @@ def test_what_was_moved_meanwhile_is_not_gripped() -> None:
     crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
 
     def grip(robot: Robot) -> None:
-        part = Performer(robot, Rhythm(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0))
+        part = StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0))
         part.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
 
     assert crowd.run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}

@@ -40,7 +40,7 @@ def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
 
 
 def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.missions.gathering.MOST_AREAS", 0)
+    monkeypatch.setattr("robocorba.missions.gathering.MAX_AREAS", 0)
     world = MovedWorld(two_storeys())
     assert GatheringPaths(world, world.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 

@@ -14,7 +14,7 @@ from robocorba.missions.carry import CarryLeg
 from robocorba.missions.formation import Formation, formations
 from robocorba.missions.obstacles import placed
 from robocorba.missions.swept_area import swept_areas
-from robocorba.simulation.reservations import MOST_CORNERS
+from robocorba.simulation.reservations import MAX_CORNERS
 
 TABLE = shapely.box(-0.6, -0.4, 0.6, 0.4)
 ASIDE_M = 0.3
@@ -34,7 +34,7 @@ def test_the_body_stays_within_it(poses: list[tuple[float, float, float]], share
     area = Polygon(corners)
     assert floor == "L1"
     assert area.is_valid
-    assert len(corners) * 5 <= MOST_CORNERS
+    assert len(corners) * 5 <= MAX_CORNERS
     at = share / 60 * (len(poses) - 1)
     before, after = poses[int(at)], poses[min(int(at) + 1, len(poses) - 1)]
     pose = tuple(a + (at - int(at)) * (b - a) for a, b in zip(before, after, strict=True))

@@ -93,7 +93,7 @@ def try_building(name: str, case: Case, count: int, tallies: dict[RouteMode, Tal
     """Make `count` queries in each mode and judge the answers."""
     building = case.make()
     planner, judge = PathPlanner(building), Judge(building)
-    queries = list(Adversary(building, case.radius_m, judge.stands_free).queries(count))
+    queries = list(Adversary(building, case.radius_m, judge.point_is_free).queries(count))
     for mode, tally in tallies.items():
         deadline = time.monotonic() + LIMIT_S
         compared = 0

@@ -70,7 +70,7 @@ class Judge:
             path = planner.paths(request)[0]
         except NotFree as refusal:
             place = request.start if refusal.which == "start" else request.goal
-            return Verdict("NotFree", is_refused_wrongly=self.stands_free(place, request.radius, FORGIVEN_M))
+            return Verdict("NotFree", is_refused_wrongly=self.point_is_free(place, request.radius, FORGIVEN_M))
         except NoPath:
             return Verdict("NoPath", is_refused_wrongly=self.has_way(request))
         except Exception as error:  # the planner must not raise any other exception
@@ -78,9 +78,9 @@ class Judge:
         touches, faults = self.touches(path, request.radius), self.faults(path, request)
         return Verdict("found", tuple(touches), tuple(faults), length_m=path.distance)
 
-    def stands_free(self, place: Place, radius_m: float, spare_m: float = 0.0) -> bool:
+    def point_is_free(self, place: Place, radius_m: float, spare_m: float = 0.0) -> bool:
         """Whether a robot fits at a place with `spare_m` of additional clearance."""
-        return self.floors[place.floor].stands_free(place[1:], radius_m + spare_m)
+        return self.floors[place.floor].point_is_free(place[1:], radius_m + spare_m)
 
     # Paths.
 

@@ -42,7 +42,7 @@ def test_every_answer_is_right(name: str, mode: RouteMode) -> None:
     building, planner, judge = place_of_trial(name)
     case = CASES[name]
     wrong, compared = [], 0
-    for query in Adversary(building, case.radius_m, judge.stands_free, seed=len(name)).queries(QUERIES):
+    for query in Adversary(building, case.radius_m, judge.point_is_free, seed=len(name)).queries(QUERIES):
         request = PathRequest(query.start, query.goal, radius=case.radius_m, mode=mode)
         verdict = judge.verdict(planner, request)
         if not verdict.is_right:

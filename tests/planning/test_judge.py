@@ -127,7 +127,7 @@ def test_known_lengths() -> None:
 def test_the_references_for_lengths_agree(building: Building) -> None:
     judge = Judge(building)
     compared = 0
-    for query in Adversary(building, 0.25, judge.stands_free).queries(60):
+    for query in Adversary(building, 0.25, judge.point_is_free).queries(60):
         request = PathRequest(query.start, query.goal, radius=0.25, mode=RouteMode.GEOMETRIC)
         exact, octile = judge.exact_length(request), judge.octile_length(request)
         if exact > 0.5 and math.isfinite(octile):
@@ -143,6 +143,6 @@ def test_generated_buildings_and_queries_are_the_same_for_the_same_seed(seed: in
     assert problems(building) == []
     assert building == random_building(seed)
     judge = Judge(building)
-    asked = [list(Adversary(building, 0.25, judge.stands_free, seed).queries(50)) for _ in range(2)]
+    asked = [list(Adversary(building, 0.25, judge.point_is_free, seed).queries(50)) for _ in range(2)]
     assert asked[0] == asked[1]
     assert len({query.kind.split()[0] for query in asked[0]}) > 4

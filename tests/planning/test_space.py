@@ -51,7 +51,7 @@ def test_where_a_robot_can_stand(seed: int) -> None:
         if abs(distance - 0.4) < 1e-6 or (distance < 1e-9 and not 0 < x < 12):
             continue
         expected = 0 < x < 12 and 0 < y < 9 and distance >= 0.4
-        assert space.stands_free(x, y, 0.4) == expected, (x, y, distance)
+        assert space.point_is_free(x, y, 0.4) == expected, (x, y, distance)
 
 
 def _edited(building: Building, rng: np.random.Generator, number: int) -> Building:

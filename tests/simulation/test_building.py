@@ -11,7 +11,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken
 from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
-from robocorba.simulation.building import Happening, SimulatedBuilding
+from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
@@ -30,7 +30,7 @@ def enter(world: SimulatedBuilding, name: str, floor: str, x: float, y: float, h
     world.add(Description(name, Pose(floor, x, y, heading)))
 
 
-def run(world: SimulatedBuilding, seconds: float) -> list[Happening]:
+def run(world: SimulatedBuilding, seconds: float) -> list[SimulationEvent]:
     return [happening for _ in range(round(seconds / STEP_S)) for happening in world.step()]
 
 
@@ -127,7 +127,7 @@ def test_a_party_does_not_leave_while_somebody_else_stands_in_the_cabin(world: S
     enter(world, "X", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("X", "E1", "L2")
     into_the_cabin(world, "X", 5.55)
-    world.give_up_elevator("X")  # and it stays where it is
+    world.cancel_elevator("X")  # and it stays where it is
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2", "table", 1)
     into_the_cabin(world, "A", 4.5)

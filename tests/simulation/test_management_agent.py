@@ -22,7 +22,7 @@ from robocorba.errors.simulation import (
     UnknownRobot,
 )
 from robocorba.maps.model import ElementKind
-from robocorba.simulation.building import Happening
+from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
@@ -228,7 +228,7 @@ def test_a_floor_that_is_removed_takes_its_robots_along(store: SimulationStore) 
 
 
 def test_what_happens_is_announced(store: SimulationStore) -> None:
-    told: list[Happening] = []
+    told: list[SimulationEvent] = []
     agent = ManagementAgent(tower(), 7, store, told.append)
     session = agent.register(robot("A", x=8.5, heading=0.0))
     session.command(0.5, 0.0, 0.0, 5.0)

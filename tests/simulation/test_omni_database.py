@@ -10,7 +10,7 @@ import pytest
 from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import OutOfStep
+from robocorba.errors.simulation import UpdateMismatch
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
@@ -75,7 +75,7 @@ def test_who_is_too_far_behind_or_ahead_gets_the_whole_floor() -> None:
         database.changes("roof", WHOLE)
     view = FloorView("L1")
     update = database.floor("L1")
-    with pytest.raises(OutOfStep):
+    with pytest.raises(UpdateMismatch):
         view.apply(update._replace(since=5))
 
 

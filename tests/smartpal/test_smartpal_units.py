@@ -28,7 +28,7 @@ class Notes:
         self.calls: list[tuple[Any, ...]] = []
         self.answers: dict[tuple[str, str], Any] = {}
 
-    def resolve_elsewhere(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
+    def resolve_in_other_naming_service(self, naming: Address, name: str, interface: Any, call_timeout_s: float) -> Any:
         assert naming == HERE
         assert call_timeout_s <= 0.3
         return Noting(self, name)
@@ -156,7 +156,7 @@ def test_a_call_during_which_this_process_was_paused_is_made_again(notes: Notes,
 
 def test_a_unit_that_is_not_to_be_found() -> None:
     class Nobody:
-        def resolve_elsewhere(self, naming: Address, name: str, *_: Any) -> Any:
+        def resolve_in_other_naming_service(self, naming: Address, name: str, *_: Any) -> Any:
             raise NotReachable(f"the naming service at {naming} does not know {name}")
 
     with pytest.raises(AdaptorFailed, match=r"does not know Mobility\.Unit"):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from robocorba.testing.missions import (
-    MissionPlace,
+    MissionSystem,
     Start,
     Watch,
     missions,
@@ -47,7 +47,7 @@ class Ended(NamedTuple):
 class Crew:
     """Robots that carry something: one mission after the other."""
 
-    def __init__(self, place: MissionPlace, crew: dict[str, Start], thing: str) -> None:
+    def __init__(self, place: MissionSystem, crew: dict[str, Start], thing: str) -> None:
         self.place, self.crew, self.thing = place, set(crew), thing
 
     @property
@@ -67,7 +67,7 @@ class Crew:
         eventually(lambda: all(map(self.place.is_free, self.crew)), 60.0, f"{self.crew} are free")
         held = self.place.holding()
         assert self.crew.isdisjoint(held), held
-        assert self.place.stands_still((*self.crew, self.thing))
+        assert self.place.is_stationary((*self.crew, self.thing))
         assert 0.4 < self.place.body(self.thing).x < 5.6
         return Ended(code, (err or out).strip().splitlines()[-1])
 
@@ -79,7 +79,7 @@ class Crew:
 class Told(NamedTuple):
     """Both stories, told in two threads."""
 
-    place: MissionPlace
+    place: MissionSystem
     table: Future[TableStory]
     desk: Future[DeskStory]
 
@@ -113,7 +113,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
         yield Told(place, threads.submit(table_story, place), threads.submit(desk_story, place))
 
 
-def table_story(place: MissionPlace) -> TableStory:
+def table_story(place: MissionSystem) -> TableStory:
     crew = Crew(place, TABLE_CREW, "table")
     user = crew.carry("A")
     place.carrying("A", "table", user)
@@ -136,7 +136,7 @@ def table_story(place: MissionPlace) -> TableStory:
     )
 
 
-def desk_story(place: MissionPlace) -> DeskStory:
+def desk_story(place: MissionSystem) -> DeskStory:
     crew = Crew(place, DESK_CREW, "desk")
     user = crew.carry("E")
     place.carrying("E", "desk", user)

@@ -20,7 +20,7 @@ from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 from robocorba.supervision.launch import module_command
-from robocorba.testing.actual_robot import ROOT, RobotPlace, robot_place
+from robocorba.testing.actual_robot import ROOT, StandIn, running_stand_in
 from robocorba.testing.processes import Launcher, Running, eventually, hang
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -36,7 +36,7 @@ STANDS_M = 0.003
 class Robot:
     """A robot process on the stand-in; `agent` is how it is called."""
 
-    def __init__(self, place: RobotPlace, pid: int, agent: RemoteAgent) -> None:
+    def __init__(self, place: StandIn, pid: int, agent: RemoteAgent) -> None:
         self._place, self.pid, self.agent = place, pid, agent
         self._base = place.unit("Mobility.Unit", YeRTUnitMobility.mobility)
 
@@ -81,13 +81,13 @@ class Robot:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory, system_orb: Orb) -> Iterator[RobotPlace]:
-    with robot_place(tmp_path_factory.mktemp("robot"), orb=system_orb) as found:
+def place(tmp_path_factory: pytest.TempPathFactory, system_orb: Orb) -> Iterator[StandIn]:
+    with running_stand_in(tmp_path_factory.mktemp("robot"), orb=system_orb) as found:
         yield found
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: RobotPlace) -> Iterator[Robot]:
+def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: StandIn) -> Iterator[Robot]:
     folder = tmp_path_factory.mktemp("agent")
     where = ("--floor", "L1", "--at", "5,3,0", "--naming", str(system.naming), "--state", str(folder / "state"))
     adaptor = ("--adaptor", "smartpal", "--", "--naming", str(place.naming), "--pose=5,3,0")
@@ -101,19 +101,19 @@ def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: Robo
         process.communicate(timeout=PATIENCE_S)
 
 
-def lose_unit(place: RobotPlace) -> None:
+def lose_unit(place: StandIn) -> None:
     place.faults.lost("MnpL", True)
 
 
-def alarm(place: RobotPlace) -> None:
+def alarm(place: StandIn) -> None:
     place.faults.alarm("MnpR", 0x99, _GlobalIDL.FAULT, "too hot")
 
 
-def press_switch(place: RobotPlace) -> None:
+def press_switch(place: StandIn) -> None:
     place.faults.emergencySwitch(True)
 
 
-def cut_off(place: RobotPlace) -> None:
+def cut_off(place: StandIn) -> None:
     place.faults.slowNetwork(5.0)
 
 
@@ -128,7 +128,7 @@ def cut_off(place: RobotPlace) -> None:
     ],
 )
 def test_an_actual_robot_that_fails(
-    robot: Robot, place: RobotPlace, happens: Callable[[RobotPlace], None], program: Program, why: str
+    robot: Robot, place: StandIn, happens: Callable[[StandIn], None], program: Program, why: str
 ) -> None:
     robot.set_off(program)
     happens(place)

@@ -21,16 +21,16 @@ from robocorba.spatial import floor_format
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (
-    BEAT_S,
     CROSS,
-    FREE_S,
+    HEARTBEAT_INTERVAL_S,
     NO_MOUNT,
     RADIUS_M,
+    RELEASE_LIMIT_S,
     STAND,
     Place,
     about,
-    complaints,
     drive_to,
+    error_lines,
     is_gone,
     landing,
     simulation,
@@ -51,7 +51,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     with simulation(tmp_path_factory.mktemp("simulation"), sensors=2) as place:
         yield place
         killed = "ended by SIGKILL"
-        assert [line for line in complaints(place.running.state) if killed not in line] == []
+        assert [line for line in error_lines(place.running.state) if killed not in line] == []
 
 
 @pytest.fixture
@@ -157,7 +157,7 @@ def test_a_robot_that_is_silent_makes_room_for_another(place: Place) -> None:
             return place.log_on("a", *HALL)
 
     eventually(next_one)
-    assert 1.9 < time.monotonic() - began < FREE_S
+    assert 1.9 < time.monotonic() - began < RELEASE_LIMIT_S
     assert is_gone(silent)
 
 
@@ -166,7 +166,7 @@ def test_a_robot_that_says_that_it_is_there_stays(place: Place) -> None:
     deadline = time.monotonic() + 1.5 * a._get_lease()
     while time.monotonic() < deadline:
         a.heartbeat()
-        time.sleep(BEAT_S)
+        time.sleep(HEARTBEAT_INTERVAL_S)
     assert place.names == {"a"}
     a.deregister()
 

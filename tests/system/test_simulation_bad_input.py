@@ -25,7 +25,7 @@ from robocorba.testing.simulation import (
     STAND,
     Place,
     about,
-    complaints,
+    error_lines,
     is_gone,
     simulation,
 )
@@ -77,7 +77,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         grown_mib = {name: (one.memory_info().rss - began[name]) / 2**20 for name, one in processes.items()}
         print("\n" + ", ".join(f"{name} grew by {grown:.0f} MiB" for name, grown in grown_mib.items()))
         assert max(grown_mib.values()) < GROWTH_MIB
-        assert complaints(place.running.state) == []
+        assert error_lines(place.running.state) == []
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
-from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, Place, away, complaints, simulation
+from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, Place, away, error_lines, simulation
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROUNDS = 3
@@ -33,7 +33,7 @@ def test_who_is_killed_makes_room_and_nobody_else_loses_anything(place: Place) -
             print(f"\n{outcome}")
             assert outcome.is_right, outcome
     assert {process.state for process in place.running.record().processes} == {"running"}
-    assert [line for line in complaints(place.running.state) if "ended by SIGKILL" not in line] == []
+    assert [line for line in error_lines(place.running.state) if "ended by SIGKILL" not in line] == []
 
 
 def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_server(place: Place) -> None:

@@ -24,12 +24,12 @@ from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (
     BACK_LIMIT_S,
     CLIENT,
-    FREE_S,
     GONE,
     RADIUS_M,
+    RELEASE_LIMIT_S,
     Place,
-    complaints,
     drive_to,
+    error_lines,
     landing,
     simulation,
 )
@@ -47,7 +47,7 @@ LIMIT_S = 300.0
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     with simulation(tmp_path_factory.mktemp("simulation"), sensors=1) as place:
         yield place
-        assert [line for line in complaints(place.running.state) if "ended by SIGKILL" not in line] == []
+        assert [line for line in error_lines(place.running.state) if "ended by SIGKILL" not in line] == []
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
     eventually(lambda: phase(waiter) == RoboCorba.AREAS_GRANTED, what="the areas of the dead robot are free")
     took_s = time.monotonic() - killed
     print(f"\nthe areas of a robot whose process was killed were granted to the next one after {took_s:.2f} s")
-    assert took_s < FREE_S
+    assert took_s < RELEASE_LIMIT_S
 
 
 def test_a_grant_that_is_over_is_told_and_the_next_one_begins(place: Place) -> None:
@@ -173,7 +173,7 @@ def test_a_robots_own_process_reserves_and_rides_with_others(place: Place) -> No
             return ride is not None and ride.phase is Phase.BOARDING
 
         eventually(is_boarding, 60.0, "the doors open")
-        one.give_up_elevator()
+        one.cancel_elevator()
     finally:
         one.log_off()
 

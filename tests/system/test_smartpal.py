@@ -16,13 +16,13 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
-from robocorba.corba.calls import limit_calls
+from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.remote.smartpal_units import units_at
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
-from robocorba.testing.actual_robot import RobotPlace, robot_place
+from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.processes import eventually
 from tests.smartpal.driving import TICK_S, drive_to, ticks
 
@@ -33,13 +33,13 @@ STANDS_M_S = 0.02
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotPlace]:
-    with robot_place(tmp_path_factory.mktemp("robot"), "--seed", "7") as found:
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    with running_stand_in(tmp_path_factory.mktemp("robot"), "--seed", "7") as found:
         yield found
 
 
 @pytest.fixture
-def adaptor(place: RobotPlace) -> Iterator[SmartPalAdaptor]:
+def adaptor(place: StandIn) -> Iterator[SmartPalAdaptor]:
     """Started where the robot stands, called 2, 1, heading 0.5."""
     place.faults.none()
     made = SmartPalAdaptor(units_at(place.orb))
@@ -68,7 +68,7 @@ def test_base_and_arms_go_where_they_shall(adaptor: SmartPalAdaptor) -> None:
     assert np.abs(state.joint_velocities).max() < 0.03
 
 
-def test_the_paper_s_booleans(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+def test_the_paper_s_booleans(place: StandIn, adaptor: SmartPalAdaptor) -> None:
     assert not adaptor.start(["--naming", str(place.naming)])
     assert adaptor.stop()
     assert not adaptor.stop()
@@ -82,12 +82,12 @@ def test_the_paper_s_booleans(place: RobotPlace, adaptor: SmartPalAdaptor) -> No
 
 
 @pytest.mark.parametrize("argv", [[], ["--naming", "here"], ["--naming", "127.0.0.1:1", "--pose=1,2"], ["--nothing"]])
-def test_bad_arguments_are_named(place: RobotPlace, argv: list[str]) -> None:
+def test_bad_arguments_are_named(place: StandIn, argv: list[str]) -> None:
     with pytest.raises(AdaptorFailed, match=r"--naming|--pose|--nothing"):
         SmartPalAdaptor(units_at(place.orb)).start(argv)
 
 
-def test_a_robot_that_is_not_there(place: RobotPlace) -> None:
+def test_a_robot_that_is_not_there(place: StandIn) -> None:
     with pytest.raises(AdaptorFailed, match=r"127\.0\.0\.1:1 does not answer"):
         SmartPalAdaptor(units_at(place.orb)).start(["--naming", "127.0.0.1:1"])
 
@@ -113,7 +113,7 @@ def jog(adaptor: SmartPalAdaptor, seconds: float = 0.6) -> None:
     assert state.velocity[0] > 0.2
 
 
-def stands(place: RobotPlace, over_s: float = 0.1) -> bool:
+def stands(place: StandIn, over_s: float = 0.1) -> bool:
     """Whether its base and its left arm stay where they are, as the robot itself says."""
     mobility, arm = place.unit("Mobility.Unit", YeRTUnitMobility.mobility), place.unit("MnpL", _GlobalIDL.ArmUnit)
     before, joints = mobility.getPosition(), arm.getFeedbackPos(_GlobalIDL.JOINT)[1]
@@ -123,21 +123,21 @@ def stands(place: RobotPlace, over_s: float = 0.1) -> bool:
     return way_mm < 1000 * STANDS_M_S * over_s and abs(joints[0] - joints_after[0]) < 0.2
 
 
-def test_stop(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+def test_stop(place: StandIn, adaptor: SmartPalAdaptor) -> None:
     jog(adaptor)
     assert adaptor.stop()
     time.sleep(0.12)
     assert stands(place)
 
 
-def test_a_client_that_falls_silent(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+def test_a_client_that_falls_silent(place: StandIn, adaptor: SmartPalAdaptor) -> None:
     jog(adaptor)
     time.sleep(0.1 + 0.12)  # its jogs hold for 0.1 s, then it brakes
     assert stands(place)
     jog(adaptor)  # and it goes on when the client is back
 
 
-def test_a_client_that_hangs(place: RobotPlace) -> None:
+def test_a_client_that_hangs(place: StandIn) -> None:
     """As a process of its own, stopped by SIGSTOP in the middle of its drive."""
     place.faults.none()
     folder = Path(__file__).resolve().parents[2]
@@ -157,7 +157,7 @@ def test_a_client_that_hangs(place: RobotPlace) -> None:
 
 
 @pytest.mark.parametrize("unit", ["Mobility", "MnpR", "GripperL", "Lumbar"])
-def test_an_alarm(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> None:
+def test_an_alarm(place: StandIn, adaptor: SmartPalAdaptor, unit: str) -> None:
     jog(adaptor)
     place.faults.alarm(unit, 0x99, _GlobalIDL.FAULT, "too hot")
     with pytest.raises(UnitFailed, match="too hot") as failed:
@@ -173,7 +173,7 @@ def test_an_alarm(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> Non
 
 
 @pytest.mark.parametrize("unit", ["Mobility", "MnpL", "GripperR", "Lumbar"])
-def test_a_lost_unit(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> None:
+def test_a_lost_unit(place: StandIn, adaptor: SmartPalAdaptor, unit: str) -> None:
     jog(adaptor)
     place.faults.lost(unit, True)
     with pytest.raises(AdaptorFailed, match=f"{unit} does not answer") as failed:
@@ -189,7 +189,7 @@ def test_a_lost_unit(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> 
 
 
 @pytest.mark.parametrize("unit", ["Mobility", "MnpL"])
-def test_a_stuck_axis(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) -> None:
+def test_a_stuck_axis(place: StandIn, adaptor: SmartPalAdaptor, unit: str) -> None:
     jog(adaptor)
     place.faults.stuck(unit, True)
     with pytest.raises(UnitFailed, match="does not follow its servo") as failed:
@@ -197,7 +197,7 @@ def test_a_stuck_axis(place: RobotPlace, adaptor: SmartPalAdaptor, unit: str) ->
     assert failed.value.unit == unit
 
 
-def test_the_emergency_switch(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+def test_the_emergency_switch(place: StandIn, adaptor: SmartPalAdaptor) -> None:
     jog(adaptor)
     place.faults.emergencySwitch(True)
     with pytest.raises(UnitFailed, match="emergency switch"):
@@ -208,7 +208,7 @@ def test_the_emergency_switch(place: RobotPlace, adaptor: SmartPalAdaptor) -> No
     jog(adaptor)
 
 
-def test_a_slow_network_is_driven_through(place: RobotPlace, adaptor: SmartPalAdaptor) -> None:
+def test_a_slow_network_is_driven_through(place: StandIn, adaptor: SmartPalAdaptor) -> None:
     place.faults.slowNetwork(0.004)
     drive_to(adaptor, 2.1, 1.0, 0.5, np.zeros(len(JOINTS)))
 
@@ -224,7 +224,7 @@ def run_until_it_fails(adaptor: SmartPalAdaptor) -> None:
 # ---- a client of its own ----
 
 
-def test_a_plain_client(place: RobotPlace) -> None:
+def test_a_plain_client(place: StandIn) -> None:
     """By corbaname and the robot's own interface, step by step, as the notes of the IDL say."""
     place.faults.none()
     orb = CORBA.ORB_init([], CORBA.ORB_ID)
@@ -265,17 +265,17 @@ def test_a_plain_client(place: RobotPlace) -> None:
 
 
 @pytest.mark.parametrize(("unit", "delay"), [("Wheel", 0.0), ("MnpR", 6.0), ("MnpR", math.nan)])
-def test_faults_that_can_t_be(place: RobotPlace, unit: str, delay: float) -> None:
+def test_faults_that_can_t_be(place: StandIn, unit: str, delay: float) -> None:
     with pytest.raises(RoboCorba.InvalidFault) as refused:
         place.faults.lost(unit, False)
         place.faults.slowNetwork(delay)
     assert refused.value.field == ("delay" if unit == "MnpR" else "unit")
 
 
-def test_a_call_that_is_held_back_ends_with_its_fault(place: RobotPlace) -> None:
+def test_a_call_that_is_held_back_ends_with_its_fault(place: StandIn) -> None:
     lumbar = place.unit("Lumbar", _GlobalIDL.LumbarUnit)
     place.faults.lost("Lumbar", True)
-    limit_calls(lumbar, 0.2)
+    set_call_timeout(lumbar, 0.2)
     with pytest.raises(CORBA.TIMEOUT):
         lumbar.isMoving()
     place.faults.lost("Lumbar", False)

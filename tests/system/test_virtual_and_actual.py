@@ -20,7 +20,7 @@ from robocorba.maps.model import Building, Floor, Wall
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
-from robocorba.testing.actual_robot import RobotPlace, robot_place
+from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.buildings import two_floors, with_all
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
 from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
@@ -72,9 +72,9 @@ def orb(place: Running) -> Iterator[Orb]:
 
 
 @pytest.fixture(scope="module")
-def actual(orb: Orb, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotPlace]:
+def actual(orb: Orb, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
     """The actual robot; its odometry says that it is far away."""
-    with robot_place(tmp_path_factory.mktemp("robot"), "--seed", "3", "--x", "40", orb=orb) as found:
+    with running_stand_in(tmp_path_factory.mktemp("robot"), "--seed", "3", "--x", "40", orb=orb) as found:
         yield found
 
 
@@ -102,7 +102,7 @@ def body_at(orb: Orb) -> Any:
     return client.at
 
 
-def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: RobotPlace, orb: Orb, tmp_path: Path) -> None:
+def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, orb: Orb, tmp_path: Path) -> None:
     with robot_process(tmp_path, orb, NAME, "--floor", "L1", *WHERE) as robot:
         assert (
             robot.robocorba("switch", NAME, "smartpal", "--", "--naming", str(actual.naming)) == f"{NAME}\tsmartpal\n"

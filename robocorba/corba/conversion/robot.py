@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robocorba.control.agent import AgentState, Condition
-from robocorba.control.runner import Begun, Report, Result
+from robocorba.control.runner import IconBegun, Report, Result
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
 from robocorba.errors import robots as errors
@@ -113,12 +113,12 @@ def report_of(struct: Any) -> Report:
     )
 
 
-def begun(icon: Begun) -> Any:
+def begun(icon: IconBegun) -> Any:
     return RoboCorba.IconBegun(*icon)
 
 
-def begun_of(struct: Any) -> Begun:
-    return Begun(struct.number, struct.icon, struct.kind, struct.seconds)
+def begun_of(struct: Any) -> IconBegun:
+    return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
 register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")

@@ -10,7 +10,7 @@ from omniORB import CORBA
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.model_switcher import Surroundings
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import robot
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
@@ -53,8 +53,8 @@ class RemoteAdaptor(RobotAdaptor):
             raise RobotLost(str(wrong)) from None
         uri = self._orb.uri(found)
         self._starter, self._adaptor = (self._orb.reference(uri, RoboCorba.RobotAdaptor) for _ in range(2))
-        limit_calls(self._starter, START_LIMIT_S)
-        limit_calls(self._adaptor, CALL_LIMIT_S)
+        set_call_timeout(self._starter, START_LIMIT_S)
+        set_call_timeout(self._adaptor, CALL_LIMIT_S)
         return bool(self._call(lambda: self._starter.start(rest)))
 
     def stop(self) -> bool:

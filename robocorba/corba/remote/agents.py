@@ -8,8 +8,8 @@ from typing import TypeVar
 from omniORB import CORBA
 
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Begun
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.control.runner import IconBegun
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import robot
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
@@ -32,7 +32,7 @@ class RemoteAgent:
         self.name = name
         self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_LIMIT_S)
         self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent)
-        limit_calls(self._slow_agent, SLOW_CALL_LIMIT_S)
+        set_call_timeout(self._slow_agent, SLOW_CALL_LIMIT_S)
 
     def state(self) -> AgentState:
         return robot.agent_state_of(self._call(self._agent._get_state))
@@ -45,7 +45,7 @@ class RemoteAgent:
         """Raises IllegalOrder."""
         self._call(lambda: self._agent.run(is_stepping))
 
-    def begun(self, first: int) -> list[Begun]:
+    def begun(self, first: int) -> list[IconBegun]:
         """Icons that have begun, from number `first`."""
         return [robot.begun_of(struct) for struct in self._call(lambda: self._agent.iconsFrom(first))]
 

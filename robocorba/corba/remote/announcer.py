@@ -13,7 +13,7 @@ from robocorba.errors.events import EventError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.repeating import Repeating
-from robocorba.simulation.building import Happening
+from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.spatial.floor_format import as_map
 from robocorba.spatial.floor_update import FloorUpdate
@@ -37,14 +37,14 @@ class Announcer:
         self._orb, self._channel, self._database = orb, channel, database
         self._events: EventClient | None = None
         self._versions: dict[str, int] = {}
-        self._happened: deque[Happening] = deque(maxlen=MAX_WAITING)
+        self._happened: deque[SimulationEvent] = deque(maxlen=MAX_WAITING)
         self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
         self._is_failing = False
 
     def start(self) -> None:
         self._repeating.start()
 
-    def happened(self, happening: Happening) -> None:
+    def happened(self, happening: SimulationEvent) -> None:
         """Queue a happening for the next publication; does not block."""
         self._happened.append(happening)
 

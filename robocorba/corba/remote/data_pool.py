@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import floors, maps, plans
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
@@ -28,7 +28,7 @@ FOLLOW_S = 0.033
 #: Interval between requests for the map's version [s].
 MAP_CHECK_S = 0.25
 #: Timeout of each call for resolving a server that is away [s]. It also limits the call rate while the server is away.
-FIND_S = 0.2
+RESOLVE_TIMEOUT_S = 0.2
 #: Kinds of obstacles on a floor, by the names of their collections in the geometrical map.
 _BLOCKING_KINDS = {"walls": ElementKind.WALL, "objects": ElementKind.OBJECT, "doors": ElementKind.DOOR}
 _KINDS_OF_ALL_FLOORS = (ElementKind.FLOOR, ElementKind.ELEVATOR)
@@ -40,7 +40,7 @@ class PoolFollower:
     own_name: the robot's name in the simulation. Change floors with `pool.go_to`."""
 
     def __init__(self, orb: Orb, floor: str, own_name: str = "", interval_s: float = FOLLOW_S) -> None:
-        self.pool = DataPool(RemoteDatabase(orb, FIND_S), RemoteFloorMap(orb).of, floor, own_name)
+        self.pool = DataPool(RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemoteFloorMap(orb).of, floor, own_name)
         self._tasks = [
             Repeating("data pool", self.pool.follow, interval_s),
             Repeating("data pool's map", self._follow_map, MAP_CHECK_S),
@@ -98,7 +98,7 @@ class RemoteFloorMap:
     def _find(self) -> Any:
         found = self._found
         if found is None:
-            found = self._found = self._orb.resolve("MapEditor", RoboCorba.MapEditor, FIND_S, CALL_LIMIT_S)
+            found = self._found = self._orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S, CALL_LIMIT_S)
         return found
 
 
@@ -132,7 +132,7 @@ class RemotePool:
 
     def __init__(self, reference: Any) -> None:
         self._pool = reference
-        limit_calls(reference, CALL_LIMIT_S)
+        set_call_timeout(reference, CALL_LIMIT_S)
 
     @classmethod
     def of_robot(cls, orb: Orb, robot: str, timeout_s: float = 10.0) -> RemotePool:

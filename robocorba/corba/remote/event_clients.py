@@ -10,7 +10,7 @@ from typing import Any
 import CosEventComm
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
@@ -53,7 +53,7 @@ class _RemoteClient:
     def _set_limit(self, limit_s: float) -> None:
         """Set the timeout of calls. Each instance has its own reference, and one thread at a time calls it."""
         if limit_s != self._limit_s:
-            limit_calls(self._remote, limit_s)
+            set_call_timeout(self._remote, limit_s)
             self._limit_s = limit_s
 
     def disconnect(self) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import InvalidPeer, NotDelivered, SessionOver
@@ -39,7 +39,7 @@ class RemoteGateway:
         self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
 
     def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
-        limit_calls(self._remote, limit_s)
+        set_call_timeout(self._remote, limit_s)
         structs, unsendable = events.event_runs(runs)
         try:
             try:
@@ -62,8 +62,8 @@ class RemoteFeed:
         # Two references with a timeout each, because both are called at the same time.
         self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
         self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed)
-        limit_calls(self._remote, CALL_LIMIT_S)
-        limit_calls(self._acknowledging, ACKNOWLEDGE_LIMIT_S)
+        set_call_timeout(self._remote, CALL_LIMIT_S)
+        set_call_timeout(self._acknowledging, ACKNOWLEDGE_LIMIT_S)
 
     def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         try:
@@ -114,7 +114,7 @@ class PeerJoiner:
         return self._orb.reference(uri, RoboCorba.EventChannel)
 
     def _join(self, record: PeerRecord, channel: Any) -> tuple[RemoteFeed, str]:
-        limit_calls(channel, CALL_LIMIT_S)
+        set_call_timeout(channel, CALL_LIMIT_S)
         try:
             found = channel._get_name()
             if found != record.name:

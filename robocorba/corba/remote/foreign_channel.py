@@ -8,7 +8,7 @@ from typing import Any
 import CosEventChannelAdmin
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.contents import content_of
 from robocorba.corba.orb import Orb
@@ -75,7 +75,7 @@ class ForeignChannel:
     def is_there(self) -> bool:
         try:
             for proxy in (self._proxy_consumer, self._proxy_supplier):
-                limit_calls(proxy, CHECK_LIMIT_S)
+                set_call_timeout(proxy, CHECK_LIMIT_S)
                 if proxy._non_existent():
                     return False
         except CORBA.SystemException:
@@ -95,5 +95,5 @@ class ForeignChannel:
 
     @staticmethod
     def _limited(reference: Any) -> Any:
-        limit_calls(reference, CALL_LIMIT_S)
+        set_call_timeout(reference, CALL_LIMIT_S)
         return reference

@@ -18,7 +18,7 @@ from robocorba.stubs import RoboCorba
 EXCLUDED_KINDS = (ElementKind.NODE, ElementKind.EDGE)
 #: Default timeout to find the map editor [s]. An editor that compiles for the first time starts slowly; the
 #: starter of this process waits no longer than this.
-LOAD_LIMIT_S = 300.0
+LOAD_TIMEOUT_S = 300.0
 
 
 class RemoteMap:
@@ -26,7 +26,7 @@ class RemoteMap:
 
     Raises NotReachable if there is no map editor within `timeout_s`, or if loading fails."""
 
-    def __init__(self, orb: Orb, timeout_s: float = LOAD_LIMIT_S) -> None:
+    def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S) -> None:
         self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
         self._load()
 

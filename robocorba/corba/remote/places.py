@@ -18,7 +18,7 @@ from robocorba.stubs import RoboCorba
 RESOLVE_TIMEOUT_S = 5.0
 
 
-def free_places(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
+def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
     """Floor, x and y [m] of the path nodes of a floor (of the first floor if `floor` is empty).
 
     Raises UnknownFloor, NotReachable."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.simulation.load_balance import LoadBalance
 
 #: Time that a robot's call waits for a sensor server to appear [s].
@@ -51,7 +51,7 @@ class RemoteSensors:
         """Reference of a robot's sensor; None if no server answers now."""
         while sensor := self._balance.assign(robot):
             try:
-                limit_calls(sensor.reference, CALL_LIMIT_S)
+                set_call_timeout(sensor.reference, CALL_LIMIT_S)
                 return sensor.reference.forRobot(robot)
             except CORBA.SystemException as wrong:
                 _log.warning(
@@ -70,7 +70,7 @@ class RemoteSensors:
     @staticmethod
     def _send_dismissal(reference: Any, robot: str) -> None:
         try:
-            limit_calls(reference, CALL_LIMIT_S)
+            set_call_timeout(reference, CALL_LIMIT_S)
             reference.dismiss(robot)
         except CORBA.SystemException as wrong:
             _log.warning("could not dismiss %s at its previous virtual sensor (%s)", robot, describe(wrong))

@@ -13,7 +13,7 @@ import numpy as np
 from omniORB import CORBA
 
 from robocorba.control.session import SessionState
-from robocorba.corba.calls import describe, limit_calls
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
@@ -103,7 +103,7 @@ class RemoteSession:
         else:
             self._call(lambda: self._slow_session.callElevator(elevator, destination))
 
-    def give_up_elevator(self) -> None:
+    def cancel_elevator(self) -> None:
         self._call(lambda: self._slow_session.giveUpElevator())
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
@@ -147,10 +147,10 @@ class RemoteSession:
             found = server.registerRobot(simulation.description(about))
             uri = self._orb.uri(found)
             self._session, self._slow_session = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
-            limit_calls(self._session, CALL_LIMIT_S)
-            limit_calls(self._slow_session, CHANGE_LIMIT_S)
+            set_call_timeout(self._session, CALL_LIMIT_S)
+            set_call_timeout(self._slow_session, CHANGE_LIMIT_S)
             self._sensor = self._slow_session._get_sensor()
-            limit_calls(self._sensor, CHANGE_LIMIT_S)  # the first call may wait for the sensor server
+            set_call_timeout(self._sensor, CHANGE_LIMIT_S)  # the first call may wait for the sensor server
         except NotReachable as wrong:
             raise RobotLost(str(wrong)) from None
         except CORBA.UserException as wrong:

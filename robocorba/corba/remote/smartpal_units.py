@@ -75,7 +75,7 @@ class RemoteSmartPalUnits:
         self._units: dict[str, Any] = {}
         for unit, (name, interface) in _BOUND.items():
             try:
-                self._units[unit] = orb.resolve_elsewhere(naming, name, interface, CALL_LIMIT_S)
+                self._units[unit] = orb.resolve_in_other_naming_service(naming, name, interface, CALL_LIMIT_S)
             except NotReachable as wrong:
                 raise AdaptorFailed(str(wrong)) from None
 

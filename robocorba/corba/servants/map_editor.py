@@ -13,9 +13,9 @@ from robocorba.maps.editing import BuildingEditor, Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
-ENDED_KEPT = 100
+CLOSED_TRANSACTIONS_KEPT = 100
 #: Maximum number of findings in a reply: each takes about 500 bytes, and a reply is limited to 64 MiB.
-MOST_FINDINGS = 10_000
+MAX_FINDINGS = 10_000
 
 
 class Activator(Protocol):
@@ -104,7 +104,7 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
         with self._beginning:
             servant = TransactionServant(self._editor.begin())
             ended = [each for each in self._transactions if not each.is_open]
-            for oldest in ended[:-ENDED_KEPT]:
+            for oldest in ended[:-CLOSED_TRANSACTIONS_KEPT]:
                 self._transactions.remove(oldest)
                 self._activator.deactivate(oldest)
             self._transactions.append(servant)
@@ -132,7 +132,7 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
     def check(self) -> list[Any]:
         from robocorba.maps.checking import findings  # imported here for the same reason
 
-        return maps.findings(findings(self._editor.building)[:MOST_FINDINGS])
+        return maps.findings(findings(self._editor.building)[:MAX_FINDINGS])
 
     def exportMap(self) -> str:
         return native.dumps(self._editor.building)

@@ -131,7 +131,7 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
 
     @_measured
     def giveUpElevator(self) -> None:
-        self.session.give_up_elevator()
+        self.session.cancel_elevator()
 
     @_measured
     def reserveAreas(self, areas: list[Any], limit: float) -> None:

@@ -8,7 +8,7 @@ import threading
 LEADER_TIMEOUT_S = 0.3
 
 
-class Rhythm:
+class CarryProgress:
     """Extrapolates the leader's orders: from `since` on, at `along_s` with `rate`. Times are the leader's.
 
     Thread-safe."""
