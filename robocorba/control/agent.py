@@ -39,6 +39,9 @@ FOLLOW_VALID_S = 0.1
 #: Distance of the body from its actual robot above which an obstacle in the building blocks it [m]. The robot's motion
 #: fails then, as if the obstacle blocked the robot.
 BODY_BLOCKED_M = 0.1
+#: Control cycles in which the distance of a body so far behind may grow before the body counts as blocked. One that was
+#: only late, because its robot's process had no time, needs 19 to reach the robot's speed.
+BODY_BLOCKED_CYCLES = 25
 #: Distance above which the body can't follow any more, and the robot counts as lost [m].
 BODY_LOST_M = 1.0
 #: Interval between renewals of the lease [s], independent of commands.
@@ -119,6 +122,8 @@ class ControlAgent:
         #: Distance of an actual robot's body above which it is blocked [m]; infinite after a start until it is known.
         #: The body brakes more gently than the robot, so it may begin some distance away.
         self._blocked_at_m = math.inf
+        self._body_distance_m = 0.0
+        self._cycles_falling_behind = 0
         self._lease = Repeating("lease", self._renew, LEASE_CHECK_S)
 
     # ---- start and end ----
@@ -365,11 +370,17 @@ class ControlAgent:
         distance_m = math.hypot(state.x - body.at.x, state.y - body.at.y)
         if distance_m > BODY_LOST_M:
             raise RobotLost(_why_away(body, distance_m))
+        if distance_m <= self._blocked_at_m:
+            self._cycles_falling_behind = 0
+        elif distance_m >= self._body_distance_m:
+            self._cycles_falling_behind += 1
+        self._body_distance_m = distance_m
         if distance_m < BODY_BLOCKED_M / 2:
             self._blocked_at_m = BODY_BLOCKED_M
         elif math.isinf(self._blocked_at_m):
             self._blocked_at_m = distance_m + BODY_BLOCKED_M
-        elif distance_m > self._blocked_at_m:
+        elif self._cycles_falling_behind > BODY_BLOCKED_CYCLES:
+            self._cycles_falling_behind = 0
             self._blocked_at_m = distance_m + BODY_BLOCKED_M  # the robot needs some distance to brake, and may return
             if self._controller:
                 self._controller.cancel(MotionFailed(_why_away(body, distance_m)))

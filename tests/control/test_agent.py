@@ -14,6 +14,7 @@ from robocorba.control.model_switcher import Surroundings
 from robocorba.control.runner import Result
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
+from robocorba.motion.robot_state import Velocity
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
@@ -196,6 +197,27 @@ def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(
         assert agent.state.program.result is Result.DONE, agent.state.program.reason
 
 
+def test_a_body_that_was_only_late_does_not_end_a_program(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    switch_to_disc(agent, monkeypatch)
+    began, command, behind_m = session.latest.at, session.command, [0.0]
+
+    def late(velocity: Velocity, valid_s: float) -> None:
+        robot = agent.state.actor
+        behind_m.append(math.dist((robot.x, robot.y), session.latest.at[1:3]))
+        is_driving = math.dist((robot.x, robot.y), began[1:3]) > 0.2
+        if not is_driving or max(behind_m) > BODY_BLOCKED_M + 0.01:
+            command(velocity, valid_s)
+
+    monkeypatch.setattr(session, "command", late)
+    agent.load(ProgramBuilder("on").mbase_by(ahead=1.0).program())
+    agent.run()
+    eventually(lambda: ended(agent), "ended")
+    assert agent.state.program.result is Result.DONE, agent.state.program.reason
+    assert max(behind_m) > BODY_BLOCKED_M
+
+
 def test_a_body_that_is_lost_is_put_where_its_robot_is(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,7 +231,7 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
 
 
 def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
-    """The robot of docs/model_switcher.md; it begins somewhat away from its body."""
+    """The robot of docs/adaptors.md; it begins somewhat away from its body."""
     make = model_switcher.make
 
     def with_disc(name: str, surroundings: Surroundings) -> object:
