@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from robocorba.control.agent import ControlAgent
-from robocorba.control.runner import Heard
+from robocorba.control.runner import ReceivedEvent
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.corba.remote.robot_channel import RobotChannel
@@ -84,13 +84,15 @@ class Cooperation:
 
     # ---- called by programs ----
 
-    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[Heard], None]) -> None:
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[ReceivedEvent], None]) -> None:
         """Subscribe to events. Raises EventError, NotReachable."""
-        self._channel.listen(patterns, lambda type, source, payload, origin: receive(Heard(type, source, payload)))
+        self._channel.subscribe(
+            patterns, lambda type, source, payload, origin: receive(ReceivedEvent(type, source, payload))
+        )
 
-    def say(self, type: str, payload: Any) -> None:
+    def publish(self, type: str, payload: Any) -> None:
         """Publish an event. Raises EventError, NotReachable."""
-        self._channel.say(type, payload, PUBLISH_TIMEOUT_S)
+        self._channel.publish(type, payload, PUBLISH_TIMEOUT_S)
 
     def cooperate(self, icon: Icon) -> None:
         """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""

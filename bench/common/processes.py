@@ -32,14 +32,14 @@ class Process(ChildProcess):
         both = {**os.environ, **(environment or {})}
         super().__init__(log, *command, cwd=ROOT, environment=both, cores=cores, pass_fds=pass_fds, has_stdin=True)
 
-    def say(self, value: Any) -> None:
+    def send(self, value: Any) -> None:
         """Send a value. Raises ProcessFailed where the process has ended."""
         try:
             self.write_line(json.dumps(value))
         except OSError:
             raise ProcessFailed(f"{self._name} ended: {self.log_tail()}") from None
 
-    def hear(self, limit_s: float) -> Any:
+    def receive(self, limit_s: float) -> Any:
         """Receive the next value. Raises ProcessFailed."""
         try:
             line = self.read_line(limit_s)
@@ -51,5 +51,5 @@ class Process(ChildProcess):
 
     def ask(self, value: Any, limit_s: float = 5.0) -> Any:
         """Send a value and receive the answer. Raises ProcessFailed."""
-        self.say(value)
-        return self.hear(limit_s)
+        self.send(value)
+        return self.receive(limit_s)

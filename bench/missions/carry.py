@@ -37,7 +37,7 @@ from robocorba.programs.program import dumps
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions
 from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, summarize
 
 NAME = "missions"
 BUILDING, TABLE, LEADER = "paper-scene", "table", "A"
@@ -222,7 +222,9 @@ def main() -> int:
     title = f"the paper's scene, {options.seeds} seeds, {len(outcomes)} missions{', a core busy' * options.loaded}"
     title += f", actual: {', '.join(actual)}" if actual else ""
     name = f"{NAME}_actual" if actual else NAME
-    is_reached = tell(name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes))
+    is_reached = summarize(
+        name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes)
+    )
     return 0 if is_reached else 1
 
 

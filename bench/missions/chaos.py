@@ -36,7 +36,7 @@ from robocorba.missions.subplan import Carry
 from robocorba.stubs import RoboCorba
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, missions, save_three_rooms
 from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
 
 NAME = "mission_chaos"
 TABLE, GOALS = "table", ((3.8, 2.6), (2.2, 2.6))
@@ -293,7 +293,7 @@ def main() -> int:
     marks = [at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0)]
     title = f"{options.missions} missions of three robots, with a fault each, and one without"
     rows = [row(fault, those) for fault, those in by_fault.items()]
-    return 0 if tell(NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1
+    return 0 if summarize(NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1
 
 
 def _draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:

@@ -46,7 +46,7 @@ from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, missions
 from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
 
 NAME = "many_missions"
 SUBNETS = ("west", "middle", "east")
@@ -306,7 +306,7 @@ def robots(place: MissionSystem, starts: Mapping[str, Start]) -> Iterator[None]:
     """A ready process for each robot."""
     command = (sys.executable, "-m", "bench.missions.nursery")
     with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
-        nursery.hear(START_LIMIT_S)
+        nursery.receive(START_LIMIT_S)
         for name, at in starts.items():
             (place.folder / name).mkdir()
             where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
@@ -403,7 +403,7 @@ def main() -> int:
         print(f"{what}: {100 * robot:.1f} % of a core a robot, {100 * servers:.0f} % all servers, {memory_mb:.0f} MB")
     print(f"simulated seconds in a second: {statistics.median(paces):.2f} at the median, {min(paces):.2f} at least")
     title = f"{len(outcomes)} simultaneous missions, {len(starts)} robots: {done} done, {collisions} collisions"
-    is_reached = tell(
+    is_reached = summarize(
         NAME, title, [one.row() for one in outcomes], marks(outcomes, spread_s, wrong), partial(_draw, outcomes)
     )
     return 0 if is_reached else 1

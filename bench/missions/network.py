@@ -38,7 +38,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.testing.missions import MissionSystem
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
 
 NAME = "missions_network"
 HERE, THERE = "192.168.0.2", "192.168.8.2"
@@ -55,13 +55,13 @@ CROSSING_SHARE = 0.05
 
 class Crossed(NamedTuple):
     """Totals so far. bytes: on the link, both directions. forth, back: events from lab to hall and from hall to lab, by
-    the gateways' counters. said, heard: events that the camera published, and that its consumer in lab received."""
+    the gateways' counters. published, received: events that the camera published, and that its consumer in lab received."""
 
     bytes: int
     forth: int
     back: int
-    said: int
-    heard: int
+    published: int
+    received: int
 
     def since(self, before: Crossed) -> Crossed:
         return Crossed(*(now - then for now, then in zip(self, before, strict=True)))
@@ -72,33 +72,33 @@ class TwoNetworks:
 
     def __init__(self, place: MissionSystem, within: tuple[str, ...], router: Process) -> None:
         self.place, self.within, self._router = place, within, router
-        self._said = self._heard = 0
+        self._published = self._received = 0
         self._frame = os.urandom(FLOOD_BYTES)
 
     @contextlib.contextmanager
     def flood(self) -> Iterator[None]:
         """A camera publishes events in lab, and a consumer in lab receives them."""
 
-        def hear(event: Event) -> None:
-            self._heard += 1
+        def receive(event: Event) -> None:
+            self._received += 1
 
         with EventClient(self.place.orb, "lab", "camera") as camera, EventClient(self.place.orb, "lab") as viewer:
-            viewer.subscribe(hear, "camera.*")
+            viewer.subscribe(receive, "camera.*")
 
-            def say() -> None:
+            def publish() -> None:
                 camera.push("camera.frame", self._frame)
-                self._said += 1
+                self._published += 1
 
-            speaking = Repeating("camera", say, FLOOD_S).start()
+            publishing = Repeating("camera", publish, FLOOD_S).start()
             try:
                 yield
             finally:
-                speaking.close()
+                publishing.close()
 
     def crossed(self) -> Crossed:
         counts = self._router.ask({})
         forth, back = (self._passed_on(channel, peer) for channel, peer in (("lab", "hall"), ("hall", "lab")))
-        return Crossed(sum(counts["bytes"]), forth, back, self._said, self._heard)
+        return Crossed(sum(counts["bytes"]), forth, back, self._published, self._received)
 
     def _passed_on(self, channel: str, peer: str) -> int:
         """Number of events that `peer` has received from `channel`."""
@@ -120,7 +120,7 @@ def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
             computer.ip("address", "add", f"{own}/32", "dev", "line")
         command = (sys.executable, "-m", "bench.events.network.router", *map(str, devices))
         router = stack.enter_context(Process(command, folder / "router.log", pass_fds=devices))
-        router.hear(START_LIMIT_S)
+        router.receive(START_LIMIT_S)
         router.ask({"delay_us": 1000 * delay_ms})
         lab.enter()
         port = stack.enter_context(claimed_ports())
@@ -150,7 +150,7 @@ def _is_linked(orb: Orb) -> bool:
     )
 
 
-class Heard(NamedTuple):
+class ClockOffsets(NamedTuple):
     """From the leader's report. number: messages received from hall's channel. clocks_ms: largest error of a robot's
     estimate of the leader's clock; all processes share one clock."""
 
@@ -158,21 +158,25 @@ class Heard(NamedTuple):
     clocks_ms: float
 
     @classmethod
-    def of(cls, report: dict[str, Any]) -> Heard:
+    def of(cls, report: dict[str, Any]) -> ClockOffsets:
         offsets = [abs(clock["offset_ms"]) for clock in report["clocks"].values()]
         return cls(sum(event["origin"] == "hall" for event in report["events"]), max(offsets, default=math.nan))
 
 
-def crossing_marks(quiet: Crossed, flooded: Crossed, missions: Sequence[Crossed], heard: Sequence[Heard]) -> list[Mark]:
-    flood_bytes = flooded.said * FLOOD_BYTES
+def crossing_marks(
+    quiet: Crossed, flooded: Crossed, missions: Sequence[Crossed], received: Sequence[ClockOffsets]
+) -> list[Mark]:
+    flood_bytes = flooded.published * FLOOD_BYTES
     more = max(0, flooded.bytes - quiet.bytes)
-    unwanted = [abs(over.back - one.number) / max(1, one.number) for over, one in zip(missions, heard, strict=True)]
+    unwanted = [abs(over.back - one.number) / max(1, one.number) for over, one in zip(missions, received, strict=True)]
     return [
-        at_least("share of the flood received in its own sub-network", flooded.heard / max(1, flooded.said), 0.9),
+        at_least(
+            "share of the flood received in its own sub-network", flooded.received / max(1, flooded.published), 0.9
+        ),
         at_most("events that crossed during the flood without a mission", flooded.forth + flooded.back, 0),
         at_most("additional bytes on the link, as a share of the flood", more / flood_bytes, CROSSING_SHARE),
         at_most("share of events from hall to lab that were not for the leader", max(unwanted), 0.02),
-        at_most("error of the clock estimates, ms", max(one.clocks_ms for one in heard), SKEW_MS),
+        at_most("error of the clock estimates, ms", max(one.clocks_ms for one in received), SKEW_MS),
     ]
 
 
@@ -186,7 +190,7 @@ def main() -> int:
     options = parser.parse_args()
     outcomes: list[Outcome] = []
     crossed: list[Crossed] = []
-    heard: list[Heard] = []
+    received: list[ClockOffsets] = []
     with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
         try:
             both = stack.enter_context(two_networks(Path(temporary), options.delay))
@@ -208,14 +212,14 @@ def main() -> int:
                         before = both.crossed()
                         outcomes.append(carry(place, seed, way, to))
                         crossed.append(both.crossed().since(before))
-                        heard.append(Heard.of(place.report(LEADER)))
-                        print(*outcomes[-1].row().values(), *crossed[-1], *heard[-1], sep="\t", flush=True)
+                        received.append(ClockOffsets.of(place.report(LEADER)))
+                        print(*outcomes[-1].row().values(), *crossed[-1], *received[-1], sep="\t", flush=True)
                         spread_out(place, load_sample(BUILDING), seed)
-    rows = [_row(*each) for each in zip(outcomes, crossed, heard, strict=True)]
+    rows = [_row(*each) for each in zip(outcomes, crossed, received, strict=True)]
     print(json.dumps({"quiet": quiet._asdict(), "flooded": flooded._asdict()}))
     title = f"the paper's scene over links of {options.delay:g} ms one way, {len(outcomes)} missions"
-    reached = [*marks(outcomes), *crossing_marks(quiet, flooded, crossed, heard)]
-    return 0 if tell(NAME, title, rows, reached, lambda axes: draw(axes, outcomes)) else 1
+    reached = [*marks(outcomes), *crossing_marks(quiet, flooded, crossed, received)]
+    return 0 if summarize(NAME, title, rows, reached, lambda axes: draw(axes, outcomes)) else 1
 
 
 def watched(both: TwoNetworks) -> Crossed:
@@ -224,15 +228,15 @@ def watched(both: TwoNetworks) -> Crossed:
     return both.crossed().since(before)
 
 
-def _row(one: Outcome, over: Crossed, heard: Heard) -> dict[str, Any]:
+def _row(one: Outcome, over: Crossed, received: ClockOffsets) -> dict[str, Any]:
     seconds = one.seconds if math.isfinite(one.seconds) else 1.0
     return {
         **one.row(),
         "lab to hall, events": over.forth,
         "hall to lab": over.back,
-        "flood": over.said,
+        "flood": over.published,
         "link, kB/s": over.bytes / seconds / 1e3,
-        "clocks, ms": heard.clocks_ms,
+        "clocks, ms": received.clocks_ms,
     }
 
 

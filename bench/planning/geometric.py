@@ -30,7 +30,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
 from robocorba.testing.fine_grid import FloorGeometry
 from robocorba.testing.grid_maps import FLOOR, KINDS, Cell, Cells, OctileGraph, building_of, place_of, random_cells
-from robocorba.testing.report import PROGRESS, at_least, at_most, quantile, tell, timed_ms
+from robocorba.testing.report import PROGRESS, at_least, at_most, quantile, summarize, timed_ms
 
 SIZE, SEED = 512, 1
 #: Sides of a cell and radii of the robot [m].
@@ -231,7 +231,7 @@ def show(found: Sequence[Found]) -> bool:
 
     times = [took for one in found for took in one.times["query"]]
     median = f"{statistics.median(times):.1f} ms at the median" if times else "no query answered in time"
-    return tell(
+    return summarize(
         "geometric", f"geometric paths on {SIZE} x {SIZE} cells: {median}", [one.row() for one in found], marks, draw
     )
 

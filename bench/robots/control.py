@@ -29,7 +29,7 @@ from robocorba.kinematics.smartpal import ACCELERATION, BASE, JOINTS, LOWER, SPE
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize
 
 NAME = "control"
 MOST_P99_MS = 5.0
@@ -183,7 +183,7 @@ def main() -> int:
 
     bound = f"others on {others}" if options.pin else "others anywhere"
     title = f"control loop at {1 / TICK_S:g} Hz, {options.seconds:g} s, core {busy} kept busy, {bound}"
-    return 0 if tell(NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
+    return 0 if summarize(NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
 
 
 if __name__ == "__main__":

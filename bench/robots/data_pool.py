@@ -35,7 +35,7 @@ from robocorba.corba.orb import Orb
 from robocorba.maps.samples import load_sample, sample_path
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, summarize
 
 NAME = "data_pool"
 SAMPLE, ROBOTS = "five-floors", 200
@@ -54,7 +54,7 @@ def pools(naming: Address, folder: Path, name: str, floors: Sequence[str]) -> It
     """A process with a pool for each of these floors, and its answer once they are loaded."""
     command = (sys.executable, "-m", "bench.robots.data_pool_client", str(naming))
     with Process(command, folder / f"pool-{name}.log") as process:
-        process.hear(START_LIMIT_S)
+        process.receive(START_LIMIT_S)
         yield process, process.ask({"do": "follow", "floors": list(floors)}, START_LIMIT_S)
 
 
@@ -88,16 +88,16 @@ def run(
     total_s = WARM_UP_S + seconds
     looked_from = begin + WARM_UP_S
     for watcher in watchers:
-        watcher.say({"do": "look", "begin": looked_from, "seconds": seconds})
-    rider.say({"do": "go", "floors": list(floors), "begin": looked_from, "seconds": seconds, "every_s": CHANGE_S})
+        watcher.send({"do": "look", "begin": looked_from, "seconds": seconds})
+    rider.send({"do": "go", "floors": list(floors), "begin": looked_from, "seconds": seconds, "every_s": CHANGE_S})
     with ThreadPoolExecutor(1) as executor:
         driving = executor.submit(clients.all, "drive", begin=begin, seconds=total_s, rate=RATE, threads=THREADS)
         time.sleep(max(0.0, looked_from - 1.0 - time.monotonic()))
         began, simulated = time.monotonic(), server._get_state().time
         stamps = ask_time(server, looked_from + seconds)
         pace = (server._get_state().time - simulated) / (time.monotonic() - began)
-        seen = [watcher.hear(seconds + START_LIMIT_S) for watcher in watchers]
-        changes = rider.hear(seconds + START_LIMIT_S)["change"]
+        seen = [watcher.receive(seconds + START_LIMIT_S) for watcher in watchers]
+        changes = rider.receive(seconds + START_LIMIT_S)["change"]
         driven = driving.result()
     return {
         "ages": [age for one in seen for age in ages_ms(stamps, one["looks"])],
@@ -206,9 +206,9 @@ def main() -> int:
             memory = memory_rows(naming, folder, floors, rider, sum(len(found["change"]) for found in runs))
     rows = [row_of(number, found) for number, found in enumerate(runs, 1)]
     title = f"{options.robots} robots that move on {len(floors)} floors, {len(floors) + 1} pools, {options.seconds:g} s"
-    is_reached = tell(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, runs))
+    is_reached = summarize(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, runs))
     title = f"Data pools with {options.robots} robots on {len(floors)} floors"
-    are_reached = tell(
+    are_reached = summarize(
         f"{NAME}_memory", title, memory, memory_marks_of(memory), lambda axes: _draw_memory(axes, memory)
     )
     return 0 if is_reached and are_reached else 1

@@ -26,7 +26,7 @@ from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, UPPER, Side
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import at_least, at_most, quantile, tell, timed_ms
+from robocorba.testing.report import at_least, at_most, quantile, summarize, timed_ms
 
 POSES, QUESTIONS = 1000, 10_000
 NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)
@@ -141,7 +141,7 @@ def main() -> int:
                 marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
     rows += forward(body)
     title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
-    return 0 if tell("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
+    return 0 if summarize("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
 
 
 def forward(body: Body) -> list[dict[str, Any]]:

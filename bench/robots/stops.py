@@ -42,7 +42,7 @@ from robocorba.programs.program import dumps
 from robocorba.settings import Address
 from robocorba.stubs import _GlobalIDL
 from robocorba.testing.processes import ROBOCORBA, Running, eventually
-from robocorba.testing.report import PROGRESS, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
 
 BENCH = "stops"
 MOST_MS = 100.0
@@ -96,7 +96,7 @@ class Stage:
         what = ("units", str(naming)) if naming else ("building", str(orb.naming), FLOOR, NAME)
         command = (*within, sys.executable, "-m", "bench.robots.watcher", *what)
         self._watcher = self._stack.enter_context(Process(command, folder / f"watcher-{what[0]}.log"))
-        self._watcher.hear(PATIENCE_S)
+        self._watcher.receive(PATIENCE_S)
 
     def close(self) -> None:
         self.robot.close()
@@ -376,7 +376,7 @@ def main() -> int:
         axes.invert_yaxis()
 
     title = f"a robot at {SPEED_CAP:g} m/s that has to stop"
-    return 0 if tell(BENCH, title, rows, marks, draw) else 1
+    return 0 if summarize(BENCH, title, rows, marks, draw) else 1
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.processes import Launcher, claimed_ports, real_system
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell, write_csv
+from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
 from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, apart, robot_process
 
 NAME, ROBOT = "virtual_and_actual", "A"
@@ -86,7 +86,7 @@ def main() -> int:
             parts.append((virtual_parts, actual_parts))
     ticks = [tick for run, (one, other) in enumerate(parts, 1) for tick in compared(run, one, other, body)]
     write_csv(f"{NAME}_ticks", ticks)
-    is_reached = tell(
+    is_reached = summarize(
         NAME,
         f"{PROGRAM.stem} on a virtual and on an actual robot, runs: {options.runs}; differences in mm and degrees",
         rows(ticks, parts, ends),

@@ -16,7 +16,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from robocorba.testing.report import PROGRESS, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
 from robocorba.testing.simulation import (
     CLIENT_SPEED,
     CLIENTS,
@@ -77,7 +77,7 @@ def main() -> int:
         f"kills of a client, a sensor server and the server: {CLIENTS} clients with {ROBOTS_EACH} robots each at "
         f"{CLIENT_SPEED:g} m/s; poses of {LOST_S:g} s may be lost"
     )
-    is_reached = tell(
+    is_reached = summarize(
         NAME, title, [row(member, outcomes) for member in TIMES], marks, lambda axes: _draw(axes, outcomes)
     )
     return 0 if is_reached else 1

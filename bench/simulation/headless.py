@@ -36,7 +36,7 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE, FloorUpdate
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
 
 NAME = "simulation_headless"
 #: Interval between scans and commands of a robot, in simulated time [s].
@@ -254,8 +254,10 @@ def main() -> int:
     rows = [row_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
     parts = [parts_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
     title = f"office of 4 floors, two processes, medians of {options.rounds} rounds"
-    tell(f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts))
-    return 0 if tell(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
+    summarize(
+        f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts)
+    )
+    return 0 if summarize(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
 
 
 def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:

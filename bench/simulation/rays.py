@@ -22,7 +22,7 @@ from shapely import LineString
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.sight import SensedScene
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import at_least, at_most, tell
+from robocorba.testing.report import at_least, at_most, summarize
 
 FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)
 #: Number of walls, side of the floor [m], required rays per second.
@@ -116,7 +116,7 @@ def main() -> int:
         marks.append(at_least(f"{walls} walls, rays a second", statistics.median(rates["ours"]), least))
         marks.append(at_most(f"{walls} walls, largest difference from the peers, m", worst, 1e-6))
     title = f"{FULL.count} rays of {FULL.range_m:g} m, one core"
-    return 0 if tell("rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
+    return 0 if summarize("rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
 
 
 def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:

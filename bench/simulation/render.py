@@ -27,7 +27,7 @@ from robocorba.sensing.sight import SensedScene
 from robocorba.simulation.picture import FloorPainter, ScanFan
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
-from robocorba.testing.report import at_most, quantile, tell, timed_ms
+from robocorba.testing.report import at_most, quantile, summarize, timed_ms
 
 FLOOR, WIDTH_PX = "L1", 1200
 ROBOTS, LASERS, RADIUS_M = 50, 8, 0.4
@@ -125,7 +125,7 @@ def main() -> int:
     )
     marks = [at_most("a picture, median ms", statistics.median(took["ours"]), MOST_MS)]
     title = f"{ROBOTS} robots and {LASERS} lasers, {WIDTH_PX} pixels wide, {len(png) / 1000:.0f} kB"
-    return 0 if tell("render", title, rows, marks, lambda axes: _draw(axes, took)) else 1
+    return 0 if summarize("render", title, rows, marks, lambda axes: _draw(axes, took)) else 1
 
 
 def _draw(axes: Axes, took: dict[str, list[float]]) -> None:

@@ -259,7 +259,7 @@ class Clients:
                 for number in range(self._count)
             ]
             for process in self.processes:
-                process.hear(START_LIMIT_S)
+                process.receive(START_LIMIT_S)
             self._stack = stack.pop_all()
         return self
 
@@ -285,8 +285,8 @@ class Clients:
         limit_s = 60.0 + max(command.get("seconds", 0.0) for command in commands)
         if at_once:
             for process, command in zip(self.processes, commands, strict=True):
-                process.say(command)
-            answers = [process.hear(limit_s) for process in self.processes]
+                process.send(command)
+            answers = [process.receive(limit_s) for process in self.processes]
         else:
             answers = [process.ask(command, limit_s) for process, command in zip(self.processes, commands, strict=True)]
         return {what: joined([answer[what] for answer in answers]) for what in answers[0]}

@@ -28,7 +28,7 @@ from robocorba.maps import native
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.virtual_sensor import ScanSpec
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell, timed_ms
+from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, timed_ms
 
 NAME = "simulation_sensors"
 SENSORS = (1, 2)
@@ -74,7 +74,7 @@ def awake(folder: Path) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for core in os.sched_getaffinity(0):
             command = (sys.executable, "-c", f"{loop}\nwhile True: pass")
-            stack.enter_context(Process(command, folder / f"awake-{core}.log", (core,))).hear(START_LIMIT_S)
+            stack.enter_context(Process(command, folder / f"awake-{core}.log", (core,))).receive(START_LIMIT_S)
         yield
 
 
@@ -156,10 +156,14 @@ def main() -> int:
                 with Clients(naming, PROCESSES, Path(folder)) as clients, PROGRESS.status(f"{sensors} sensors"):
                     rows += throughput(server, clients, state, options.seconds, options.runs)
     title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as possible"
-    tell(NAME, title, rows, [], lambda axes: _draw(axes, rows))
+    summarize(NAME, title, rows, [], lambda axes: _draw(axes, rows))
     calls = [row for cores, found in rounds.items() for row in latency_rows(cores, found)]
     title = f"one client, idle system, medians of {ROUNDS} rounds of {CALLS} calls"
-    return 0 if tell(f"{NAME}_latency", title, calls, marks_of(calls), lambda axes: _draw_latency(axes, rounds)) else 1
+    return (
+        0
+        if summarize(f"{NAME}_latency", title, calls, marks_of(calls), lambda axes: _draw_latency(axes, rounds))
+        else 1
+    )
 
 
 def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:

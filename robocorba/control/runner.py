@@ -60,7 +60,7 @@ class IconBegun(NamedTuple):
     seconds: float
 
 
-class Heard(NamedTuple):
+class ReceivedEvent(NamedTuple):
     """An event that the robot's channel has delivered."""
 
     type: str
@@ -71,10 +71,10 @@ class Heard(NamedTuple):
 class OtherRobots(Protocol):
     """A program's access to other robots: events and cooperative icons."""
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
-        """Subscribe to events of these types and sources; `hear` consumes them. Raises EventError, NotReachable."""
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[ReceivedEvent], None]) -> None:
+        """Subscribe to events of these types and sources; `receive` consumes them. Raises EventError, NotReachable."""
 
-    def say(self, type: str, payload: Any) -> None:
+    def publish(self, type: str, payload: Any) -> None:
         """Publish an event. Raises EventError, NotReachable."""
 
     def cooperate(self, icon: Icon) -> None:
@@ -90,7 +90,7 @@ class Runner:
         self._last_report = Report(program.name)
         self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
         self._last_outcome: Outcome = "done"
-        self._events: deque[Heard] = deque(maxlen=MAX_EVENTS)
+        self._events: deque[ReceivedEvent] = deque(maxlen=MAX_EVENTS)
 
     @property
     def report(self) -> Report:
@@ -102,7 +102,7 @@ class Runner:
     def run(self) -> Report:
         """Run the program to its end. The returned report has the errors."""
         try:
-            self._others.listen(_awaited(self._program), self._events.append)
+            self._others.subscribe(_awaited(self._program), self._events.append)
             self._run_icons("icons", self._program.icons)
             self._update(result=Result.DONE, icon="", kind="")
         except Aborted as wrong:
@@ -202,7 +202,7 @@ class Runner:
 
     @_do.register
     def _(self, icon: icons.Say, path: str) -> None:
-        self._others.say(icon.type, icon.payload)
+        self._others.publish(icon.type, icon.payload)
 
     @_do.register(icons.MoveTable)
     @_do.register(icons.HandOver)

@@ -29,10 +29,10 @@ _log = logging.getLogger(__name__)
 class Channel(Protocol):
     """The event channel of the robot's sub-network."""
 
-    def say(self, type: str, payload: Any, retry_s: float) -> None:
+    def publish(self, type: str, payload: Any, retry_s: float) -> None:
         """Publish an event. Raises EventError, NotReachable after `retry_s`."""
 
-    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
         """Subscribe to events by patterns of type and source, in place of earlier patterns; `receive` gets the
         type, source, payload and origin of each event. Raises EventError, NotReachable."""
 
@@ -59,13 +59,13 @@ class Transport:
         """Subscribe to these messages from these robots, * for all, in place of earlier subscriptions.
 
         Raises EventError, NotReachable."""
-        self._channel.listen([(type_of(kind), source) for kind, source in patterns], self._receive)
+        self._channel.subscribe([(type_of(kind), source) for kind, source in patterns], self._receive)
 
     def publish(self, message: Message, retry_s: float = 0.0) -> bool:
         """Publish a message, stamped with the time; return whether the channel accepted it."""
         message = msgspec.structs.replace(message, sent=time.time())
         try:
-            self._channel.say(type_of(message), payload(message), retry_s)
+            self._channel.publish(type_of(message), payload(message), retry_s)
         except (NotReachable, EventError) as wrong:
             _log.info("%s was not published: %s", type_of(message), wrong)
             return False

@@ -92,7 +92,7 @@ def cell(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 
-def tell(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
+def summarize(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
     """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
     All rows have the same columns; None prints as an empty cell."""

@@ -33,15 +33,15 @@ def stage() -> Iterator[Stage]:
 def test_paced_and_flooded_events_arrive(stage: Stage, peer: Peer) -> None:
     _, supplier, consumer = trio(stage, peer.name)
 
-    supplier.say({"do": "pace", "first": 0, "count": COUNT, "rate": 2000.0})
-    assert supplier.hear(60.0)["sent"] == [COUNT]
+    supplier.send({"do": "pace", "first": 0, "count": COUNT, "rate": 2000.0})
+    assert supplier.receive(60.0)["sent"] == [COUNT]
     (got,) = collect(consumer, [range(COUNT)], 60.0, latencies_from=100)
     assert _faultless(got, COUNT)
     assert len(got["latencies"]) == COUNT - 100
     assert all(value > 0 for value in got["latencies"])
 
-    supplier.say({"do": "flood", "first": 1000, "seconds": 60.0, "most": COUNT, "threads": 2})
-    answer = supplier.hear(90.0)
+    supplier.send({"do": "flood", "first": 1000, "seconds": 60.0, "most": COUNT, "threads": 2})
+    answer = supplier.receive(90.0)
     assert answer["sent"] == [COUNT // 2] * 2
     assert answer["failed"] == 0
     (got,) = collect(consumer, [range(1000, 1000 + COUNT // 2)] * 2, 60.0)
@@ -51,8 +51,8 @@ def test_paced_and_flooded_events_arrive(stage: Stage, peer: Peer) -> None:
 
 def test_runs_arrive(stage: Stage) -> None:
     _, supplier, consumer = trio(stage, CLIENT.name)
-    supplier.say({"do": "runs", "first": 0, "seconds": 60.0, "most": 10_000, "size": 100})
-    assert supplier.hear(90.0)["sent"] == [10_000]
+    supplier.send({"do": "runs", "first": 0, "seconds": 60.0, "most": 10_000, "size": 100})
+    assert supplier.receive(90.0)["sent"] == [10_000]
     (got,) = collect(consumer, [range(10_000)], 60.0)
     assert _faultless(got, 10_000)
 
@@ -63,15 +63,15 @@ def test_several_consumers_in_a_process(stage: Stage) -> None:
     ready(consumers)
     supplier = stage.supplier(BOUNDED.name, broker)
     ready(supplier)
-    supplier.say({"do": "pace", "first": 0, "count": 50, "rate": 1000.0})
-    supplier.hear(60.0)
+    supplier.send({"do": "pace", "first": 0, "count": 50, "rate": 1000.0})
+    supplier.receive(60.0)
     assert [_faultless(got, 50) for got in collect(consumers, [range(50)], 60.0)] == [True] * 3
 
 
 def test_what_did_not_come_is_told(stage: Stage) -> None:
     _, supplier, consumer = trio(stage, HEADER.name)
-    supplier.say({"do": "pace", "first": 0, "count": 20, "rate": 1000.0})
-    supplier.hear(60.0)
+    supplier.send({"do": "pace", "first": 0, "count": 20, "rate": 1000.0})
+    supplier.receive(60.0)
     (got,) = collect(consumer, [range(30)], 60.0)
     assert (got["count"], got["lost"], got["gaps"]) == (20, 10, [[20, 30]])
 
@@ -87,7 +87,7 @@ def test_a_role_that_does_not_answer_is_told() -> None:
     with Stage() as stage:
         _, supplier, _ = trio(stage, HEADER.name)
         with pytest.raises(ProcessFailed, match="did not answer within"):
-            supplier.hear(0.05)
+            supplier.receive(0.05)
 
 
 @pytest.mark.parametrize("name", sorted(set(PEERS) - {peer.name for peer in (PLAIN, PLAIN_TO_BATCHES, HEADER, CLIENT)}))
@@ -95,8 +95,8 @@ def test_the_other_peers_deliver_as_well(stage: Stage, name: str) -> None:
     if name not in installed():
         pytest.skip(f"{PEERS[name].missing()} is not installed")
     _, supplier, consumer = trio(stage, name)
-    supplier.say({"do": "pace", "first": 0, "count": COUNT, "rate": 1000.0})
-    assert supplier.hear(60.0)["failed"] == 0
+    supplier.send({"do": "pace", "first": 0, "count": COUNT, "rate": 1000.0})
+    assert supplier.receive(60.0)["failed"] == 0
     (got,) = collect(consumer, [range(COUNT)], 60.0)
     assert _faultless(got, COUNT)
 

@@ -74,4 +74,4 @@ def test_a_process_that_ends_tells_why(tmp_path: Path) -> None:
         Process((sys.executable, "-c", program), tmp_path / "log", split_cores()[1]) as process,
         pytest.raises(ProcessFailed, match="no table here"),
     ):
-        process.hear(20)
+        process.receive(20)

@@ -1,4 +1,4 @@
-"""How the benches of the event channel tell what they found."""
+"""How the benches of the event channel report what they found."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from bench.events.channel.memory import slope_an_hour
 from robocorba.testing import report
-from robocorba.testing.report import at_least, at_most, tell
+from robocorba.testing.report import at_least, at_most, summarize
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
 
@@ -34,7 +34,7 @@ def test_what_is_told_is_printed_and_written(
     def draw(axes: Axes) -> None:
         axes.plot([1, 2], [1, 2])
 
-    reached = tell("some", "A title", ROWS, [at_most("a ratio", value, 2.0)], draw)
+    reached = summarize("some", "A title", ROWS, [at_most("a ratio", value, 2.0)], draw)
 
     assert reached == (value <= 2.0)
     printed = capsys.readouterr().out

@@ -17,7 +17,7 @@ from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Heard
+from robocorba.control.runner import ReceivedEvent
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.simulated_adaptor import SimulatedAdaptor
@@ -174,12 +174,12 @@ class Channel:
     def __init__(self) -> None:
         self.said: list[tuple[str, Any]] = []
         self.patterns: Sequence[tuple[str, str]] = ()
-        self.hear: Callable[[Heard], None] = lambda event: None
+        self.hear: Callable[[ReceivedEvent], None] = lambda event: None
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Callable[[Heard], None]) -> None:
+    def subscribe(self, patterns: Sequence[tuple[str, str]], hear: Callable[[ReceivedEvent], None]) -> None:
         self.patterns, self.hear = patterns, hear
 
-    def say(self, type: str, payload: Any) -> None:
+    def publish(self, type: str, payload: Any) -> None:
         self.said.append((type, payload))
 
     def cooperate(self, icon: Icon) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Heard, Report, Result, Runner
+from robocorba.control.runner import ReceivedEvent, Report, Result, Runner
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
@@ -129,8 +129,8 @@ def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
     thread = threading.Thread(target=runner.run)
     thread.start()
     eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
-    channel.hear(Heard("table.up", "C", None))
-    channel.hear(Heard("table.up", "B", None))
+    channel.hear(ReceivedEvent("table.up", "C", None))
+    channel.hear(ReceivedEvent("table.up", "B", None))
     thread.join(20.0)
     assert channel.said == [("once", None)]
 

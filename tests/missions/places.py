@@ -42,7 +42,7 @@ class Bus:
     def end(self, name: str) -> BusEnd:
         return BusEnd(self, name)
 
-    def tell(self, source: str, type: str, payload: Any) -> None:
+    def publish(self, source: str, type: str, payload: Any) -> None:
         content = msgpack.unpackb(msgpack.packb(payload), strict_map_key=False)
         with self._lock:
             self.said.append((source, type))
@@ -53,7 +53,7 @@ class Bus:
             if any(fnmatch.fnmatch(type, each) and fnmatch.fnmatch(source, who) for each, who in patterns):
                 hear(type, source, content, "bus")
 
-    def listen(self, key: int, name: str, patterns: Sequence[tuple[str, str]], hear: Hear) -> None:
+    def subscribe(self, key: int, name: str, patterns: Sequence[tuple[str, str]], hear: Hear) -> None:
         with self._lock:
             self._listening[key] = (name, patterns, hear)
 
@@ -64,13 +64,13 @@ class BusEnd:
     def __init__(self, bus: Bus, name: str) -> None:
         self._bus, self._name = bus, name
 
-    def say(self, type: str, payload: Any, retry_s: float) -> None:
+    def publish(self, type: str, payload: Any, retry_s: float) -> None:
         if self._name in self._bus.cut:
             raise NotReachable("the network is cut")
-        self._bus.tell(self._name, type, payload)
+        self._bus.publish(self._name, type, payload)
 
-    def listen(self, patterns: Sequence[tuple[str, str]], hear: Hear) -> None:
-        self._bus.listen(id(self), self._name, patterns, hear)
+    def subscribe(self, patterns: Sequence[tuple[str, str]], hear: Hear) -> None:
+        self._bus.subscribe(id(self), self._name, patterns, hear)
 
 
 class Crew:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from bench.common.processes import Process
 from bench.events.channel.peers.ours import HEADER, PLAIN
 from bench.events.channel.stage import Stage, collect, ready
-from robocorba.testing.report import PROGRESS, at_most, tell
+from robocorba.testing.report import PROGRESS, at_most, summarize
 
 CONSUMERS = (1, 10, 50, 100, 200)
 PROCESSES = 4
@@ -44,7 +44,7 @@ def run(quick: bool) -> bool:
                 at_most(f"{peer}, {column} a delivery, worst / one consumer", max(costs) / costs[0], MOST_GROWTH)
             )
     title = "Cost of a delivery: CPU time of the channel's process, and wall time"
-    return tell("event_channel_fanout", title, rows, marks, lambda axes: _draw(axes, rows))
+    return summarize("event_channel_fanout", title, rows, marks, lambda axes: _draw(axes, rows))
 
 
 def _measure(peer: str, count: int, deliveries: int) -> dict[str, float]:
@@ -66,8 +66,8 @@ def _measure(peer: str, count: int, deliveries: int) -> dict[str, float]:
 
 
 def _flood(supplier: Process, consumers: list[Process], first: int, events: int) -> dict[str, int]:
-    supplier.say({"do": "flood", "first": first, "seconds": _LIMIT_S, "most": events})
-    answer = supplier.hear(2 * _LIMIT_S)
+    supplier.send({"do": "flood", "first": first, "seconds": _LIMIT_S, "most": events})
+    answer = supplier.receive(2 * _LIMIT_S)
     sent = range(first, first + events)
     got = [one for consumer in consumers for one in collect(consumer, [sent], _LIMIT_S)]
     return {"ns": max(one["last"] for one in got) - answer["began"], "lost": sum(one["lost"] for one in got)}

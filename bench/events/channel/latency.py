@@ -22,7 +22,7 @@ from bench.events.channel.peers.relay import PEER as RELAY
 from bench.events.channel.peers.zenoh import PEER as ZENOH
 from bench.events.channel.peers.zeromq import PEER as ZEROMQ
 from bench.events.channel.stage import Stage, collect, trio
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize
 
 PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
 #: Events a second.
@@ -54,13 +54,13 @@ def run(quick: bool) -> bool:
                 results[name].append(_together(found[name]))
     rows = [_row(name, rounds, _ratio(results, name, 0.5)) for name, rounds in results.items()]
     title = f"Latency at {RATE:g} events a second, microseconds"
-    return tell("event_channel_latency", title, rows, _marks(results), lambda axes: _draw(axes, results))
+    return summarize("event_channel_latency", title, rows, _marks(results), lambda axes: _draw(axes, results))
 
 
 def _turn(supplier: Process, consumer: Process, first: int) -> dict[str, Any]:
     count = WARM_UP + TURN
-    supplier.say({"do": "pace", "first": first, "count": count, "rate": RATE})
-    supplier.hear(count / RATE * 5 + 30)
+    supplier.send({"do": "pace", "first": first, "count": count, "rate": RATE})
+    supplier.receive(count / RATE * 5 + 30)
     (got,) = collect(consumer, [range(first, first + count)], 20.0, first + WARM_UP)
     return got
 

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from bench.common.processes import Process
 from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN
 from bench.events.channel.stage import Stage, collect, ready
-from robocorba.testing.report import PROGRESS, at_most, tell
+from robocorba.testing.report import PROGRESS, at_most, summarize
 
 #: Events a second by supplier, and number of consumers by their process. Every consumer gets every event.
 SUPPLIERS = {PLAIN.name: 50.0, HEADER.name: 100.0, CLIENT.name: 50.0}
@@ -54,7 +54,7 @@ def run(minutes: float) -> bool:
     ]
     traffic = f"{sum(SUPPLIERS.values()):g} events a second for {sum(CONSUMERS.values())} consumers"
     title = f"Resident memory of a channel, {traffic}"
-    return tell("event_channel_memory", title, rows, marks, lambda axes: _draw(axes, samples))
+    return summarize("event_channel_memory", title, rows, marks, lambda axes: _draw(axes, samples))
 
 
 def slope_an_hour(seconds: Sequence[float], sizes: Sequence[float]) -> float:
@@ -72,9 +72,9 @@ def _traffic(suppliers: dict[Process, float], consumers: list[Process], seconds:
     while time.monotonic() < until:
         counts = [round(rate * LAP_S) for rate in suppliers.values()]
         for (supplier, rate), count in zip(suppliers.items(), counts, strict=True):
-            supplier.say({"do": "pace", "first": 0, "count": count, "rate": rate})
+            supplier.send({"do": "pace", "first": 0, "count": count, "rate": rate})
         for supplier in suppliers:
-            supplier.hear(10 * LAP_S)
+            supplier.receive(10 * LAP_S)
         total = sum(counts)
         for consumer in consumers:  # only counts: all suppliers have the id 0
             lost += sum(total - one["count"] for one in collect(consumer, [range(total)], 30.0))

@@ -64,14 +64,14 @@ class Stage:
 def ready(*roles: Process) -> None:
     """Wait until they are connected. Raises ProcessFailed."""
     for role in roles:
-        role.hear(START_LIMIT_S)
+        role.receive(START_LIMIT_S)
 
 
 def collect(
     consumer: Process, sent: Sequence[range], limit_s: float, latencies_from: int | None = None
 ) -> list[dict[str, Any]]:
     """The results of the consumers of a process for the events of suppliers 0, 1, ... Raises ProcessFailed."""
-    consumer.say(
+    consumer.send(
         {
             "expect": sum(map(len, sent)),
             "sent": [[numbers.start, numbers.stop] for numbers in sent],
@@ -80,7 +80,7 @@ def collect(
             "latencies_from": latencies_from,
         }
     )
-    return list(consumer.hear(limit_s + 30))
+    return list(consumer.receive(limit_s + 30))
 
 
 def trio(stage: Stage, peer: str) -> tuple[Broker, Process, Process]:

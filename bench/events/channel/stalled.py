@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from bench.common.processes import Process
 from bench.events.channel.peers.ours import BOUND, BOUNDED, connected
 from bench.events.channel.stage import Stage, collect, ready
-from robocorba.testing.report import PROGRESS, at_most, quantile, tell
+from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
 
 HEALTHY = 9
 RATE = 200.0
@@ -49,7 +49,7 @@ def run(quick: bool) -> bool:
         at_most("events that it lost though younger than others it got", sum(r["not the oldest"] for r in rounds), 0),
     ]
     title = f"One of {HEALTHY + 1} consumers stopped at {RATE:g} events a second, latency of the others in us"
-    return tell("event_channel_stalled", title, rounds, marks, lambda axes: _draw(axes, rounds))
+    return summarize("event_channel_stalled", title, rounds, marks, lambda axes: _draw(axes, rounds))
 
 
 def _round(channel: Any, supplier: Process, consumers: list[Process], number: int) -> dict[str, Any]:
@@ -88,8 +88,8 @@ def _round(channel: Any, supplier: Process, consumers: list[Process], number: in
 
 def _send(supplier: Process, consumers: list[Process], numbers: range, latencies_from: int) -> list[dict[str, Any]]:
     """Send events at RATE; the result of each consumer."""
-    supplier.say({"do": "pace", "first": numbers.start, "count": len(numbers), "rate": RATE})
-    supplier.hear(len(numbers) / RATE * 5 + _LIMIT_S)
+    supplier.send({"do": "pace", "first": numbers.start, "count": len(numbers), "rate": RATE})
+    supplier.receive(len(numbers) / RATE * 5 + _LIMIT_S)
     return [collect(consumer, [numbers], _LIMIT_S, latencies_from)[0] for consumer in consumers]
 
 

@@ -20,7 +20,7 @@ from bench.events.channel.peers.redis import PEER as REDIS
 from bench.events.channel.peers.zenoh import PEER as ZENOH
 from bench.events.channel.peers.zeromq import PEER as ZEROMQ
 from bench.events.channel.stage import Stage, collect, trio
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, tell
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
 
 #: Minimum number of events a second that must arrive, one a call and in runs.
 ONE_BY_ONE, IN_RUNS = 20_000, 300_000
@@ -83,7 +83,7 @@ def run(quick: bool) -> bool:
                 rate, lost = results[-1]["rate"], results[-1]["lost"]
                 PROGRESS.print(f"round {number + 1} of {rounds}: {way.label}: {rate:,.0f}/s, {lost} lost")
     rows = [_row(way, results) for way, results in found.items()]
-    return tell(
+    return summarize(
         "event_channel_throughput",
         "Flood: events that arrive each second",
         rows,
@@ -95,8 +95,8 @@ def run(quick: bool) -> bool:
 def _flood(way: Way, supplier: Process, consumer: Process, first: int, seconds: float) -> dict[str, Any]:
     command: dict[str, Any] = {"first": first, "seconds": seconds, "most": MOST}
     command |= {"do": "runs", "size": way.run} if way.run else {"do": "flood", "threads": way.threads}
-    supplier.say(command)
-    answer = supplier.hear(_LIMIT_S)
+    supplier.send(command)
+    answer = supplier.receive(_LIMIT_S)
     sent = [range(first, first + count) for count in answer["sent"]]
     (got,) = collect(consumer, sent, _LIMIT_S)
     took_s = max(1, got["last"] - answer["began"]) / 1e9

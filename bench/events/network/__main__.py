@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("bench: stopped", file=sys.stderr)
         return 1
-    return 0 if outcome.tell(outcomes, about) else 1
+    return 0 if outcome.summarize(outcomes, about) else 1
 
 
 def measure(plan: Plan, relay: bool = False) -> tuple[list[Outcome], dict[str, Any]]:

@@ -116,13 +116,13 @@ class Experiment:
         run = {"number": self._number, "set_up": set_up, "begin": begin, "count_from": count_from, "end": end}
         self._ask_all({"do": "prepare", **run})
         for robot in self._robots.values():
-            robot.say({"do": "play"})
+            robot.send({"do": "play"})
         time.sleep(max(0.0, count_from - time.monotonic()))
         self._core.busy()
         time.sleep(max(0.0, end - time.monotonic()))
         busy = self._core.busy()
         for robot in self._robots.values():
-            robot.hear(START_LIMIT_S)
+            robot.receive(START_LIMIT_S)
         sent = [mission.Sent(*one) for answer in self._ask_all({"do": "sent"}).values() for one in answer]
         wanted = {name: mission.expected(name, sent) for name in self._robots}
         received = {
@@ -215,7 +215,7 @@ def experiment(network: Network, folder: Path, leaders_core: int, cores: Sequenc
         working = (sys.executable, "-m", "bench.events.network.load", str(leaders_core))
         load = stack.enter_context(Process(working, folder / "load.log", (leaders_core,)))
         for robot in robots.values():
-            robot.hear(START_LIMIT_S)
+            robot.receive(START_LIMIT_S)
         yield Experiment(network, robots, load, leaders_core)
 
 

@@ -115,7 +115,7 @@ class NamespaceNetwork:
             stack.callback(os.close, devices[-1])
         command = (sys.executable, "-m", "bench.events.network.router", *map(str, devices))
         self.router = stack.enter_context(Process(command, folder / "router.log", cores, pass_fds=devices))
-        self.router_has_priority = bool(self.router.hear(20.0)["priority"])
+        self.router_has_priority = bool(self.router.receive(20.0)["priority"])
         self._sockets = stack
 
     def start(self, host: str, of: str, command: Sequence[str], log: Path, cores: Sequence[int]) -> Process:
@@ -152,7 +152,7 @@ class RelayNetwork:
         pairs = [self._pair(*stream.split(":")) for stream in (*streams, "channel:channel", "C:echo")]
         command = (sys.executable, "-m", "bench.events.network.relay", *pairs)
         self.router = stack.enter_context(Process(command, folder / "router.log", cores))
-        self.router_has_priority = bool(self.router.hear(20.0)["priority"])
+        self.router_has_priority = bool(self.router.receive(20.0)["priority"])
         self._sockets = stack
 
     def start(self, host: str, of: str, command: Sequence[str], log: Path, cores: Sequence[int]) -> Process:

@@ -22,7 +22,7 @@ TITLE = "Figure 13: latency of a central and of federated event channels"
 COLOURS = {STANDARD: "tab:red", FEDERATED: "tab:blue"}
 
 
-def tell(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
+def summarize(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     """Print and write all results; whether every mark was reached. about: description of the measurement."""
     found = analysis.cells(outcomes)
     rows, marks = [analysis.row(cell) for cell in found], analysis.marks(found)

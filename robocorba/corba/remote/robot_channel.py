@@ -25,7 +25,7 @@ class RobotChannel:
         self._subscription: EventSubscription | None = None
         self._receiver: Callable[[str, str, Any, str], None] = lambda type, source, payload, origin: None
 
-    def listen(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
         """Call `receive` with type, source, payload and origin of each event that matches one of `patterns`.
 
         Replaces the earlier patterns and receiver. Raises EventError, NotReachable."""
@@ -41,7 +41,7 @@ class RobotChannel:
     def _receive(self, event: Event) -> None:
         self._receiver(event.type, event.source, event.payload, event.origin)
 
-    def say(self, type: str, payload: Any, retry_s: float) -> None:
+    def publish(self, type: str, payload: Any, retry_s: float) -> None:
         """Publish an event; retries for `retry_s`. Raises EventError, NotReachable."""
         self._connected().push(type, payload, retry_s=retry_s)
 
