@@ -55,7 +55,7 @@ CROSSING_SHARE = 0.05
 
 class Crossed(NamedTuple):
     """Totals so far. bytes: on the link, both directions. forth, back: events from lab to hall and from hall to lab, by
-    the gateways' counters. published, received: events that the camera published, and that its consumer in lab received."""
+    the gateways' counters. published: events of the camera; received: those that its consumer in lab received."""
 
     bytes: int
     forth: int

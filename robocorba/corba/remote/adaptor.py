@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from omniORB import CORBA
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.model_switcher import Surroundings
-from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import robot
-from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.remote_object import Answer, translated
 from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.motion.robot_state import ActorCommand, RobotState
@@ -22,7 +22,6 @@ from robocorba.stubs import RoboCorba
 
 #: Timeouts [s] for resolving the adaptor, for its `start`, and for its other calls.
 FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3
-Answer = TypeVar("Answer")
 
 
 def adaptor(surroundings: Surroundings) -> RobotAdaptor:
@@ -74,8 +73,7 @@ class RemoteAdaptor(RobotAdaptor):
     @staticmethod
     def _call(call: Callable[[], Answer]) -> Answer:
         try:
-            return call()
-        except CORBA.UserException as wrong:
-            raise (domain_error(wrong) or AdaptorFailed(str(wrong))) from None
-        except CORBA.SystemException as wrong:
-            raise RobotLost(f"the robot's adaptor does not answer ({describe(wrong)})") from None
+            with translated("the robot's adaptor", RobotLost):
+                return call()
+        except CORBA.UserException as wrong:  # one that RoboCorba's IDL does not have
+            raise AdaptorFailed(str(wrong)) from None

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
-
-from omniORB import CORBA
 
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import IconBegun
-from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import robot
-from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
-from robocorba.errors.services import NotReachable
+from robocorba.corba.remote.remote_object import Answer, translated
 from robocorba.names import ROBOTS
 from robocorba.stubs import RoboCorba
 
@@ -21,7 +17,6 @@ from robocorba.stubs import RoboCorba
 CALL_LIMIT_S = 3.0
 #: Timeout of calls that check a program or start an adaptor [s].
 SLOW_CALL_LIMIT_S = 40.0
-Answer = TypeVar("Answer")
 
 
 class RemoteAgent:
@@ -81,12 +76,8 @@ class RemoteAgent:
         self._call(lambda: self._agent.setSpeedCap(speed))
 
     def _call(self, call: Callable[[], Answer]) -> Answer:
-        try:
+        with translated(f"robot {self.name}"):
             return call()
-        except CORBA.UserException as wrong:
-            raise (domain_error(wrong) or wrong) from None
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"robot {self.name} does not answer ({describe(wrong)})") from None
 
 
 def robots(orb: Orb) -> list[str]:

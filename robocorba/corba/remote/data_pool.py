@@ -6,13 +6,11 @@ import contextlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from omniORB import CORBA
-
-from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import floors, maps, plans
-from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.floors import CALL_LIMIT_S, RemoteDatabase
+from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.data_pool.plans import Plan
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.paths import UnknownFloor
@@ -73,8 +71,8 @@ class RemoteFloorMap:
     Thread-safe."""
 
     def __init__(self, orb: Orb) -> None:
-        self._orb = orb
-        self._found: Any = None
+        what = "the map editor"
+        self._editor = RemoteObject(orb, "MapEditor", RoboCorba.MapEditor, what, RESOLVE_TIMEOUT_S, CALL_LIMIT_S)
         self._known: _CachedFloor | None = None
 
     def of(self, floor: str) -> Building:
@@ -82,24 +80,15 @@ class RemoteFloorMap:
 
         Raises UnknownFloor, NotReachable."""
         known = self._known
-        try:
-            editor = self._find()
+
+        def current(editor: Any) -> _CachedFloor:
             version = editor._get_currentVersion()  # the next call sees edits from here on
             if known is None or known.floor != floor or (known.version != version and _has_changed(editor, known)):
-                building = _load(editor, floor)
-            else:
-                building = known.building
-        except CORBA.SystemException as wrong:
-            self._found = None
-            raise NotReachable(f"the map editor does not answer ({describe(wrong)})") from None
-        self._known = _CachedFloor(floor, version, building)
-        return building
+                return _CachedFloor(floor, version, _load(editor, floor))
+            return _CachedFloor(floor, version, known.building)
 
-    def _find(self) -> Any:
-        found = self._found
-        if found is None:
-            found = self._found = self._orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S, CALL_LIMIT_S)
-        return found
+        self._known = found = self._editor.call(current)
+        return found.building
 
 
 def _load(editor: Any, floor: str) -> Building:
@@ -167,9 +156,5 @@ class RemotePool:
 
 
 def _answer(call: Callable[..., Any], *arguments: Any) -> Any:
-    try:
+    with translated("the robot's data pool"):
         return call(*arguments)
-    except CORBA.UserException as wrong:
-        raise (domain_error(wrong) or wrong) from None
-    except CORBA.SystemException as wrong:
-        raise NotReachable(f"the robot's data pool does not answer ({describe(wrong)})") from None

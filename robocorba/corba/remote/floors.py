@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from omniORB import CORBA
-
-from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.remote_object import RemoteObject
 from robocorba.corba.remote.simulation import changes
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
@@ -40,31 +38,24 @@ class RemoteDatabase:
     find_s: timeout for resolving it [s]."""
 
     def __init__(self, orb: Orb, find_s: float) -> None:
-        self._orb, self.find_s = orb, find_s
-        self._found: Any = None
+        what = "the Omni database"
+        self._database = RemoteObject(orb, "OmniDatabase", RoboCorba.OmniDatabase, what, find_s, CALL_LIMIT_S)
+
+    @property
+    def find_s(self) -> float:
+        return self._database.resolve_s
+
+    @find_s.setter
+    def find_s(self, timeout_s: float) -> None:
+        self._database.resolve_s = timeout_s
 
     def floors(self) -> list[str]:
         """Names of all floors. Raises NotReachable."""
-        try:
-            return list(self._find().floors())
-        except CORBA.SystemException as wrong:
-            self._found = None
-            raise NotReachable(f"the Omni database does not answer ({describe(wrong)})") from None
+        return list(self._database.call(lambda database: database.floors()))
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
         """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
-        try:
-            return changes(self._find(), floor, since)
-        except NotReachable:
-            self._found = None
-            raise
-
-    def _find(self) -> Any:
-        found = self._found
-        if found is None:
-            found = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, self.find_s, CALL_LIMIT_S)
-            self._found = found
-        return found
+        return self._database.call(lambda database: changes(database, floor, since))
 
 
 class RemoteFloors:

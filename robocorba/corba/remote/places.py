@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from omniORB import CORBA
-
-from robocorba.corba.calls import describe
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.remote_object import translated
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.services import NotReachable
 from robocorba.maps.model import PathNode
 from robocorba.stubs import RoboCorba
 
@@ -23,7 +20,7 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
 
     Raises UnknownFloor, NotReachable."""
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
-    try:
+    with translated("the map editor"):
         floors = [maps.element_of(record.value).name for record in editor.elements(RoboCorba.FLOOR_ELEMENT, "")]
         if floor and floor not in floors:
             raise UnknownFloor("floor", floor, floors)
@@ -32,5 +29,3 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
             node = maps.element_of(record.value)
             assert isinstance(node, PathNode)
             yield chosen, *node.at
-    except CORBA.SystemException as wrong:
-        raise NotReachable(f"the map editor does not answer ({describe(wrong)})") from None

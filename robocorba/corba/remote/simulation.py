@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from omniORB import CORBA
-
-from robocorba.corba.calls import describe
 from robocorba.corba.conversion import floors, scans, simulation
-from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
-from robocorba.errors.services import NotReachable
+from robocorba.corba.remote.remote_object import translated
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_update import FloorUpdate
@@ -34,17 +30,11 @@ class RemoteSimulation:
 
     def report_sensor(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
         """Report a virtual sensor server: renew its lease, load and last scans. Raises NotReachable."""
-        try:
-            self._server.sensorIs(name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest])
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"the simulation server does not answer ({describe(wrong)})") from None
+        with translated("the simulation server"):
+            self._server.reportSensor(name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest])
 
 
 def changes(database: Any, floor: str, since: int) -> FloorUpdate:
     """Changes of a floor since a version in a RoboCorba::OmniDatabase. Raises UnknownFloor, NotReachable."""
-    try:
+    with translated("the Omni database"):
         return floors.update_of(database.floorChanges(floor, since))
-    except CORBA.UserException as wrong:
-        raise (domain_error(wrong) or wrong) from None
-    except CORBA.SystemException as wrong:
-        raise NotReachable(f"the Omni database does not answer ({describe(wrong)})") from None

@@ -52,7 +52,7 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
     def renderFloor(self, floor: str, width: int) -> bytes:
         return self._render(floor, width)
 
-    def sensorIs(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
+    def reportSensor(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
         load = simulation.load_of(load)
         self._agent.record_scans(scans.last_scan_of(struct) for struct in latest)
         for robot, previous in self._agent.sensors.report(name, reference, load):

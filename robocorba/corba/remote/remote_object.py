@@ -1,0 +1,51 @@
+"""An object in another process: resolved when it is first needed, called with a timeout, its exceptions translated."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+from omniORB import CORBA
+
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion.errors import domain_error
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
+
+Answer = TypeVar("Answer")
+
+
+@contextlib.contextmanager
+def translated(what: str, failure: type[RoboCorbaError] = NotReachable) -> Iterator[None]:
+    """Calls inside raise domain errors for IDL exceptions, and `failure` if `what` does not answer."""
+    try:
+        yield
+    except CORBA.UserException as wrong:
+        raise (domain_error(wrong) or wrong) from None
+    except CORBA.SystemException as wrong:
+        raise failure(f"{what} does not answer ({describe(wrong)})") from None
+
+
+class RemoteObject:
+    """The object bound to `name`. Resolved at the first call, and again after one that it did not answer. Thread-safe.
+
+    what: its name in messages. resolve_s, call_s: timeouts for resolving it and of each call [s]."""
+
+    def __init__(self, orb: Orb, name: str, interface: Any, what: str, resolve_s: float, call_s: float) -> None:
+        self._orb, self._name, self._interface, self.what = orb, name, interface, what
+        self.resolve_s, self._call_s = resolve_s, call_s
+        self._found: Any = None
+
+    def call(self, operation: Callable[[Any], Answer]) -> Answer:
+        """What `operation` returns for the reference. Raises NotReachable, and the domain errors of IDL exceptions."""
+        found = self._found
+        if found is None:
+            found = self._found = self._orb.resolve(self._name, self._interface, self.resolve_s, self._call_s)
+        try:
+            with translated(self.what):
+                return operation(found)
+        except NotReachable:
+            self._found = None
+            raise
