@@ -179,7 +179,7 @@ def test_each_channel_has_all_others_as_peers() -> None:
         ("../x", "'../x'"),
         ("-lab", "'-lab'"),
         ("a" * 61, "1 to 60 letters"),
-        ("lab,hall,lab", "lab stands there twice"),
+        ("lab,hall,lab", "lab is listed twice"),
         (",".join(f"n{number}" for number in range(300)), "300 channels"),
     ],
 )

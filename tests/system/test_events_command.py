@@ -135,7 +135,7 @@ def test_links_end_and_begin(events: Events) -> None:
         (("push", "lab", "x", "{1"), "payload: '{1' is not JSON"),
         (("push", "lab", "", "1"), "type: is empty"),
         (("push", "lab", "x", "1", "--expiry", "-1"), "expiry: -1.0 is not between 0 and"),
-        (("push", "lab", "x", str(2**64)), "payload: msgpack can't hold it"),
+        (("push", "lab", "x", str(2**64)), "payload: cannot be encoded by msgpack"),
         (("tail", "lab", "--type", "t" * 201), "[0].patterns[0].type: 201 characters"),
         (("peer", "add", "lab", "a/b"), "name: 'a/b' is not 1 to 60 letters"),
         (("peer", "remove", "lab", "yard"), "'yard' is not a peer; peers are hall"),

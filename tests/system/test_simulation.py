@@ -438,7 +438,7 @@ def test_a_robot_holds_an_object_and_takes_it_along(place: Place) -> None:
         ("nothing", grasp, "no such movable object"),
         ("room-101-desk-1", grasp, "no such movable object"),
         (name, RoboCorba.XY(grasp.x, grasp.y - 1.0), "hands reach"),
-        (name, RoboCorba.XY(grasp.x, grasp.y + 0.2), "beside it"),
+        (name, RoboCorba.XY(grasp.x, grasp.y + 0.2), "off its outline"),
         (name, RoboCorba.XY(math.nan, 0.0), "not a place"),
     ):
         with pytest.raises(RoboCorba.CannotGrip) as refused:
