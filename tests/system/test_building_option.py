@@ -48,7 +48,7 @@ def test_a_foreign_file_gives_way_to_another_until_it_is_edited(
     said = refusal(running.process, 60)
     assert said.startswith("robocorba up: map_editor ended with exit code 1")
     assert f"{running.state} holds edits of the map 'two floors', which was not created from" in said
-    assert "small.building.yaml as it is now; give another --state, or no --building" in said
+    assert "small.building.yaml; choose another --state, or omit --building" in said
 
     running = robocorba_up().wait_ready()
     assert served(client) == ("two floors", 2)

@@ -439,7 +439,7 @@ def test_a_robot_holds_an_object_and_takes_it_along(place: Place) -> None:
         ("room-101-desk-1", grasp, "no such movable object"),
         (name, RoboCorba.XY(grasp.x, grasp.y - 1.0), "hands reach"),
         (name, RoboCorba.XY(grasp.x, grasp.y + 0.2), "off its outline"),
-        (name, RoboCorba.XY(math.nan, 0.0), "not a place"),
+        (name, RoboCorba.XY(math.nan, 0.0), "not a finite point"),
     ):
         with pytest.raises(RoboCorba.CannotGrip) as refused:
             a.grip(what, where)

@@ -31,7 +31,9 @@ class RemoteSimulation:
     def report_sensor(self, name: str, reference: Any, load: Load, latest: Sequence[LastScan]) -> None:
         """Report a virtual sensor server: renew its lease, load and last scans. Raises NotReachable."""
         with translated("the simulation server"):
-            self._server.reportSensor(name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest])
+            self._server.reportSensor(
+                name, reference, simulation.load(load), [scans.last_scan(scan) for scan in latest]
+            )
 
 
 def changes(database: Any, floor: str, since: int) -> FloorUpdate:
