@@ -1,4 +1,4 @@
-"""Settings of all processes: the only module that reads the environment.
+"""Settings of all processes: the only module that reads RoboCorba's variables from the environment.
 
 Arguments override the environment, which overrides the defaults.
 

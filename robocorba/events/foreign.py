@@ -25,9 +25,9 @@ from robocorba.events.push_outlet import PushOutlet
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, SubscriptionMatch
 
-#: Maximum time until an echo arrives [s]; a later one is published as a new event.
+#: An echo is expected for at least this time [s]; a later one may be published as a new event.
 ECHO_S = 30.0
-#: Maximum number of pushed events whose echo is expected.
+#: Maximum number of pushed events that are remembered.
 MAX_ECHOES = 10_000
 #: Maximum number of events that wait for the foreign channel.
 STORE_EVENTS = 100_000
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 
 class Echoes:
-    """The contents that were pushed and whose echo has not arrived yet."""
+    """Recently pushed contents, and which of them still await their echo."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

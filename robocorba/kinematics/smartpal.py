@@ -52,5 +52,3 @@ ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 2])
 
 RADIUS_M, MASS_KG, HEIGHT_M = 0.40, 127.0, 1.325
 BASE = Limits(1.0, math.radians(100), 1.0, math.radians(100))
-#: Payload of a hand [kg].
-PAYLOAD_KG = 2.0

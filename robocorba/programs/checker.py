@@ -34,7 +34,7 @@ from robocorba.programs.program import Program, walk
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.grids import Floats
 
-#: Greatest number of icons that a check follows; those in repeats count for each time.
+#: Maximum number of icons that a check follows. Those in a repeat count as often as they are followed: twice at most.
 MAX_ICONS_CHECKED = 4000
 #: Number of findings after which a check ends.
 MAX_FINDINGS = 100
@@ -174,7 +174,7 @@ class _ProgramWalk:
         if not self._end_reason:
             self._icons_checked += 1
             if self._icons_checked > MAX_ICONS_CHECKED:
-                self._end_reason = f"the check has followed {MAX_ICONS_CHECKED} icons, those in repeats for each time"
+                self._end_reason = f"the check has followed {MAX_ICONS_CHECKED} icons"
             elif len(self._report.findings) >= MAX_FINDINGS:
                 self._end_reason = f"the check has {MAX_FINDINGS} findings"
             if self._end_reason:

@@ -76,7 +76,9 @@ class LoadBalance:
                 sensor.robots.discard(robot)
 
     def report(self, name: str, reference: Any, load: Load) -> list[tuple[str, Any]]:
-        """Renew a server's lease and load; return the robots to move, each with its previous server's reference."""
+        """Renew a server's lease and load; reassign robots if the load is uneven.
+
+        Returns the reassigned robots, each with its previous server's reference."""
         with self._lock:
             sensor = self._sensors.get(name)
             if sensor is None:

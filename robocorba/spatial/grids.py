@@ -1,6 +1,7 @@
 """Line segments in a uniform grid: a query examines only the cells it touches.
 
-All obstacles become segments; planning queries distances to them, sensing casts rays at them.
+Walls and objects become segments; planning queries distances to them, sensing casts rays at them. Robots are discs in
+the same kind of grid (sensing/sight.py).
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from robocorba.kernels import kernel
 Floats = NDArray[np.float64]
 Longs = NDArray[np.int64]
 
-#: Cells of a grid at most; larger areas get larger cells.
-_MOST_CELLS = 250_000
+#: Approximate maximum number of cells; larger areas get larger cells.
+_MAX_CELLS = 250_000
+#: Approximate maximum number of columns, and of rows.
+_MAX_COLUMNS = 5000
 
 
 class Grid(NamedTuple):
@@ -47,7 +50,8 @@ def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
         return np.array([0.0, 0.0, 1.0, 1.0, 1.0])
     xs, ys = segments[:, 0::2], segments[:, 1::2]
     x0, y0, x1, y1 = xs.min(), ys.min(), xs.max(), ys.max()
-    cell = max(cell_m, math.sqrt((x1 - x0) * (y1 - y0) / _MOST_CELLS), (x1 - x0) / 5000, (y1 - y0) / 5000)
+    width, depth = x1 - x0, y1 - y0
+    cell = max(cell_m, math.sqrt(width * depth / _MAX_CELLS), width / _MAX_COLUMNS, depth / _MAX_COLUMNS)
     return np.array([x0, y0, cell, float(int((x1 - x0) / cell) + 1), float(int((y1 - y0) / cell) + 1)])
 
 

@@ -174,10 +174,10 @@ class Channel:
     def __init__(self) -> None:
         self.said: list[tuple[str, Any]] = []
         self.patterns: Sequence[tuple[str, str]] = ()
-        self.hear: Callable[[ReceivedEvent], None] = lambda event: None
+        self.receive: Callable[[ReceivedEvent], None] = lambda event: None
 
-    def subscribe(self, patterns: Sequence[tuple[str, str]], hear: Callable[[ReceivedEvent], None]) -> None:
-        self.patterns, self.hear = patterns, hear
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[ReceivedEvent], None]) -> None:
+        self.patterns, self.receive = patterns, receive
 
     def publish(self, type: str, payload: Any) -> None:
         self.said.append((type, payload))

@@ -129,8 +129,8 @@ def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
     thread = threading.Thread(target=runner.run)
     thread.start()
     eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
-    channel.hear(ReceivedEvent("table.up", "C", None))
-    channel.hear(ReceivedEvent("table.up", "B", None))
+    channel.receive(ReceivedEvent("table.up", "C", None))
+    channel.receive(ReceivedEvent("table.up", "B", None))
     thread.join(20.0)
     assert channel.said == [("once", None)]
 

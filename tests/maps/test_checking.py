@@ -45,7 +45,7 @@ def one_floor(*elements: tuple[str, Element]) -> Building:
     return with_all(Building("b"), [("", Floor(name="L1", level=1, elevation=0.0, outline=OUTLINE)), *road, *elements])
 
 
-def told(building: Building, radius_m: float = 0.40) -> tuple[str, ...]:
+def reported(building: Building, radius_m: float = 0.40) -> tuple[str, ...]:
     return summaries(findings(building, radius_m))
 
 
@@ -63,7 +63,7 @@ def test_there_is_nothing_to_say_of_the_samples(sample: str) -> None:
 def test_there_is_nothing_to_say_of_buildings_without_roads() -> None:
     assert findings(Building("empty")) == []
     assert findings(one_floor()) == []
-    assert told(grid(5, 4, floors=1, doors=2)) == ()
+    assert reported(grid(5, 4, floors=1, doors=2)) == ()
 
 
 def test_blocked_edges_and_nodes_and_what_blocks_them() -> None:
@@ -84,17 +84,17 @@ def test_blocked_edges_and_nodes_and_what_blocks_them() -> None:
         "blocked nodes of L1 (1): b (object 'box' near 6, 2)",
         "blocked edges of L1 (2): a-b (object 'box' near 5.7, 2), b-c (object 'box', wall 'w' near 6.3, 2)",
     )
-    assert told(building)[2:] == (f"{APART}c near 10, 2 (edge 'b-c' is blocked by wall 'w')",)
+    assert reported(building)[2:] == (f"{APART}c near 10, 2 (edge 'b-c' is blocked by wall 'w')",)
     assert findings(one_floor()) == []
 
 
 def test_nodes_without_an_edge_and_where_the_robot_does_not_fit() -> None:
     building = one_floor(node("lone", 15, 8), node("corner", 0.3, 9))
-    assert told(building) == (
+    assert reported(building) == (
         "nodes of L1 where a robot of radius 0.40 m does not fit (1): corner (0.300 m from the outline of the floor)",
         "nodes of L1 without an edge (2): lone, corner",
     )
-    assert told(building, 0.25) == ("nodes of L1 without an edge (2): lone, corner",)
+    assert reported(building, 0.25) == ("nodes of L1 without an edge (2): lone, corner",)
     assert findings(building)[0].reason == (
         "a robot of radius 0.40 m does not fit: 0.300 m from the outline of the floor"
     )
@@ -103,29 +103,29 @@ def test_nodes_without_an_edge_and_where_the_robot_does_not_fit() -> None:
 def test_nodes_that_are_walled_in() -> None:
     room = [*closet("w", 15, 5), node("d", 14.5, 5), node("e", 15.5, 5), edge("d", "e")]
     shut = "nodes of L1 that are walled in for a robot of radius 0.40 m (2): d, e"
-    assert told(one_floor(*room)) == (shut,)
+    assert reported(one_floor(*room)) == (shut,)
     gap = msgspec.structs.replace(room[0][1], a=(14.0, 4.8), b=(14.0, 6.0))
-    assert told(one_floor(*room, ("L1", gap))) == (f"{APART}d with 1 more near 14.5, 5 (no edge joins them)",)
-    assert told(one_floor(*room, ("L1", gap)), 0.42)[0].startswith("nodes of L1 that are walled in for a robot")
+    assert reported(one_floor(*room, ("L1", gap))) == (f"{APART}d with 1 more near 14.5, 5 (no edge joins them)",)
+    assert reported(one_floor(*room, ("L1", gap)), 0.42)[0].startswith("nodes of L1 that are walled in for a robot")
 
 
 def test_a_hall_that_is_wider_than_the_view_is_not_walled_in() -> None:
     far = [(f"w{i}", *line) for i, line in enumerate([(50, 0, 50, 99), (50, 99, 199, 99), (199, 99, 199, 0)])]
     building = one_floor(*(wall(*line) for line in far), node("d", 100, 50), node("e", 101, 50), edge("d", "e"))
     floor = msgspec.structs.replace(building.floors["L1"].floor, outline=())
-    assert told(building.with_element("", floor)) == (f"{APART}d with 1 more near 100, 50 (no edge joins them)",)
+    assert reported(building.with_element("", floor)) == (f"{APART}d with 1 more near 100, 50 (no edge joins them)",)
 
 
 def test_edges_that_are_too_narrow_for_the_robot() -> None:
     narrow = [wall("left", 8, 0, 8, 1.7), wall("right", 8, 2.3, 8, 10)]
-    assert told(one_floor(*narrow), 0.29) == ()
-    (line,) = told(one_floor(*narrow))
+    assert reported(one_floor(*narrow), 0.29) == ()
+    (line,) = reported(one_floor(*narrow))
     assert line == "nodes of L1 that are walled in for a robot of radius 0.40 m (1): c"
     declared = one_floor(edge("b", "c", clearance=0.3))
-    assert told(declared, 0.3) == ()
-    assert told(declared) == (f"{APART}c near 10, 2 (edge 'b-c' is for robots of at most 0.3 m)",)
+    assert reported(declared, 0.3) == ()
+    assert reported(declared) == (f"{APART}c near 10, 2 (edge 'b-c' is for robots of at most 0.3 m)",)
     kink = [wall("near", 7.8, 0, 7.8, 1.63), wall("far", 8.2, 2.37, 8.2, 10)]
-    assert told(one_floor(*kink, node("d", 10, 8), edge("c", "d"))) == (
+    assert reported(one_floor(*kink, node("d", 10, 8), edge("c", "d"))) == (
         f"{APART}c with 1 more near 10, 2 (edge 'b-c' is 0.370 m from wall 'far')",
     )
 
@@ -134,19 +134,19 @@ def test_one_way_edges_that_lead_nowhere_back() -> None:
     into = [node(name, 10, 4 + i) for i, name in enumerate(("in", "further"))]
     out = [node("out", 2, 5), node("aside", 5, 8)]
     lanes = [edge("c", "in", True), edge("in", "further", True), edge("out", "a", True), edge("aside", "further", True)]
-    assert told(one_floor(*into, *out, *lanes)) == (
+    assert reported(one_floor(*into, *out, *lanes)) == (
         "nodes of L1 that can be entered but not left (2): in, further",
         "nodes of L1 that can be left but not entered (1): out",
         "nodes of L1 that can be neither entered from the rest of the roadmap nor left for it (1): aside",
     )
-    assert told(one_floor(*into, *lanes[:2], edge("further", "b", True))) == ()
+    assert reported(one_floor(*into, *lanes[:2], edge("further", "b", True))) == ()
 
 
 def test_an_elevator_leads_there_and_back() -> None:
     """In two_floors a one-way edge leads to the elevator of L1, and none away from it."""
-    assert told(two_floors()) == ("nodes of L1 that can be left but not entered (2): west, east",)
+    assert reported(two_floors()) == ("nodes of L1 that can be left but not entered (2): west, east",)
     both = msgspec.structs.replace(two_floors().floors["L1"].topological.edges["in"], one_way=False)
-    assert told(two_floors().with_element("L1", both)) == ()
+    assert reported(two_floors().with_element("L1", both)) == ()
 
 
 def test_floors_and_elevators_out_of_reach() -> None:
@@ -158,19 +158,19 @@ def test_floors_and_elevators_out_of_reach() -> None:
         doors=tuple(ElevatorDoor(floor=floor, side=Side.LEFT, width=0.7) for floor in ("L1", "L2")),
     )
     building = building.with_element("", narrow)
-    assert told(building)[1:] == (
+    assert reported(building)[1:] == (
         "floors without an elevator to other floors (1): roof",
         "elevators that a robot of radius 0.40 m can't enter (1): E2 (its widest door is 0.70 m wide, 0.80 m needed)",
     )
-    assert told(building, 0.35)[2:] == (
+    assert reported(building, 0.35)[2:] == (
         "elevators that a robot of radius 0.35 m can't enter (1): E2 (no path node stands in its cabin)",
     )
     cabin = PathNode(name="cabin", at=(17.0, 2.0), elevator="E2")
     building = building.with_element("L1", cabin)
-    assert told(building, 0.35)[-1].endswith("E2 (no edge into its cabin is free and wide enough)")
+    assert reported(building, 0.35)[-1].endswith("E2 (no edge into its cabin is free and wide enough)")
     entrance = PathEdge(name="x", a="east", b="cabin")
     building = building.with_element("L1", PathNode(name="east", at=(13.0, 2.0))).with_element("L1", entrance)
-    assert not any("enter (" in line for line in told(building, 0.35))
+    assert not any("enter (" in line for line in reported(building, 0.35))
 
 
 def test_a_floor_whose_road_map_no_elevator_connects() -> None:
@@ -193,5 +193,5 @@ def test_a_floor_whose_road_map_no_elevator_connects() -> None:
 
 def test_many_findings_are_one_sentence() -> None:
     building = one_floor(*(node(f"n{i}", 3 + i / 2, 8) for i in range(20)))
-    (line,) = told(building)
+    (line,) = reported(building)
     assert line.startswith("nodes of L1 without an edge (20): n0, n1, ") and line.endswith(" and 8 more")

@@ -27,15 +27,15 @@ from tests.control.places import Channel, Place
 #: Data pools follow the building so often, s.
 FOLLOW_S = 0.033
 _numbers = itertools.count()
-Hear = Callable[[str, str, Any, str], None]
+Receive = Callable[[str, str, Any, str], None]
 
 
 class Bus:
-    """An event channel in memory. `cut`: robots that nobody hears and that hear nobody."""
+    """An event channel in memory. `cut`: robots that neither send nor receive events."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._listening: dict[int, tuple[str, Sequence[tuple[str, str]], Hear]] = {}
+        self._listening: dict[int, tuple[str, Sequence[tuple[str, str]], Receive]] = {}
         self.cut: set[str] = set()
         self.said: list[tuple[str, str]] = []
 
@@ -47,15 +47,15 @@ class Bus:
         with self._lock:
             self.said.append((source, type))
             listening = list(self._listening.values())
-        for name, patterns, hear in listening:
+        for name, patterns, receive in listening:
             if {name, source} & self.cut:
                 continue
             if any(fnmatch.fnmatch(type, each) and fnmatch.fnmatch(source, who) for each, who in patterns):
-                hear(type, source, content, "bus")
+                receive(type, source, content, "bus")
 
-    def subscribe(self, key: int, name: str, patterns: Sequence[tuple[str, str]], hear: Hear) -> None:
+    def subscribe(self, key: int, name: str, patterns: Sequence[tuple[str, str]], receive: Receive) -> None:
         with self._lock:
-            self._listening[key] = (name, patterns, hear)
+            self._listening[key] = (name, patterns, receive)
 
 
 class BusEnd:
@@ -69,8 +69,8 @@ class BusEnd:
             raise NotReachable("the network is cut")
         self._bus.publish(self._name, type, payload)
 
-    def subscribe(self, patterns: Sequence[tuple[str, str]], hear: Hear) -> None:
-        self._bus.subscribe(id(self), self._name, patterns, hear)
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Receive) -> None:
+        self._bus.subscribe(id(self), self._name, patterns, receive)
 
 
 class Crew:

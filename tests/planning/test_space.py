@@ -83,14 +83,14 @@ def test_an_edited_floor_is_as_if_made_anew(seed: int) -> None:
     space = FloorSpace(building, "L1")
     for number in range(25):
         building = _edited(building, rng, number)
-        space, anew = FloorSpace(building, "L1", space), FloorSpace(building, "L1")
-        assert sorted(map(tuple, space.grid.segments.tolist())) == sorted(map(tuple, anew.grid.segments.tolist()))
+        space, rebuilt = FloorSpace(building, "L1", space), FloorSpace(building, "L1")
+        assert sorted(map(tuple, space.grid.segments.tolist())) == sorted(map(tuple, rebuilt.grid.segments.tolist()))
         assert sorted((item.kind, item.name) for item in space.owners) == sorted(
-            (item.kind, item.name) for item in anew.owners
+            (item.kind, item.name) for item in rebuilt.owners
         )
         for x, y in rng.uniform((-0.5, -0.5), (12.5, 9.5), (40, 2)):
-            assert space.is_ground(x, y) == anew.is_ground(x, y)
-            near, same = space.nearest(x, y, 1.0), anew.nearest(x, y, 1.0)
+            assert space.is_ground(x, y) == rebuilt.is_ground(x, y)
+            near, same = space.nearest(x, y, 1.0), rebuilt.nearest(x, y, 1.0)
             assert near[0] == same[0]
 
 

@@ -228,12 +228,12 @@ def test_a_floor_that_is_removed_takes_its_robots_along(store: SimulationStore) 
 
 
 def test_what_happens_is_announced(store: SimulationStore) -> None:
-    told: list[SimulationEvent] = []
-    agent = ManagementAgent(tower(), 7, store, told.append)
+    events: list[SimulationEvent] = []
+    agent = ManagementAgent(tower(), 7, store, events.append)
     session = agent.register(robot("A", x=8.5, heading=0.0))
     session.command(0.5, 0.0, 0.0, 5.0)
     run(agent, 4.0)
-    assert [(happening.kind, happening.who) for happening in told] == [("collision", ("A",))]
+    assert [(happening.kind, happening.who) for happening in events] == [("collision", ("A",))]
     assert (agent.state.collisions, session.robot.collisions, session.robot.touched) == (1, 1, "")
 
 

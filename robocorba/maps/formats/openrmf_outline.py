@@ -45,10 +45,10 @@ class Outline(NamedTuple):
 def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: Losses) -> Outline:
     """The outline of a level, and its voids as objects `void1`, `void2`...; empty without a floor polygon.
 
-    The outline is the union of the floor polygons and of the shafts beside or in them. If it has
-    several parts, only the largest one is kept if it contains all lanes, else the outline is
-    their convex hull. If most nodes and walls are outside the polygons, the outline is the
-    convex hull of all of them."""
+    The outline is the union of the floor polygons and of the shafts beside or in them; narrow gaps between them are
+    closed. If it still has several parts, only the largest one is kept if it contains all lanes, else the outline is
+    their convex hull. If most nodes and walls are outside the polygons, the outline is the convex hull of all of
+    them."""
     polygons = []
     for i, indices in enumerate(level.polygons):
         points = [place(level.vertices[index].at) for index in indices]
@@ -84,7 +84,7 @@ def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: L
 def _hull_of_all(
     ground: BaseGeometry, shafts: list[BaseGeometry], level: Level, place: Placement, losses: Losses
 ) -> BaseGeometry | None:
-    """The convex hull of the level's nodes and walls if the floor polygons leave out most of them, else None."""
+    """The convex hull of floor polygons, shafts, walls and nodes if the polygons leave out most nodes and walls."""
     nodes = [shapely.Point(place(level.vertices[index].at)) for index in level.node_vertices()]
     walls = [
         shapely.LineString([place(level.vertices[wall.a].at), place(level.vertices[wall.b].at)])
