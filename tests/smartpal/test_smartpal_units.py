@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-import time
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from omniORB import CORBA
 
+from robocorba.corba.remote import smartpal_units
 from robocorba.corba.remote.smartpal_units import CALL_LIMIT_S, RemoteSmartPalUnits, units_at
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.errors.services import NotReachable
@@ -136,22 +137,24 @@ def test_who_does_not_answer_is_named(notes: Notes, units: RemoteSmartPalUnits) 
         units.grip(Side.LEFT)
 
 
-def test_a_call_during_which_this_process_was_paused_is_made_again(notes: Notes, units: RemoteSmartPalUnits) -> None:
-    def first_late(then: Any) -> Any:
-        answers = iter([CORBA.TIMEOUT(), then])
+@pytest.mark.parametrize(("paused_s", "calls"), [(0.0, 1), (0.1, 2), (2.0, 1)])
+def test_a_call_is_repeated_only_after_a_short_pause_of_this_process(
+    notes: Notes, units: RemoteSmartPalUnits, monkeypatch: pytest.MonkeyPatch, paused_s: float, calls: int
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(smartpal_units, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
-        def answer() -> Any:
-            if isinstance(found := next(answers), CORBA.TIMEOUT):
-                time.sleep(CALL_LIMIT_S + 0.1)
-            return found
+    def answer() -> Any:
+        now[0] += CALL_LIMIT_S + paused_s
+        return CORBA.TIMEOUT() if len(notes.calls) == 1 else (True, 90.0)
 
-        return answer
-
-    notes.answers = {("GripperL", "getFeedback"): first_late((True, 90.0))}
-    assert units.grip(Side.LEFT) == pytest.approx(math.pi / 2)
-    notes.answers = {("GripperL", "getFeedback"): first_late(CORBA.TIMEOUT())}
-    with pytest.raises(AdaptorFailed, match="GripperL does not answer"):
-        units.grip(Side.LEFT)
+    notes.answers = {("GripperL", "getFeedback"): answer}
+    if calls == 2:
+        assert units.grip(Side.LEFT) == pytest.approx(math.pi / 2)
+    else:
+        with pytest.raises(AdaptorFailed, match="GripperL does not answer"):
+            units.grip(Side.LEFT)
+    assert len(notes.calls) == calls
 
 
 def test_a_unit_that_is_not_to_be_found() -> None:

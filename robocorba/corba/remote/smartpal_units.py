@@ -26,6 +26,8 @@ from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 CALL_LIMIT_S = 0.3
 #: A call that exceeds its timeout by this time [s] was late because this process was paused, not because of the unit.
 _PAUSED_S = 0.05
+#: After a longer pause [s] no call is repeated: the robot must not continue an old motion.
+_MAX_PAUSE_S = 1.0
 #: Most alarms that are requested.
 _MAX_ALARMS = 4
 _MM = 1000.0
@@ -198,7 +200,7 @@ class RemoteSmartPalUnits:
         try:
             return self._call_once(unit, operation, *arguments)
         except AdaptorFailed:
-            if time.monotonic() - began < CALL_LIMIT_S + _PAUSED_S:
+            if not CALL_LIMIT_S + _PAUSED_S < time.monotonic() - began < _MAX_PAUSE_S:
                 raise
             return self._call_once(unit, operation, *arguments)
 
