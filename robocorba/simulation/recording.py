@@ -105,11 +105,11 @@ class Recorder:
         self.count = self.size = 0
         self._flushed_at = 0.0
         self._channels: dict[str, int] = {}
+        document = gzip.compress(native.dumps(building).encode(), mtime=0)
         with _writing(path):
             self._file = BufferedWriter(FileIO(path, "wb" if overwrite else "xb"))
             self._writer = Writer(self._file)
             self._writer.start(PROFILE, f"robocorba {__version__}")
-            document = gzip.compress(native.dumps(building).encode(), mtime=0)
             self._writer.add_attachment(0, 0, MAP, "application/gzip", document)
             self._schema = self._writer.register_schema("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
         self.flush()
@@ -171,6 +171,8 @@ class Recording:
         document = None
         with self._reading():
             self._size = path.stat().st_size
+            if not self._size:
+                raise StateDamaged(str(path), "empty, nothing has been recorded yet")
             for record in self._records():
                 if isinstance(record, Attachment) and record.name == MAP:
                     document = gzip.decompress(record.data)
