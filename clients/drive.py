@@ -111,5 +111,5 @@ if __name__ == "__main__":
         main(*sys.argv[1:])
     except CORBA.UserException as refused:
         sys.exit(f"drive: {error_of(refused)}")
-    except (RoboCorbaError, TypeError, ValueError) as wrong:
-        sys.exit(f"drive: {wrong}")
+    except (RoboCorbaError, TypeError, ValueError) as error:
+        sys.exit(f"drive: {error}")

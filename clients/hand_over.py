@@ -271,7 +271,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except RoboCorbaError as wrong:
-        sys.exit(f"hand_over: {wrong}")
+    except RoboCorbaError as error:
+        sys.exit(f"hand_over: {error}")
     except CORBA.UserException as refused:
         sys.exit(f"hand_over: {error_of(refused)}")

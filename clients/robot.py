@@ -112,8 +112,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 if __name__ == "__main__":
     try:
         main()
-    except RoboCorbaError as wrong:
-        sys.exit(f"robot: {wrong}")
+    except RoboCorbaError as error:
+        sys.exit(f"robot: {error}")
     except CORBA.UserException as refused:
         sys.exit(f"robot: {error_of(refused)}")
     except CORBA.SystemException as failed:

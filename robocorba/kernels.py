@@ -21,7 +21,7 @@ import numba
 import platformdirs
 
 #: Cache folders kept. Older ones stay so that two checkouts do not invalidate each other's cache.
-MOST_KEPT = 12
+MAX_KEPT = 12
 
 _ROOT = Path(__file__).parent
 _IMPORT = re.compile(r"^from robocorba\.([\w.]+) import ", re.MULTILINE)
@@ -79,5 +79,5 @@ def _sources(package: Path) -> list[Path]:
 
 def _remove_old(kernels: Path) -> None:
     folders = sorted(kernels.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
-    for folder in folders[MOST_KEPT:]:
+    for folder in folders[MAX_KEPT:]:
         shutil.rmtree(folder, ignore_errors=True)

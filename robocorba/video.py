@@ -15,26 +15,26 @@ from robocorba.errors.simulation import VideoError
 #: Accepted suffixes of video files.
 SUFFIXES = (".mp4", ".m4v", ".mov")
 #: Bounds of the sides of a picture [px].
-LEAST_PX, MOST_PX = 2, 8192
+MIN_PX, MAX_PX = 2, 8192
 #: Highest frame rate [pictures/s].
-MOST_FPS = 240
+MAX_FPS = 240
 #: Colour around a picture that is smaller than the video.
 GROUND = "white"
 _OPTIONS = {"preset": "veryfast", "crf": "23"}
 
 
 class VideoFile:
-    """Context manager that writes a video of `fps` pictures per second, at most MOST_FPS; overwrites `path`.
+    """Context manager that writes a video of `fps` pictures per second, at most MAX_FPS; overwrites `path`.
 
     width, height: sides [px], rounded up to even numbers as H.264 requires. Raises VideoError."""
 
     def __init__(self, path: Path, width: int, height: int, fps: int) -> None:
         if path.suffix.lower() not in SUFFIXES:
             raise VideoError(path, f"a video's name ends with {' or '.join(SUFFIXES)}")
-        if not all(LEAST_PX <= side <= MOST_PX for side in (width, height)):
-            raise VideoError(path, f"{width} x {height} is not {LEAST_PX} to {MOST_PX} pixels")
-        if not 1 <= fps <= MOST_FPS:
-            raise VideoError(path, f"{fps} is not 1 to {MOST_FPS} pictures a second")
+        if not all(MIN_PX <= side <= MAX_PX for side in (width, height)):
+            raise VideoError(path, f"{width} x {height} is not {MIN_PX} to {MAX_PX} pixels")
+        if not 1 <= fps <= MAX_FPS:
+            raise VideoError(path, f"{fps} is not 1 to {MAX_FPS} pictures a second")
         self.path, self.fps = path, fps
         self.size = (width + width % 2, height + height % 2)
         self.count = 0
@@ -44,8 +44,8 @@ class VideoFile:
             self._stream.width, self._stream.height = self.size
             self._stream.pix_fmt = "yuv420p"
             self._container.start_encoding()
-        except (OSError, ValueError) as wrong:
-            raise VideoError(path, _reason(wrong)) from None
+        except (OSError, ValueError) as error:
+            raise VideoError(path, _reason(error)) from None
 
     def add(self, picture: bytes | Image.Image, times: int = 1) -> None:
         """Append a picture, as PNG data or an image, `times` times; a smaller one goes to the upper left corner.
@@ -62,8 +62,8 @@ class VideoFile:
         try:
             image = Image.open(io.BytesIO(picture)) if isinstance(picture, bytes) else picture
             image = image.convert("RGB")
-        except (UnidentifiedImageError, OSError, SyntaxError) as wrong:
-            raise VideoError(self.path, f"not a picture ({wrong})") from None
+        except (UnidentifiedImageError, OSError, SyntaxError) as error:
+            raise VideoError(self.path, f"not a picture ({error})") from None
         if image.size == self.size:
             return image
         fitted = Image.new("RGB", self.size, GROUND)
@@ -73,8 +73,8 @@ class VideoFile:
     def _write(self, frame: av.VideoFrame | None) -> None:
         try:
             self._container.mux(self._stream.encode(frame))
-        except (OSError, ValueError) as wrong:
-            raise VideoError(self.path, _reason(wrong)) from None
+        except (OSError, ValueError) as error:
+            raise VideoError(self.path, _reason(error)) from None
 
     def __enter__(self) -> VideoFile:
         return self
@@ -86,8 +86,8 @@ class VideoFile:
             if self.count:
                 self._write(None)
             self._container.close()
-        except (OSError, ValueError) as wrong:
-            raise VideoError(self.path, _reason(wrong)) from None
+        except (OSError, ValueError) as error:
+            raise VideoError(self.path, _reason(error)) from None
 
 
 def _reason(wrong: OSError | ValueError) -> str:

@@ -28,7 +28,7 @@ MAP_CHECK_INTERVAL_S = 0.25
 #: Interval between reports to the simulation server [s].
 REPORT_INTERVAL_S = 0.5
 #: Robots with a sensor of their own at most; beyond, the oldest sensors are deactivated.
-MOST_ROBOTS = 10_000
+MAX_ROBOTS = 10_000
 
 
 class SensorServer:
@@ -75,7 +75,7 @@ class SensorServer:
                 key = f"{self._path}/robots/{name}/{self._number}"
                 servant = VirtualSensorServant(self._sensor, self._reports, self, name)
                 self._assigned[name] = key, self._orb.activate(servant, key)
-            for oldest in list(self._assigned)[: len(self._assigned) - MOST_ROBOTS]:
+            for oldest in list(self._assigned)[: len(self._assigned) - MAX_ROBOTS]:
                 self._deactivate(oldest)
             self._reports.robots = len(self._assigned)
             return self._assigned[name][1]

@@ -213,8 +213,8 @@ def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[fl
         for room in running[:]:
             try:
                 report = place.agent(f"l{room.number}").state().program
-            except RoboCorbaError as wrong:  # too busy to answer, or gone
-                report = Report(reason=str(wrong))
+            except RoboCorbaError as error:  # too busy to answer, or gone
+                report = Report(reason=str(error))
             if report.result is not Result.NO_RESULT or time.monotonic() - began > DEADLINE_S:
                 running.remove(room)
                 yield room, report

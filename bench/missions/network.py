@@ -194,8 +194,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
         try:
             both = stack.enter_context(two_networks(Path(temporary), options.delay))
-        except OSError as wrong:
-            print(f"{NAME}: skipped: network namespaces are not available ({wrong}); run it as root", file=sys.stderr)
+        except OSError as error:
+            print(f"{NAME}: skipped: network namespaces are not available ({error}); run it as root", file=sys.stderr)
             return 0
         place = both.place
         place.start({name: at._replace(within=both.within) if name == "C" else at for name, at in CREW.items()})

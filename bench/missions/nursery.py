@@ -54,8 +54,8 @@ def _be_robot(out: str, arguments: Sequence[str]) -> None:
         faulthandler.register(signal.SIGUSR1)  # prints the stacks of all threads
         robot.main(arguments)
         code = 0
-    except BaseException as wrong:
-        print(f"robot: {wrong}", file=sys.stderr)
+    except BaseException as error:
+        print(f"robot: {error}", file=sys.stderr)
     finally:
         sys.stdout.flush()
         sys.stderr.flush()

@@ -43,7 +43,7 @@ ROUNDS, EDITS, EDITORS, PLANNERS = 3, 1000, 2, 4
 #: Duration of the queries without edits, and of the warm-up before them [s].
 QUIET_S, WARM_UP_S = 3.0, 0.5
 #: Greatest time that a planner may wait for its next answer [ms].
-LONGEST_GAP_MS = 100.0
+MAX_GAP_MS = 100.0
 
 #: A counter of all editors, in the name of its sub-network: an overwritten edit is missing in the sum.
 TALLY = Area(name="bench-tally", polygon=((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)), subnet="0")
@@ -113,8 +113,8 @@ def main() -> None:
             ]
             samples = {"edit": took, "getPath during edits": busy, "getPath, nobody edits": quiet}
             missed += [f"round {round_}: {what}" for what in lost]
-            if gap > LONGEST_GAP_MS:
-                missed.append(f"round {round_}: a planner waited {gap:.0f} ms, {LONGEST_GAP_MS:g} ms are allowed")
+            if gap > MAX_GAP_MS:
+                missed.append(f"round {round_}: a planner waited {gap:.0f} ms, {MAX_GAP_MS:g} ms are allowed")
     write("editing", f"{EDITS} edits by {EDITORS} clients beside {PLANNERS} planners", rows, samples, "milliseconds")
     if missed:
         sys.exit("editing: " + "; ".join(missed[:10]))
@@ -256,10 +256,10 @@ def _with_picklable_errors(call: Callable[..., T], *arguments: object) -> T:
     """Make a call; its CORBA exceptions become one that can be pickled."""
     try:
         return call(*arguments)
-    except CORBA.UserException as wrong:
-        raise RuntimeError(idl_errors.error_of(wrong)) from None
-    except CORBA.SystemException as wrong:
-        raise RuntimeError(describe(wrong)) from None
+    except CORBA.UserException as error:
+        raise RuntimeError(idl_errors.error_of(error)) from None
+    except CORBA.SystemException as error:
+        raise RuntimeError(describe(error)) from None
 
 
 Step = Callable[[], tuple[int, Elements]]

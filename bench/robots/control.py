@@ -32,7 +32,7 @@ from robocorba.spatial.grids import Floats
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize
 
 NAME = "control"
-MOST_P99_MS = 5.0
+MAX_P99_MS = 5.0
 #: Time between the program's start and the first measured tick [s].
 WARM_UP_S = 3.0
 #: Tolerance of limits, for rounding.
@@ -138,7 +138,7 @@ def row(which: str, ticks: Floats, seconds: float) -> tuple[dict[str, Any], Floa
 def marks(found: dict[str, Any]) -> list[Mark]:
     which = found["robot"]
     return [
-        at_most(f"{which}: late, p99, ms", found["p99"], MOST_P99_MS),
+        at_most(f"{which}: late, p99, ms", found["p99"], MAX_P99_MS),
         at_most(f"{which}: ticks missed", found["missed"], 0),
         at_most(f"{which}: commands beyond a limit", found["beyond limits"], 0),
     ]
@@ -178,7 +178,7 @@ def main() -> int:
         for which, (_, late_ms) in found.items():
             axes.plot(np.sort(late_ms), np.linspace(0, 1, len(late_ms)), label=which)
         axes.set(xscale="log", xlabel="late, ms", ylabel="share of ticks that were earlier", xlim=(0.01, None))
-        axes.axvline(MOST_P99_MS, color="grey", linestyle=":")
+        axes.axvline(MAX_P99_MS, color="grey", linestyle=":")
         axes.legend()
 
     bound = f"others on {others}" if options.pin else "others anywhere"

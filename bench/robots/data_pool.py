@@ -45,7 +45,7 @@ PROCESSES, THREADS, RATE = 2, 2, 4.0
 WARM_UP_S, LEAD_S = 3.0, 0.5
 #: Interval between requests for the server's time, and between floor changes [s].
 ASK_S, CHANGE_S = 0.003, 0.1
-MOST_LAG_MS, MOST_CHANGE_MS, MOST_SHARE, MOST_GROWTH, LEAST_MOVING = 100.0, 200.0, 0.35, 1.1, 0.5
+MAX_LAG_MS, MAX_CHANGE_MS, MAX_SHARE, MAX_GROWTH, MIN_MOVING = 100.0, 200.0, 0.35, 1.1, 0.5
 Stamps = list[tuple[float, float]]
 
 
@@ -138,9 +138,9 @@ def marks_of(rows: Sequence[dict[str, Any]]) -> list[Mark]:
         return statistics.median(row[column] for row in rows)
 
     return [
-        at_most("age of what pools show, p99 ms", median("age p99"), MOST_LAG_MS),
-        at_most("change of floors, p99 ms", median("change p99"), MOST_CHANGE_MS),
-        at_least("share of robots that move", median("moving"), LEAST_MOVING),
+        at_most("age of what pools show, p99 ms", median("age p99"), MAX_LAG_MS),
+        at_most("change of floors, p99 ms", median("change p99"), MAX_CHANGE_MS),
+        at_least("share of robots that move", median("moving"), MIN_MOVING),
     ]
 
 
@@ -175,8 +175,8 @@ def memory_marks_of(rows: Sequence[dict[str, Any]]) -> list[Mark]:
     """A pool's memory is that of its floor, even after it has been on all floors."""
     *single, everything, traveller = (row["KB held"] for row in rows)
     return [
-        at_most("bytes of the largest floor's pool, of those of all", max(single) / everything, MOST_SHARE),
-        at_most("bytes after all changes, of those of a new pool", traveller / single[0], MOST_GROWTH),
+        at_most("bytes of the largest floor's pool, of those of all", max(single) / everything, MAX_SHARE),
+        at_most("bytes after all changes, of those of a new pool", traveller / single[0], MAX_GROWTH),
     ]
 
 

@@ -27,7 +27,7 @@ from robocorba.control.model_switcher import Surroundings
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
 #: Most ticks that are recorded: one hour.
-MOST_TICKS = 180_000
+MAX_TICKS = 180_000
 #: Duration of a hang [s].
 HANG_S = 2.5
 
@@ -38,7 +38,7 @@ class Recorder:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stops = (folder / "stops.jsonl").open("w", buffering=1)
-        self._ticks: deque[tuple[float, ...]] = deque(maxlen=MOST_TICKS)
+        self._ticks: deque[tuple[float, ...]] = deque(maxlen=MAX_TICKS)
         self._hangs = 0
         signal.signal(signal.SIGUSR1, lambda *_: self._let_hang())
 

@@ -45,7 +45,7 @@ from robocorba.testing.processes import ROBOCORBA, Running, eventually
 from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
 
 BENCH = "stops"
-MOST_MS = 100.0
+MAX_MS = 100.0
 PATIENCE_S = 60.0
 #: Velocity on a circle with a radius of 1.5 m [m/s] and [rad/s].
 CIRCLE = SPEED_CAP, 0.0, SPEED_CAP / 1.5
@@ -72,7 +72,7 @@ class Stop(NamedTuple):
 
 class Case(NamedTuple):
     """A kind of fault. happens: causes it, and returns its time. over: ends it. has_mark: the robot must be stationary
-    within MOST_MS after the notice."""
+    within MAX_MS after the notice."""
 
     what: str
     happens: Callable[[], float]
@@ -358,7 +358,7 @@ def main() -> int:
     rows = [row(*one) for one in found]
     marks = [
         at_most(
-            f"{one['robot']}: {one['what happens']}: stands after notice, worst, ms", one["worst after notice"], MOST_MS
+            f"{one['robot']}: {one['what happens']}: stands after notice, worst, ms", one["worst after notice"], MAX_MS
         )
         for one, (_, case, _) in zip(rows, found, strict=True)
         if case.has_mark and one["worst after notice"] is not None

@@ -30,7 +30,7 @@ from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 #: Interval between observations [s].
 LOOK_S = 0.002
 #: Most observations that wait to be printed: one minute.
-MOST_LOOKS = 30_000
+MAX_LOOKS = 30_000
 #: Timeouts for resolving and for calls [s].
 RESOLVE_TIMEOUT_S, CALL_LIMIT_S = 0.5, 1.0
 #: A base below this speed is stationary [m/s] and [rad/s].
@@ -76,7 +76,7 @@ def units(orb: Orb, naming: Address) -> Look:
 
 
 def main(what: str, naming: str, *more: str) -> None:
-    looks: deque[list[float]] = deque(maxlen=MOST_LOOKS)
+    looks: deque[list[float]] = deque(maxlen=MAX_LOOKS)
     ended = threading.Event()
     with Orb(Address.parse(naming, "HOST:PORT"), call_timeout_s=CALL_LIMIT_S) as orb:
         look = building(orb, *more) if what == "building" else units(orb, orb.naming)

@@ -71,7 +71,7 @@ CASES = (
 )
 ROUNDS = 5
 #: Crowds compared for growth, and the largest ratio of their times per robot.
-FEWEST, MOST, MOST_GROWTH = 500, 2000, 1.3
+FEWEST, MOST, MAX_GROWTH = 500, 2000, 1.3
 
 
 class Lap(NamedTuple):
@@ -219,7 +219,7 @@ def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> lis
     ]
     cost = {row["robots"]: row["us a robot and s"] for row in rows}
     growth = cost[MOST] / cost[FEWEST]
-    return [*marks, at_most(f"time a robot, {MOST} robots to {FEWEST}", growth, MOST_GROWTH)]
+    return [*marks, at_most(f"time a robot, {MOST} robots to {FEWEST}", growth, MAX_GROWTH)]
 
 
 def profile(count: int) -> None:

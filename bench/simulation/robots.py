@@ -53,7 +53,7 @@ LEAD_S = 0.2
 NULL_CALLS = 3000
 #: Interval between samples of the server's pace [s].
 SAMPLE_S = 1.0
-LEAST_PACE, MOST_COMMAND_MS, MOST_LOG_ON_MS, LEAST_MADE = 0.98, 20.0, 10.0, 0.99
+MIN_PACE, MAX_COMMAND_MS, MAX_LOG_ON_MS, MIN_MADE = 0.98, 20.0, 10.0, 0.99
 
 
 class Paces:
@@ -173,12 +173,12 @@ def marks_of(rows: list[dict[str, Any]], count: int) -> list[Mark]:
         these = [row for row in rows if row["callers"] == load.callers]
         crowd = f"{count} robots, {load.callers} callers"
         achieved = statistics.median(row["achieved"] for row in these)
-        marks.append(at_least(f"{crowd}: simulated seconds in a second (achieved)", achieved, LEAST_PACE))
+        marks.append(at_least(f"{crowd}: simulated seconds in a second (achieved)", achieved, MIN_PACE))
         made = statistics.median(row["made"] for row in these)
-        marks.append(at_least(f"{crowd}: commands made of those due", made, LEAST_MADE))
+        marks.append(at_least(f"{crowd}: commands made of those due", made, MIN_MADE))
         if load is FEW:
             p99 = statistics.median(row["command p99"] for row in these)
-            marks.append(at_most(f"{crowd}: command, p99 ms", p99, MOST_COMMAND_MS))
+            marks.append(at_most(f"{crowd}: command, p99 ms", p99, MAX_COMMAND_MS))
     return marks
 
 
@@ -186,7 +186,7 @@ def log_on_marks_of(rows: list[dict[str, Any]], count: int, refused: int) -> lis
     """Required results of the log-on, by medians of the runs."""
     p99 = statistics.median(row["p99 ms"] for row in rows if row["robots log on"] == BY_TURNS)
     return [
-        at_most(f"log on {BY_TURNS}, p99 ms", p99, MOST_LOG_ON_MS),
+        at_most(f"log on {BY_TURNS}, p99 ms", p99, MAX_LOG_ON_MS),
         at_least(f"how often robot {count + 1} was refused with ServerFull", refused, len(rows) / 2),
     ]
 

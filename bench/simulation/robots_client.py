@@ -233,12 +233,12 @@ def checked_call(call: Callable[..., Any], *arguments: object) -> Any:
     """Make a call, and convert CORBA exceptions to RuntimeError with a description."""
     try:
         return call(*arguments)
-    except CORBA.UserException as wrong:
-        raise RuntimeError(idl_errors.error_of(wrong)) from None
-    except CORBA.OBJECT_NOT_EXIST as wrong:
-        raise LoggedOff(describe(wrong)) from None
-    except CORBA.SystemException as wrong:
-        raise RuntimeError(describe(wrong)) from None
+    except CORBA.UserException as error:
+        raise RuntimeError(idl_errors.error_of(error)) from None
+    except CORBA.OBJECT_NOT_EXIST as error:
+        raise LoggedOff(describe(error)) from None
+    except CORBA.SystemException as error:
+        raise RuntimeError(describe(error)) from None
 
 
 # ---- interface for the benches ----

@@ -38,7 +38,7 @@ PROCESSES, THREADS, ROBOTS = 2, 2, 40
 SETTLE_S = 3.0
 CALLS, ROUNDS = 2000, 5
 NULL, SCAN = "dismiss (null call)", f"scan, {FULL.fan.count} rays"
-MOST_NULL_CALLS = 2.0
+MAX_NULL_CALLS = 2.0
 #: Treatment of idle cores: waking one up can take longer than the call.
 ALONE, AWAKE = "left alone", "kept awake"
 ONE_RAY = ScanSpec(Fan(0.0, 1.0, 1, FULL.fan.range_m))
@@ -131,7 +131,7 @@ def latency_rows(cores: str, rounds: list[dict[str, list[float]]]) -> list[dict[
 def marks_of(rows: list[dict[str, Any]]) -> list[Mark]:
     """Required results."""
     ratio = next(row["null calls"] for row in rows if (row["cores"], row["call"]) == (ALONE, SCAN))
-    return [at_most(f"a {SCAN}, in null calls", ratio, MOST_NULL_CALLS)]
+    return [at_most(f"a {SCAN}, in null calls", ratio, MAX_NULL_CALLS)]
 
 
 def main() -> int:

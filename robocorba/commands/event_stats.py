@@ -63,10 +63,10 @@ def _ask(orb: Orb, name: str) -> State:
     try:
         channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, TIMEOUT_S, call_timeout_s=TIMEOUT_S)
         return channel.state()
-    except NotReachable as wrong:
-        return str(wrong)
-    except CORBA.SystemException as wrong:
-        return f"the call failed ({describe(wrong)})"
+    except NotReachable as error:
+        return str(error)
+    except CORBA.SystemException as error:
+        return f"the call failed ({describe(error)})"
 
 
 def _plain(value: Any) -> Any:

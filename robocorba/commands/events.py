@@ -115,8 +115,8 @@ def push(
     with reporting("events push"):
         try:
             value = json_format.loads(payload)
-        except ValueError as wrong:
-            raise InvalidEvent("payload", f"{payload[:80]!r} is not JSON: {wrong}") from None
+        except ValueError as error:
+            raise InvalidEvent("payload", f"{payload[:80]!r} is not JSON: {error}") from None
         with _orb(naming) as orb, _connected(orb, channel) as client:
             client.source = source
             client.push(type, value, priority=priority, expiry_s=expiry, retry_s=RESOLVE_TIMEOUT_S)

@@ -94,12 +94,12 @@ def path(
                 editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
                 draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
                 typer.echo(f"drew {picture}")
-    except RoboCorbaError as wrong:
-        _fail(str(wrong))
-    except CORBA.UserException as wrong:
-        _fail(idl_errors.error_of(wrong))
-    except CORBA.SystemException as wrong:
-        _fail(f"the call failed ({describe(wrong)})")
+    except RoboCorbaError as error:
+        _fail(str(error))
+    except CORBA.UserException as error:
+        _fail(idl_errors.error_of(error))
+    except CORBA.SystemException as error:
+        _fail(f"the call failed ({describe(error)})")
 
 
 def _fail(reason: str) -> None:

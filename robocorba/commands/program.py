@@ -95,10 +95,10 @@ def read(command: str, file: File) -> Program:
         if str(file) == "-":
             return loads(typer.get_binary_stream("stdin").read(MAX_BYTES + 1))
         return load(file)
-    except OSError as wrong:
-        typer.echo(f"robocorba program {command}: {file}: {wrong.strerror or wrong}", err=True)
-    except InvalidProgram as wrong:
-        typer.echo(f"{file}: {wrong}", err=True)
+    except OSError as error:
+        typer.echo(f"robocorba program {command}: {file}: {error.strerror or error}", err=True)
+    except InvalidProgram as error:
+        typer.echo(f"{file}: {error}", err=True)
     raise typer.Exit(1)
 
 

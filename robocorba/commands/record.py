@@ -21,7 +21,7 @@ from robocorba.stubs import RoboCorba
 #: Interval between requests for changes [s].
 POLL_INTERVAL_S = 0.05
 #: Longest interval between recorded updates of an unchanged floor [s].
-LONGEST_PAUSE_S = 1.0
+MAX_PAUSE_S = 1.0
 #: Time to wait for a server that does not answer [s].
 ABSENCE_LIMIT_S = 30.0
 
@@ -59,12 +59,12 @@ def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop)
             try:
                 updates = floors.follow(RETRY_TIMEOUT_S)
                 absence.end()
-            except NotReachable as wrong:
-                bar(passed_s, absence.go_on(wrong))
+            except NotReachable as error:
+                bar(passed_s, absence.go_on(error))
                 continue
             for update in updates:
                 # Unchanged floors are recorded too, if rarely, to record the passing of time.
-                if update.version != update.since or passed_s - written_at[update.floor] >= LONGEST_PAUSE_S:
+                if update.version != update.since or passed_s - written_at[update.floor] >= MAX_PAUSE_S:
                     recorder.write(update, began + passed_s)
                     written_at[update.floor] = passed_s
             simulated_s = max((update.time for update in updates), default=0.0)

@@ -89,8 +89,8 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
     picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
     try:
         file.write_bytes(picture)
-    except OSError as wrong:
-        raise InvalidSetting("--png", str(file), wrong.strerror or str(wrong)) from None
+    except OSError as error:
+        raise InvalidSetting("--png", str(file), error.strerror or str(error)) from None
     typer.echo(f"drew {file}")
 
 

@@ -48,8 +48,8 @@ def stop(
             try:
                 agent = RemoteAgent(orb, robot_name, 1.0)
                 agent.reset_stop() if reset else agent.stop()
-            except RoboCorbaError as wrong:
-                failed[robot_name] = str(wrong)
+            except RoboCorbaError as error:
+                failed[robot_name] = str(error)
 
         names = robots(orb) if all_robots else [name]
         threads = [threading.Thread(target=order, args=(each,), daemon=True) for each in names]

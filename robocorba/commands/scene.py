@@ -56,9 +56,9 @@ class System:
                 elevators(views),
                 [sensor(state) for state in self._server.sensors()],
             )
-        except CORBA.SystemException as wrong:
+        except CORBA.SystemException as error:
             self._server = None
-            raise NotReachable(f"the simulation server does not answer ({describe(wrong)})") from None
+            raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
 
 
 # ---- state as rows ----

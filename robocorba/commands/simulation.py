@@ -82,9 +82,9 @@ def _administrator(state: Path | None) -> Iterator[Any]:
         file = settings.state / ADMINISTRATOR
         try:
             reference = file.read_text()
-        except OSError as wrong:
+        except OSError as error:
             raise NotReachable(
-                f"no simulation server runs in {settings.state} ({file.name}: {wrong.strerror})"
+                f"no simulation server runs in {settings.state} ({file.name}: {error.strerror})"
             ) from None
         with Orb(settings.naming, call_timeout_s=CALL_LIMIT_S) as orb:
             yield orb.reference(reference, RoboCorba.SimulationAdministrator)

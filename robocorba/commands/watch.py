@@ -73,8 +73,8 @@ def show_live(system: System, scene: SystemTables, stop: Stop) -> None:
             try:
                 scene, note = system.look(), ""
                 absence.end()
-            except NotReachable as wrong:
-                note = absence.go_on(wrong)
+            except NotReachable as error:
+                note = absence.go_on(error)
             live.update(as_tables(scene, note), refresh=True)
 
 
@@ -85,10 +85,10 @@ def print_tables(system: System, scene: SystemTables, stop: Stop) -> None:
         try:
             scene = system.look()
             absence.end()
-        except NotReachable as wrong:
+        except NotReachable as error:
             if not absence.is_on:
-                typer.echo(f"robocorba watch: {wrong}; waiting", err=True)
-            absence.go_on(wrong)
+                typer.echo(f"robocorba watch: {error}; waiting", err=True)
+            absence.go_on(error)
             continue
         show(scene)
         print(flush=True)
@@ -114,11 +114,11 @@ class Camera:
                 interface = RoboCorba.SimulationServer
                 self._server = self._orb.resolve("SimulationServer", interface, find_s, PICTURE_LIMIT_S)
             return bytes(self._server.renderFloor(self._floor, self._width_px))
-        except CORBA.UserException as wrong:
-            raise (idl_errors.domain_error(wrong) or wrong) from None
-        except CORBA.SystemException as wrong:
+        except CORBA.UserException as error:
+            raise (idl_errors.domain_error(error) or error) from None
+        except CORBA.SystemException as error:
             self._server = None
-            raise NotReachable(f"the simulation server does not answer ({describe(wrong)})") from None
+            raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
 
 
 def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> None:
@@ -138,8 +138,8 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> No
                 try:
                     picture, note = camera.png(), ""
                     absence.end()
-                except NotReachable as wrong:
-                    note = absence.go_on(wrong)
+                except NotReachable as error:
+                    note = absence.go_on(error)
                 due = min(round(passed_s * fps) + 1, most)
                 video.add(picture, times=int(due) - video.count)
                 bar(passed_s, note or f"{video.count} pictures")

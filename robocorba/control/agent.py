@@ -156,9 +156,9 @@ class ControlAgent:
             controller.close()
             try:
                 self._start_adaptor(adaptor, argv)
-            except RoboCorbaError as wrong:
+            except RoboCorbaError as error:
                 self._start_adaptor(before, argv_before)
-                raise wrong if isinstance(wrong, RobotError) else AdaptorFailed(str(wrong)) from None
+                raise error if isinstance(error, RobotError) else AdaptorFailed(str(error)) from None
 
     # ---- programs ----
 
@@ -353,8 +353,8 @@ class ControlAgent:
                     self.session.log_off()
                     self.session.log_on(Pose(body.floor, robot.x, robot.y, robot.heading))
                     self.session.state()
-        except (SimulationError, UnknownFloor) as wrong:
-            raise RobotLost(f"the simulation server refuses the robot: {wrong}") from None
+        except (SimulationError, UnknownFloor) as error:
+            raise RobotLost(f"the simulation server refuses the robot: {error}") from None
 
     def _renew(self) -> None:
         if controller := self._controller:

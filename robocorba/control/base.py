@@ -44,7 +44,7 @@ PAUSES_S = (0.2, 0.8)
 #: Interval between searches for a path around the blocking robot [s].
 REPLAN_INTERVAL_S = 0.5
 #: Time after which a blocked robot takes the path of the map, without such a path [s].
-LONGEST_PAUSE_S = 10.0
+MAX_PAUSE_S = 10.0
 #: A drive fails when it is blocked more often than this.
 MAX_BLOCKAGES = 8
 
@@ -139,8 +139,8 @@ class BaseMovements(Movements):
         self.wait(random.uniform(*PAUSES_S))
 
     def _path_after_blockage(self, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
-        """A path around another robot as soon as there is one; after LONGEST_PAUSE_S the map's path."""
-        deadline = self.clock() + LONGEST_PAUSE_S
+        """A path around another robot as soon as there is one; after MAX_PAUSE_S the map's path."""
+        deadline = self.clock() + MAX_PAUSE_S
         while self.clock() < deadline:
             if points := self._path_around(goal, speed, other.name):
                 return points

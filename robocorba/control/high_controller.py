@@ -229,11 +229,11 @@ class HighController:
             command = self._command(state)
             self._adaptor.write(command)
             self._on_command(state, command)
-        except AdaptorFailed as wrong:
-            self._fail(str(wrong), isinstance(wrong, RobotLost))
-        except Exception as wrong:  # a bug in an adaptor must not leave the robot driving
+        except AdaptorFailed as error:
+            self._fail(str(error), isinstance(error, RobotLost))
+        except Exception as error:  # a bug in an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
-            self._fail(f"{type(wrong).__name__}: {wrong}")
+            self._fail(f"{type(error).__name__}: {error}")
 
     def _fail(self, reason: str, is_lost: bool = False) -> None:
         if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
@@ -257,8 +257,8 @@ class HighController:
     def _stop_adaptor(self) -> None:
         try:
             self._adaptor.stop()
-        except RobotError as wrong:
-            _log.warning("the robot did not confirm the stop: %s", wrong)
+        except RobotError as error:
+            _log.warning("the robot did not confirm the stop: %s", error)
 
     def _reconnect(self) -> None:
         self._closing.wait(RETRY_S)
@@ -267,8 +267,8 @@ class HighController:
         try:
             self._begin()
             _log.info("reconnected to the robot")
-        except RobotError as wrong:
-            _log.info("the robot is still lost, next attempt in %g s: %s", RETRY_S, wrong)
+        except RobotError as error:
+            _log.info("the robot is still lost, next attempt in %g s: %s", RETRY_S, error)
 
     def _command(self, state: RobotState) -> ActorCommand:
         wanted = self._motion_command(state)
@@ -294,11 +294,11 @@ class HighController:
             elif running.elapsed(state) > running.limit_s:
                 raise MotionFailed(f"not done within {running.limit_s:g} s")
             return command or MotionCommand()
-        except MotionFailed as wrong:
-            self._end_motion(wrong)
-        except Exception as wrong:  # a bug in a motion must not leave the robot driving
+        except MotionFailed as error:
+            self._end_motion(error)
+        except Exception as error:  # a bug in a motion must not leave the robot driving
             _log.exception("a motion failed")
-            self._end_motion(MotionFailed(f"{type(wrong).__name__}: {wrong}"))
+            self._end_motion(MotionFailed(f"{type(error).__name__}: {error}"))
         return MotionCommand()
 
     def _limited(self, wanted: Velocity, heading: float) -> Velocity:

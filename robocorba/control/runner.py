@@ -105,12 +105,12 @@ class Runner:
             self._others.subscribe(_awaited(self._program), self._events.append)
             self._run_icons("icons", self._program.icons)
             self._update(result=Result.DONE, icon="", kind="")
-        except Aborted as wrong:
-            self._update(result=Result.ABORTED, reason=str(wrong))
-        except RoboCorbaError as wrong:
-            self._update(result=Result.FAILED, reason=str(wrong))
-        except Exception as wrong:
-            self._update(result=Result.FAILED, reason=f"{type(wrong).__name__}: {wrong}")
+        except Aborted as error:
+            self._update(result=Result.ABORTED, reason=str(error))
+        except RoboCorbaError as error:
+            self._update(result=Result.FAILED, reason=str(error))
+        except Exception as error:
+            self._update(result=Result.FAILED, reason=f"{type(error).__name__}: {error}")
             raise
         return self.report
 
@@ -241,10 +241,10 @@ class Runner:
                 try:
                     nearest = self._robot.sensors.nearest_m(icon.sensor)
                     blind_since = None
-                except RoboCorbaError as wrong:
+                except RoboCorbaError as error:
                     blind_since = blind_since or time.monotonic()
                     if time.monotonic() - blind_since > BLIND_LIMIT_S:
-                        reason = f"the {icon.sensor} sensor gave no distance for {BLIND_LIMIT_S:g} s: {wrong}"
+                        reason = f"the {icon.sensor} sensor gave no distance for {BLIND_LIMIT_S:g} s: {error}"
                         self._robot.course.interrupt(MotionFailed(reason))
                         return
                     continue

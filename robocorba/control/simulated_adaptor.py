@@ -45,8 +45,8 @@ class SimulatedAdaptor(RobotAdaptor):
             return False
         try:
             self._session.log_on()
-        except (SimulationError, UnknownFloor) as wrong:
-            raise AdaptorFailed(f"the simulation server refuses the robot: {wrong}") from None
+        except (SimulationError, UnknownFloor) as error:
+            raise AdaptorFailed(f"the simulation server refuses the robot: {error}") from None
         self._time = self._session.state().time
         self._is_started = True
         return True

@@ -136,8 +136,8 @@ class SmartPalAdaptor(RobotAdaptor):
             units = self._connect(given.naming)
         except AdaptorFailed:
             raise
-        except RoboCorbaError as wrong:
-            raise AdaptorFailed(str(wrong)) from None
+        except RoboCorbaError as error:
+            raise AdaptorFailed(str(error)) from None
         self._get_ready(units)
         self._set_place(units, given.pose)
         units.set_base_limits(BASE.speed, BASE.turn, BASE.acceleration, BASE.turn_acceleration)
@@ -362,8 +362,8 @@ def _stop_all(units: SmartPalUnits) -> None:
     def stop(unit: str) -> None:
         try:
             units.stop(unit)
-        except AdaptorFailed as wrong:
-            failed[unit] = str(wrong)
+        except AdaptorFailed as error:
+            failed[unit] = str(error)
         else:
             stopped.add(unit)
 

@@ -53,8 +53,8 @@ class TickFile:
     def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
         try:
             self._file = file.open("w", newline="")
-        except OSError as wrong:
-            raise RoboCorbaError(f"can't create {file}: {wrong.strerror or wrong}") from None
+        except OSError as error:
+            raise RoboCorbaError(f"can't create {file}: {error.strerror or error}") from None
         self._waiting: queue.Queue[Tick | None] = queue.Queue(MAX_QUEUED)
         self._left, self.left_out = max_ticks, 0
         self._thread = threading.Thread(target=self._write, name="tick file", daemon=True)
@@ -97,8 +97,8 @@ class TickFile:
                     rows.writerow(_row(tick))
                     if self._waiting.empty():
                         self._file.flush()  # for readers of the growing file
-        except OSError as wrong:
-            _log.warning("stopped recording to %s: %s", self._file.name, wrong)
+        except OSError as error:
+            _log.warning("stopped recording to %s: %s", self._file.name, error)
 
 
 def _row(tick: Tick) -> list[str]:

@@ -35,7 +35,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 #: Default time for which a push is retried while the channel is not reachable [s].
 RETRY_S = 10.0
 #: Backoff between retries: first, longest [s].
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 0.25
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.02, 0.25
 
 _log = logging.getLogger(__name__)
 
@@ -133,8 +133,8 @@ class EventClient:
         if self._proxy and not self._name:  # a named proxy is permanent, and possibly shared
             try:
                 self._proxy.disconnect_push_consumer()
-            except CORBA.Exception as wrong:
-                _log.info("could not disconnect a supplier from the channel (%s)", describe(wrong))
+            except CORBA.Exception as error:
+                _log.info("could not disconnect a supplier from the channel (%s)", describe(error))
             self._proxy = None
 
     def _subscribe(
@@ -150,9 +150,9 @@ class EventClient:
         policy = events.policy(queue or QueuePolicy())
         try:
             proxy = self.channel.subscribe(name, reference, events.subscription(clauses), policy)
-        except CORBA.Exception as wrong:
+        except CORBA.Exception as error:
             self._orb.deactivate(consumer)
-            raise _translated(wrong) from None
+            raise _translated(error) from None
         subscription = EventSubscription(self, self._orb, consumer, proxy)
         self._subscriptions.append(subscription)
         return subscription
@@ -170,17 +170,17 @@ class EventClient:
         while True:
             try:
                 return operation()
-            except CORBA.UserException as wrong:
-                raise (domain_error(wrong) or wrong) from None
-            except CORBA.SystemException as wrong:
-                if wrong.completed != CORBA.COMPLETED_NO:
+            except CORBA.UserException as error:
+                raise (domain_error(error) or error) from None
+            except CORBA.SystemException as error:
+                if error.completed != CORBA.COMPLETED_NO:
                     raise Unconfirmed(
-                        f"no answer from the channel, which may have received the event ({describe(wrong)})"
+                        f"no answer from the channel, which may have received the event ({describe(error)})"
                     ) from None
-                if not isinstance(wrong, CORBA.TRANSIENT | CORBA.COMM_FAILURE) or time.monotonic() + pause > deadline:
-                    raise NotReachable(f"the channel does not accept events ({describe(wrong)})") from None
+                if not isinstance(error, CORBA.TRANSIENT | CORBA.COMM_FAILURE) or time.monotonic() + pause > deadline:
+                    raise NotReachable(f"the channel does not accept events ({describe(error)})") from None
             time.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE_S)
+            pause = min(2 * pause, MAX_PAUSE_S)
 
 
 class EventSubscription:
@@ -195,8 +195,8 @@ class EventSubscription:
         wanted = events.subscription(checked([([_pair(pattern)], 0.0) for pattern in patterns or ("*",)]))
         try:
             self.proxy.changeSubscription(wanted)
-        except CORBA.Exception as wrong:
-            raise _translated(wrong) from None
+        except CORBA.Exception as error:
+            raise _translated(error) from None
 
     def wait_in_force(self, peer: str, timeout_s: float = 5.0) -> bool:
         """Wait until the channel `peer` forwards the events of this subscription; False after `timeout_s`.
@@ -208,8 +208,8 @@ class EventSubscription:
                 if time.monotonic() > deadline:
                     return False
                 time.sleep(FIRST_PAUSE_S)
-        except CORBA.Exception as wrong:
-            raise _translated(wrong) from None
+        except CORBA.Exception as error:
+            raise _translated(error) from None
         return True
 
     def end(self) -> None:
@@ -219,8 +219,8 @@ class EventSubscription:
         self._client._subscriptions.remove(self)
         try:
             self.proxy.disconnect_push_supplier()
-        except CORBA.Exception as wrong:  # the channel is away; it finds out by its first call
-            _log.info("could not disconnect a consumer from the channel (%s)", describe(wrong))
+        except CORBA.Exception as error:  # the channel is away; it finds out by its first call
+            _log.info("could not disconnect a consumer from the channel (%s)", describe(error))
         self._orb.deactivate(self._consumer)
 
 
@@ -279,8 +279,8 @@ def _event(header: Any, payload: bytes, moment: float, number: int) -> Event:
 def _packed(payload: Any) -> bytes:
     try:
         packed: bytes = msgpack.packb(payload)
-    except (TypeError, ValueError, OverflowError) as wrong:
-        raise InvalidEvent("payload", f"cannot be encoded by msgpack: {wrong}") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidEvent("payload", f"cannot be encoded by msgpack: {error}") from None
     return packed
 
 

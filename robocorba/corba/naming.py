@@ -21,7 +21,7 @@ BINDING_CHECK_S = 2.0
 #: Timeout of a single call to the naming service, and of a call that probes an object [s].
 PROBE_TIMEOUT_S = 1.0
 #: Backoff between attempts: first, longest [s].
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 0.25
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.02, 0.25
 #: Number of names in one answer of the naming service.
 _PAGE_SIZE = 500
 
@@ -60,7 +60,7 @@ class NamingService:
                 if time.monotonic() + pause > deadline:
                     raise NotReachable(f"{self.path(name)} is not reachable: {reason}") from None
             time.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE_S)
+            pause = min(2 * pause, MAX_PAUSE_S)
         set_call_timeout(reference, call_timeout_s)
         return reference
 
@@ -76,8 +76,8 @@ class NamingService:
             reference = found._narrow(interface)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise NotReachable(f"the naming service at {self.address} does not know {name}") from None
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"{name} at {self.address} does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise NotReachable(f"{name} at {self.address} does not answer ({describe(error)})") from None
         if reference is None:
             raise NotReachable(f"what is bound to {name} at {self.address} is not a {interface._NP_RepositoryId}")
         set_call_timeout(reference, call_timeout_s)
@@ -93,9 +93,9 @@ class NamingService:
                 return sorted(binding.binding_name[0].id for binding in self._bindings(path, deadline))
             except CosNaming.NamingContext.NotFound:
                 return []
-            except CORBA.SystemException as wrong:
+            except CORBA.SystemException as error:
                 if time.monotonic() + FIRST_PAUSE_S > deadline:
-                    reason = f"the naming service at {self.address} does not answer ({describe(wrong)})"
+                    reason = f"the naming service at {self.address} does not answer ({describe(error)})"
                     raise NotReachable(reason) from None
             time.sleep(FIRST_PAUSE_S)
 
@@ -103,8 +103,8 @@ class NamingService:
         """Raise NotReachable unless the naming service answers a call within `timeout_s`."""
         try:
             self._root(timeout_s)._non_existent()
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"the naming service at {self.address} does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise NotReachable(f"the naming service at {self.address} does not answer ({describe(error)})") from None
 
     def bind(self, name: str, reference: Any) -> None:
         """Bind a name to an object, also if it is bound already. Raises CORBA.SystemException, NotFound."""
@@ -162,8 +162,8 @@ class NamingService:
             return self._root(_call_limit_s(deadline)).resolve(self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise _Retryable(f"the naming service at {self.address} does not know it") from None
-        except CORBA.SystemException as wrong:
-            raise _Retryable(f"the naming service at {self.address} does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise _Retryable(f"the naming service at {self.address} does not answer ({describe(error)})") from None
 
     def _narrow(self, found: Any, interface: Any, name: str, deadline: float) -> Any:
         try:
@@ -177,8 +177,8 @@ class NamingService:
             set_call_timeout(reference, _call_limit_s(deadline))
             if reference._non_existent():
                 raise _Retryable("its server answers that the object does not exist")
-        except CORBA.SystemException as wrong:
-            raise _Retryable(f"bound at {self.address}, but its server does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise _Retryable(f"bound at {self.address}, but its server does not answer ({describe(error)})") from None
         return reference
 
 
@@ -220,10 +220,10 @@ class BoundNames:
                         bound.add(name)
                         _log.info("bound %s at %s", self._names.path(name), self._names.address)
                 is_reported, pause = False, BINDING_CHECK_S
-            except (CORBA.Exception, CosNaming.NamingContext.NotFound) as wrong:
+            except (CORBA.Exception, CosNaming.NamingContext.NotFound) as error:
                 if not is_reported:
-                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(wrong))
-                is_reported, pause = True, min(2 * pause, LONGEST_PAUSE_S)
+                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
+                is_reported, pause = True, min(2 * pause, MAX_PAUSE_S)
             if self._closing.wait(pause):
                 return
 
@@ -231,8 +231,8 @@ class BoundNames:
         try:
             for name, reference in served.items():
                 self._names.unbind(name, reference)
-        except CORBA.Exception as wrong:
-            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(wrong))
+        except CORBA.Exception as error:
+            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(error))
 
 
 class _Retryable(Exception):

@@ -201,8 +201,8 @@ class Orb:
         Raises NotReachable for any other URI."""
         try:
             found = self._orb.string_to_object(uri)
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"{uri[:80]!r} leads to no object ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise NotReachable(f"{uri[:80]!r} leads to no object ({describe(error)})") from None
         if found is None:
             raise NotReachable(f"{uri[:80]!r} is a nil reference")
         return found._unchecked_narrow(interface)
@@ -256,9 +256,9 @@ class Orb:
     def _resolve_adapter(self, which: str) -> Any:
         try:
             return self._orb.resolve_initial_references(which)
-        except CORBA.INITIALIZE as wrong:
+        except CORBA.INITIALIZE as error:
             if self.endpoint is None:
-                raise ServiceError(f"cannot listen: {wrong}") from None
+                raise ServiceError(f"cannot listen: {error}") from None
             raise PortInUse(self.endpoint.host, self.endpoint.port, "this server") from None
 
     # ---- names ----

@@ -80,5 +80,5 @@ def _check_content(content: bytes) -> None:
         raise InvalidPlan("content", f"has {len(content)} bytes, more than {MAX_CONTENT}")
     try:
         msgspec.msgpack.decode(content)
-    except (ValueError, TypeError, RecursionError) as wrong:
-        raise InvalidPlan("content", f"is not msgpack: {wrong}") from None
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InvalidPlan("content", f"is not msgpack: {error}") from None

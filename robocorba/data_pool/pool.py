@@ -62,8 +62,8 @@ class DataPool:
         here = self._here
         try:
             self._replace(here, here.follow(), "")
-        except (NotReachable, UnknownFloor, UpdateMismatch) as wrong:
-            self._replace(here, None, str(wrong))
+        except (NotReachable, UnknownFloor, UpdateMismatch) as error:
+            self._replace(here, None, str(error))
 
     def follow_map(self) -> None:
         """Load the walls if the map was edited; the next `follow` publishes them. `follow` loads the first ones.
@@ -83,8 +83,8 @@ class DataPool:
         snapshot, problem = FloorSnapshot(floor), ""
         try:
             snapshot = there.follow()
-        except (NotReachable, UpdateMismatch) as wrong:
-            problem = str(wrong)
+        except (NotReachable, UpdateMismatch) as error:
+            problem = str(error)
         with self._lock:
             self._here, self._snapshot, self.problem = there, snapshot, problem
         return not problem

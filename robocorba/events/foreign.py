@@ -34,7 +34,7 @@ STORE_EVENTS = 100_000
 #: Interval between checks that the foreign channel answers [s].
 CHECK_S = 1.0
 #: Backoff between connection attempts: first, longest [s].
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.05, 1.0
 
 _log = logging.getLogger(__name__)
 
@@ -172,10 +172,10 @@ class ForeignLink:
             try:
                 self._lost.clear()
                 self._port = port = self._attach(self._echoes, self.receive)
-            except NotReachable as wrong:
-                self._set_problem(str(wrong))
+            except NotReachable as error:
+                self._set_problem(str(error))
                 self._ended.wait(pause * random.uniform(0.5, 1.0))
-                pause = min(2 * pause, LONGEST_PAUSE_S)
+                pause = min(2 * pause, MAX_PAUSE_S)
                 continue
             pause = FIRST_PAUSE_S
             with self._channel.lock:

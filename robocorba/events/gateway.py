@@ -28,7 +28,7 @@ MAX_EARLY = 64
 #: A gateway acknowledges after this many batches, or with the first batch after this time [s].
 ACKNOWLEDGE_BATCHES, ACKNOWLEDGE_S = 4, 0.02
 #: Backoff between attempts to join: first, longest [s].
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 0.5
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.05, 0.5
 #: Longest backoff when the peer answers, but refuses [s].
 REFUSED_PAUSE_S = 5.0
 
@@ -176,7 +176,7 @@ class Gateway:
     def _maintain_link(self) -> None:
         pause = FIRST_PAUSE_S
         while not self._is_ended:
-            longest = LONGEST_PAUSE_S
+            longest = MAX_PAUSE_S
             try:
                 self._begin(self._join())
                 pause = FIRST_PAUSE_S
@@ -184,12 +184,12 @@ class Gateway:
                     self._renew()
                     self._woken.wait(RENEW_INTERVAL_S)
                     self._woken.clear()
-            except SessionOver as wrong:
-                self._set_problem(str(wrong))
-            except NotReachable as wrong:
-                self._set_problem(str(wrong))
-            except InvalidPeer as wrong:
-                self._set_problem(f"refused: {wrong}")
+            except SessionOver as error:
+                self._set_problem(str(error))
+            except NotReachable as error:
+                self._set_problem(str(error))
+            except InvalidPeer as error:
+                self._set_problem(f"refused: {error}")
                 longest = REFUSED_PAUSE_S
             except Exception:  # a defect must not end the link permanently
                 _log.exception("gateway of %s", self.peer)

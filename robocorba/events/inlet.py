@@ -13,11 +13,11 @@ from robocorba.events.event import EventRun
 from robocorba.events.outlet import ProxyCondition
 
 #: Polling interval while a supplier has no events: first, longest [s]. It doubles from poll to poll.
-FIRST_POLL_S, LONGEST_POLL_S = 0.001, 0.01
+FIRST_POLL_S, MAX_POLL_S = 0.001, 0.01
 #: Timeout of a call to a supplier [s].
 CALL_LIMIT_S = 2.0
 #: Backoff after a failed call: first, longest [s].
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.05, 1.0
 #: A supplier is disconnected after this many failed calls in a row.
 MAX_FAILURES = 20
 
@@ -100,7 +100,7 @@ class PolledInlet(Inlet):
                 run = client.try_pull(CALL_LIMIT_S)
                 self._failed, self.condition = 0, ProxyCondition.CONNECTED
                 if run is None:
-                    pause = min(2 * pause, LONGEST_POLL_S)
+                    pause = min(2 * pause, MAX_POLL_S)
                 else:
                     pause = 0.0
                     self.push(run)
@@ -111,7 +111,7 @@ class PolledInlet(Inlet):
             except (NotDelivered, Unconfirmed, Refused) as error:
                 self._failed += 1
                 self.condition = ProxyCondition.STALLED
-                pause = min(FIRST_PAUSE_S * 2.0 ** min(self._failed - 1, 10), LONGEST_PAUSE_S)
+                pause = min(FIRST_PAUSE_S * 2.0 ** min(self._failed - 1, 10), MAX_PAUSE_S)
                 if self._failed >= MAX_FAILURES:
                     gone = f"{self._failed} failures in a row ({error})"
         if gone:

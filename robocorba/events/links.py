@@ -243,8 +243,8 @@ class Links:
             record.reference = reference
             try:
                 self._store.save_peer(record)
-            except ServiceError as wrong:  # after a restart the peer is found by its address or name
-                _log.error("%s", wrong)
+            except ServiceError as error:  # after a restart the peer is found by its address or name
+                _log.error("%s", error)
 
     def _link_foreign(self, record: PeerRecord) -> None:
         link = ForeignLink(record.name, self._channel, self._attach(record))
@@ -292,8 +292,8 @@ class Links:
             advertisements = self._channel.federation.advertisements
         try:
             self._store.save_advertisements(advertisements)
-        except ServiceError as wrong:  # after a restart the peers send the advertisements again
-            _log.error("%s", wrong)
+        except ServiceError as error:  # after a restart the peers send the advertisements again
+            _log.error("%s", error)
 
 
 def _removed(record: PeerRecord) -> PeerRecord:

@@ -298,8 +298,8 @@ class Proxies:
             self._all.pop(proxy.id, None)
             try:
                 self._store.forget_proxy(proxy.id)
-            except ServiceError as wrong:  # it ends all the same; after a restart its client is found dead
-                _log.error("%s", wrong)
+            except ServiceError as error:  # it ends all the same; after a restart its client is found dead
+                _log.error("%s", error)
         self._on_removed(proxy.id)
         if not self._is_destroyed:  # else `destroy` updates the interest once at its end
             self._interest_changed()
@@ -325,8 +325,8 @@ class Proxies:
             self.evicted += 1
         except ProxyGone:
             return
-        except RoboCorbaError as wrong:
-            _log.error("%s", wrong)
+        except RoboCorbaError as error:
+            _log.error("%s", error)
 
     def _save(self, proxy: Proxy) -> None:
         record = ProxyRecord(

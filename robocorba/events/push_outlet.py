@@ -37,11 +37,11 @@ QUICK_S = 0.002
 #: Events are a flood when they follow each other within this multiple of the mean call duration.
 FLOOD_GAP = 1.5
 #: Upper limit of that gap [s].
-LONGEST_GAP_S = 0.0005
+MAX_GAP_S = 0.0005
 #: Pause after a stall [s]: the consumer finishes the call that timed out, so that the next event cannot overtake it.
 SETTLE_S = 0.1
 #: Backoff between probes: first, longest [s].
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.0
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.05, 1.0
 #: An outlet's thread ends after this time without work [s].
 IDLE_S = 5.0
 #: Maximum size of a call to a consumer that takes batches [events, bytes].
@@ -222,7 +222,7 @@ class PushOutlet(Outlet):
 
     def _pause(self) -> bool:
         """Wait for the next probe; False if the consumer is no longer stalled."""
-        pause = min(FIRST_PAUSE_S * 2.0 ** min(max(self._failed - 1, 0), 10), LONGEST_PAUSE_S)
+        pause = min(FIRST_PAUSE_S * 2.0 ** min(max(self._failed - 1, 0), 10), MAX_PAUSE_S)
         return not self._changed.wait_for(lambda: self.is_ended or self.condition is not ProxyCondition.STALLED, pause)
 
     def _call(self, client: ConsumerPort, items: list[QueueItem]) -> None:
@@ -242,7 +242,7 @@ class PushOutlet(Outlet):
         self.account.delivered += count
         self._failed = 0
         self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
-        self._flood_until = time.perf_counter() + min(FLOOD_GAP * self._mean_s, LONGEST_GAP_S)
+        self._flood_until = time.perf_counter() + min(FLOOD_GAP * self._mean_s, MAX_GAP_S)
         if self._mean_s > QUICK_S or client is not self.client or self.condition is not ProxyCondition.CONNECTED:
             self._inline = 0
         else:

@@ -34,8 +34,8 @@ class Watermarks:
                 self._map = mmap.mmap(descriptor, size)
             finally:
                 os.close(descriptor)
-        except (OSError, ValueError) as wrong:
-            raise ServiceError(f"cannot use {file}: {wrong}") from None
+        except (OSError, ValueError) as error:
+            raise ServiceError(f"cannot use {file}: {error}") from None
         self._last: dict[str, int] = {}
         self._slots: dict[str, int] = {}
         self._used: dict[str, int] = {}

@@ -87,8 +87,8 @@ def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
     try:
         file = read_yaml(path)
         return [_located(file, wrong) for wrong in validation.problems(parse(file), limit)]
-    except MapFileError as wrong:
-        return [wrong]
+    except MapFileError as error:
+        return [error]
 
 
 def _checked(file: YamlFile) -> Building:
@@ -242,5 +242,5 @@ def save(building: Building, path: str | Path) -> None:
             fresh.replace(target)
         finally:
             fresh.unlink(missing_ok=True)
-    except OSError as wrong:
-        raise MapFileError(str(path), 0, "", wrong.strerror or str(wrong)) from None
+    except OSError as error:
+        raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None

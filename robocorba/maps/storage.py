@@ -326,12 +326,12 @@ def _transaction(connection: sqlite3.Connection, kind: str = "IMMEDIATE") -> Ite
 def _guarded(path: Path) -> Iterator[None]:
     try:
         yield
-    except OSError as wrong:
-        raise MapFileError(str(path), 0, "", wrong.strerror or str(wrong)) from None
-    except sqlite3.Error as wrong:
-        raise MapFileError(str(path), 0, "", str(wrong)) from wrong
-    except (msgspec.DecodeError, KeyError) as wrong:
-        raise MapFileError(str(path), 0, "", f"damaged: {wrong}") from wrong
+    except OSError as error:
+        raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None
+    except sqlite3.Error as error:
+        raise MapFileError(str(path), 0, "", str(error)) from error
+    except (msgspec.DecodeError, KeyError) as error:
+        raise MapFileError(str(path), 0, "", f"damaged: {error}") from error
 
 
 def _fill(connection: sqlite3.Connection, building: Building) -> None:

@@ -53,9 +53,9 @@ class YamlFile:
         """The data as `schema` (a msgspec type). Raises MapFileError with line and key."""
         try:
             return msgspec.convert(self.data, schema)
-        except msgspec.ValidationError as wrong:
-            found = re.fullmatch(r"(.*) - at (`key` in )?`(\$.*)`", str(wrong), re.DOTALL)
-            reason, of_key, key = found.groups() if found else (str(wrong), None, "$")
+        except msgspec.ValidationError as error:
+            found = re.fullmatch(r"(.*) - at (`key` in )?`(\$.*)`", str(error), re.DOTALL)
+            reason, of_key, key = found.groups() if found else (str(error), None, "$")
             unknown = re.fullmatch(r"Object contains unknown field `(.*)`", reason, re.DOTALL)
             if unknown:
                 raise self.error(f"{key}.{unknown[1]}", "there is no such key") from None
@@ -67,9 +67,9 @@ def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
     try:
         with open(path, "rb") as file:
             data = file.read(limit + 1)
-    except (OSError, ValueError) as wrong:
-        reason = wrong.strerror if isinstance(wrong, OSError) else None
-        raise MapFileError(_short(str(path)), 0, "", reason or str(wrong)) from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise MapFileError(_short(str(path)), 0, "", reason or str(error)) from None
     if len(data) > limit:
         raise MapFileError(str(path), 0, "", f"larger than {limit // 1024} KiB")
     return data
@@ -86,20 +86,20 @@ def parse_yaml(raw: bytes, name: str) -> YamlFile:
         raise MapFileError(name, 0, "", f"larger than {MAX_BYTES // 1024} KiB")
     try:
         text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as wrong:
-        raise MapFileError(name, raw[: wrong.start].count(b"\n") + 1, "", "not UTF-8 text") from None
+    except UnicodeDecodeError as error:
+        raise MapFileError(name, raw[: error.start].count(b"\n") + 1, "", "not UTF-8 text") from None
     try:
         return YamlFile(name, _Reader(text, name).document(), text)
-    except yaml.MarkedYAMLError as wrong:
-        mark = wrong.problem_mark or wrong.context_mark
-        if "quoted scalar" in str(wrong.context):
-            mark = wrong.context_mark  # of the opening quote; the parser detects a missing one at the end of the file
-        raise MapFileError(name, mark.line + 1 if mark else 0, "", wrong.problem or "not YAML") from None
-    except yaml.reader.ReaderError as wrong:
-        line = text.encode()[: wrong.position].count(b"\n") + 1
-        raise MapFileError(name, line, "", f"not YAML: {wrong.reason}") from None
-    except yaml.YAMLError as wrong:
-        raise MapFileError(name, 0, "", f"not YAML: {str(wrong).splitlines()[0]}") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        if "quoted scalar" in str(error.context):
+            mark = error.context_mark  # of the opening quote; the parser detects a missing one at the end of the file
+        raise MapFileError(name, mark.line + 1 if mark else 0, "", error.problem or "not YAML") from None
+    except yaml.reader.ReaderError as error:
+        line = text.encode()[: error.position].count(b"\n") + 1
+        raise MapFileError(name, line, "", f"not YAML: {error.reason}") from None
+    except yaml.YAMLError as error:
+        raise MapFileError(name, 0, "", f"not YAML: {str(error).splitlines()[0]}") from None
 
 
 class _Reader:

@@ -30,7 +30,7 @@ GAP_M = 0.02
 #: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
 CORNER_DISTANCE_M = 0.15
 #: Shorter edges get no grip points [m].
-SHORTEST_EDGE_M = 0.25
+MIN_EDGE_M = 0.25
 #: Least distance between the grip points of one edge [m].
 GRIP_SPACING_M = 0.1
 #: Rays from the centroid that give grip points if the edges give too few.
@@ -120,7 +120,7 @@ def _grips_on_edges(outline: Polygon, radius_m: float) -> list[GripPoint]:
     corners = shapely.get_coordinates(shapely.geometry.polygon.orient(outline).exterior)
     for (ax, ay), (bx, by) in pairwise(corners.tolist()):
         length = math.hypot(bx - ax, by - ay)
-        if length < SHORTEST_EDGE_M:
+        if length < MIN_EDGE_M:
             continue
         facing = math.atan2(by - ay, bx - ax) + math.pi / 2  # counter-clockwise: the inside is on the left
         far = length / 2 - min(CORNER_DISTANCE_M, length / 4)

@@ -140,10 +140,10 @@ class Leader:
             for step in range(len(plan.phases)):
                 self._do(plan, step)
             self._end(plan, "done", "")
-        except Exception as wrong:
-            result, reason = "failed", str(wrong) or type(wrong).__name__
-            if not isinstance(wrong, MissionFailed):
-                _log.warning("mission %s: %s: %s", self._mission, type(wrong).__name__, wrong)
+        except Exception as error:
+            result, reason = "failed", str(error) or type(error).__name__
+            if not isinstance(error, MissionFailed):
+                _log.warning("mission %s: %s: %s", self._mission, type(error).__name__, error)
             if self._plan:
                 self._end(self._plan, "aborted", reason)
         records = {name: state.record for name, state in self._states.items() if state.record}

@@ -113,10 +113,10 @@ class Member:
                 self._do_step(number)
             self._wait_for_end()
             self._update_report(Result.DONE)
-        except RoboCorbaError as wrong:
-            self._fail(wrong)
-        except Exception as wrong:
-            self._fail(MissionFailed(f"{type(wrong).__name__}: {wrong}"))
+        except RoboCorbaError as error:
+            self._fail(error)
+        except Exception as error:
+            self._fail(MissionFailed(f"{type(error).__name__}: {error}"))
             raise
         finally:
             self._executor.release_reservations()

@@ -140,5 +140,5 @@ def message_of(type: str, content: Any) -> Message:
     rest = {key: value for key, value in content.items() if key != "version"}
     try:
         return msgspec.convert(rest, kind)
-    except msgspec.ValidationError as wrong:
-        raise InvalidMission(type, str(wrong)) from None
+    except msgspec.ValidationError as error:
+        raise InvalidMission(type, str(error)) from None

@@ -77,8 +77,8 @@ class MissionAgent:
                 if received := self._transport.receive(STATE_INTERVAL_S / 4 if self._member else IDLE_POLL_S):
                     self._handle(received)
                 self._publish_state()
-            except (NotReachable, EventError) as wrong:
-                _log.info("no event channel, next attempt in %g s: %s", RETRY_S, wrong)
+            except (NotReachable, EventError) as error:
+                _log.info("no event channel, next attempt in %g s: %s", RETRY_S, error)
                 self._closing.wait(RETRY_S)
             except Exception:  # one bad message must not end the thread
                 _log.exception("handling a mission message failed")
@@ -147,8 +147,8 @@ class MissionAgent:
         is_own = proposal.leader == self._transport.name
         try:
             member = self._owner.begin_part(lambda robot: Member(proposal, robot, self._locate), is_own)
-        except RobotError as wrong:
-            return str(wrong)
+        except RobotError as error:
+            return str(error)
         self._member, self._ended_at, self._is_subscribed = member, None, False
         self._subscribe()
         return ""

@@ -39,7 +39,7 @@ from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
-from robocorba.simulation.reservations import MOST_LIMIT_S
+from robocorba.simulation.reservations import MAX_LIMIT_S
 from robocorba.spatial.frames import out_of
 
 #: Distance behind their places at which robots gather, and that they back off [m].
@@ -55,7 +55,7 @@ DOOR_LIMITS = (0.4, 0.5, 0.6)
 #: Time to spare before the doors close [s].
 DOOR_RESERVE_S = 4.0
 #: Time limit for other carries to pass, and duration of the reservation then [s]: the server's maximum.
-RESERVATION_LIMIT_S = MOST_LIMIT_S
+RESERVATION_LIMIT_S = MAX_LIMIT_S
 #: Time limits of steps [s].
 GATHER_LIMIT_S, NEAR_LIMIT_S, CABIN_LIMIT_S = 240.0, 30.0, 300.0
 #: Time limit of a carry: a multiple of its planned duration, plus an extra time [s].

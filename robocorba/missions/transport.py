@@ -66,8 +66,8 @@ class Transport:
         message = msgspec.structs.replace(message, sent=time.time())
         try:
             self._channel.publish(type_of(message), payload(message), retry_s)
-        except (NotReachable, EventError) as wrong:
-            _log.info("%s was not published: %s", type_of(message), wrong)
+        except (NotReachable, EventError) as error:
+            _log.info("%s was not published: %s", type_of(message), error)
             return False
         return True
 
@@ -82,8 +82,8 @@ class Transport:
         now = time.time()
         try:
             received = Received(source, message_of(type, content), now, origin)
-        except InvalidMission as wrong:
-            _log.warning("invalid message from %s dropped: %s", source, wrong)
+        except InvalidMission as error:
+            _log.warning("invalid message from %s dropped: %s", source, error)
             return
         self.received.append(received)
         try:

@@ -16,7 +16,7 @@ from robocorba.spatial.pose import XY
 #: Angles that differ by less are equal [rad].
 SAME_RAD = 1e-7
 #: Width of the ground that a mesh covers around all walls [m].
-LEAST_MARGIN_M = 1.0
+MIN_MARGIN_M = 1.0
 #: Additional width on a floor without an outline, beside the extent of the walls [m].
 OPEN_M = 50.0
 
@@ -58,7 +58,7 @@ def _bounds(segments: Floats, also: Sequence[XY], open_part: float) -> tuple[flo
     if not len(points):
         points = np.zeros((1, 2))
     low, high = points.min(axis=0), points.max(axis=0)
-    around = LEAST_MARGIN_M + open_part * (OPEN_M + float((high - low).max()))
+    around = MIN_MARGIN_M + open_part * (OPEN_M + float((high - low).max()))
     return float(low[0] - around), float(low[1] - around), float(high[0] + around), float(high[1] + around)
 
 

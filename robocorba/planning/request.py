@@ -17,7 +17,7 @@ SMARTPAL_RADIUS_M = 0.40
 SMARTPAL_SPEED_M_S = 1.0
 
 #: Greatest robot radius of a request; clearances are computed up to it [m].
-LARGEST_RADIUS_M = 3.0
+MAX_RADIUS_M = 3.0
 MAX_ALTERNATIVES = 9
 MAX_AREAS = 64
 
@@ -148,8 +148,8 @@ def check_request(building: Building, request: PathRequest) -> None:
     """Raise InvalidPoint, InvalidRequest or UnknownFloor unless the request makes sense for the building."""
     check_place(building, "start", request.start)
     check_place(building, "goal", request.goal)
-    if not 0.0 <= request.radius <= LARGEST_RADIUS_M:
-        raise InvalidRequest("robotRadius", f"{request.radius!r} is not between 0 and {LARGEST_RADIUS_M:g} m")
+    if not 0.0 <= request.radius <= MAX_RADIUS_M:
+        raise InvalidRequest("robotRadius", f"{request.radius!r} is not between 0 and {MAX_RADIUS_M:g} m")
     if not 0.001 <= request.speed <= 100.0:
         raise InvalidRequest("robotSpeed", f"{request.speed!r} is not between 0.001 and 100 m/s")
     if not 0 <= request.alternatives <= MAX_ALTERNATIVES:

@@ -14,7 +14,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
-from robocorba.planning.request import LARGEST_RADIUS_M, Names
+from robocorba.planning.request import MAX_RADIUS_M, Names
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
 from robocorba.spatial.grids import Floats, Grid, Longs
 
@@ -51,7 +51,7 @@ class FloorRoads:
         index = {name: i for i, name in enumerate(self.names)}
         edges = list(entry.topological.edges.values())
         ends = np.array([(index[edge.a], index[edge.b]) for edge in edges], np.int64).reshape(-1, 2)
-        clear = _clearances(space.grid, space.borders, space.rings, space.inside, self.xy, ends, LARGEST_RADIUS_M)
+        clear = _clearances(space.grid, space.borders, space.rings, space.inside, self.xy, ends, MAX_RADIUS_M)
         declared = np.array([edge.clearance or np.inf for edge in edges])
         limits = np.array([edge.speed_limit or np.inf for edge in edges])
         lengths = np.hypot(*(self.xy[ends[:, 0]] - self.xy[ends[:, 1]]).T) if edges else np.empty(0)

@@ -39,7 +39,7 @@ from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY
 
 #: Least radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.
-LEAST_TURN_M = 0.01
+MIN_TURN_M = 0.01
 #: Number of lines of a graph (41 bytes each) beyond which it forgets them before the next search.
 MAX_LINES = 4_000_000
 #: Number of lines with room at first.
@@ -70,7 +70,7 @@ class TangentGraph:
             return
         self._mesh = self.space.mesh(points)
         vertices = len(self._mesh.xy)
-        turn = max(self.radius, LEAST_TURN_M) + self._mesh.merged_m
+        turn = max(self.radius, MIN_TURN_M) + self._mesh.merged_m
         same = max(2 * self._mesh.merged_m, 2 * float(self._mesh.mesh.frame[2]))
         self._radii = Radii(self.radius, turn, same)
         self._scratch = make_scratch(self._mesh.mesh)

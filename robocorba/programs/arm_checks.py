@@ -83,11 +83,11 @@ class ArmChecks:
             return lost
         try:
             steps = way(icon, np.array(at.joints), self._kinematics, self._postures)
-        except Unreachable as wrong:
-            self._report.find(path, _GOAL[type(icon)], str(wrong))
+        except Unreachable as error:
+            self._report.find(path, _GOAL[type(icon)], str(error))
             return lost
-        except InvalidProgram as wrong:
-            self._report.find(path, wrong.parameter, wrong.reason)
+        except InvalidProgram as error:
+            self._report.find(path, error.parameter, error.reason)
             return lost
         known = list(at.is_known)
         for joint in joints_of(icon):

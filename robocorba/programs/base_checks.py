@@ -120,10 +120,10 @@ class BaseChecks:
         assert self._planner
         try:
             return self._planner.paths(PathRequest(start, goal, mode=mode))[0].distance
-        except PathError as wrong:
-            if isinstance(wrong, UnknownFloor | InvalidPoint | NotFree) and wrong.which == "start" and start != goal:
+        except PathError as error:
+            if isinstance(error, UnknownFloor | InvalidPoint | NotFree) and error.which == "start" and start != goal:
                 parameter = ""
-            elif isinstance(wrong, UnknownFloor):
+            elif isinstance(error, UnknownFloor):
                 parameter = "floor"
-            self._report.find(path, parameter, str(wrong))
+            self._report.find(path, parameter, str(error))
             return None

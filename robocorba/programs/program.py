@@ -52,8 +52,8 @@ def loads(text: str | bytes) -> Program:
         raise _too_deep("") from None
     except UnicodeError:
         raise InvalidProgram("", "", "not UTF-8") from None
-    except ValueError as wrong:
-        raise InvalidProgram("", "", f"not JSON: {wrong}") from None
+    except ValueError as error:
+        raise InvalidProgram("", "", f"not JSON: {error}") from None
     return _converted(plain)
 
 
@@ -63,8 +63,8 @@ def checked(program: Program) -> Program:
         return _converted(msgspec.to_builtins(program))
     except RecursionError:
         raise _too_deep("") from None
-    except (TypeError, ValueError) as wrong:
-        raise InvalidProgram(*_unwritable(program), str(wrong)) from None
+    except (TypeError, ValueError) as error:
+        raise InvalidProgram(*_unwritable(program), str(error)) from None
 
 
 def dumps(program: Program) -> str:
@@ -126,8 +126,8 @@ def _converted(plain: Any) -> Program:
     _check_plain(plain, "$", 1)
     try:
         program = msgspec.convert(plain, Program)
-    except msgspec.ValidationError as wrong:
-        raise _translated(str(wrong)) from None
+    except msgspec.ValidationError as error:
+        raise _translated(str(error)) from None
     count = 0
     for path, icon, depth in _walk("icons", program.icons, 1):
         count += 1

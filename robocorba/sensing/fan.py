@@ -12,9 +12,9 @@ from robocorba.errors.sensing import InvalidScan
 from robocorba.spatial.grids import Floats
 
 #: Rays of a fan at most.
-MOST_RAYS = 8192
+MAX_RAYS = 8192
 #: Longest range of a sensor [m].
-MOST_RANGE_M = 1000.0
+MAX_RANGE_M = 1000.0
 
 
 @dataclass(frozen=True)
@@ -29,16 +29,16 @@ class Fan:
     range_m: float
 
     def __post_init__(self) -> None:
-        if not 1 <= self.count <= MOST_RAYS:
-            raise InvalidScan("rays", f"{self.count} is not 1 to {MOST_RAYS}")
+        if not 1 <= self.count <= MAX_RAYS:
+            raise InvalidScan("rays", f"{self.count} is not 1 to {MAX_RAYS}")
         if not -2 * math.pi <= self.first_rad <= 2 * math.pi:  # also refuses NaN, like those below
             raise InvalidScan("firstAngle", f"{self.first_rad} is not between -2 pi and 2 pi")
         if not 0.0 < self.step_rad <= 2 * math.pi:
             raise InvalidScan("step", f"{self.step_rad} is not above 0 and at most 2 pi")
         if (self.count - 1) * self.step_rad > 2 * math.pi + 1e-9:
             raise InvalidScan("step", f"{self.count} rays {self.step_rad} rad apart span more than a full turn")
-        if not 0.0 < self.range_m <= MOST_RANGE_M:
-            raise InvalidScan("range", f"{self.range_m} is not above 0 and at most {MOST_RANGE_M:g} m")
+        if not 0.0 < self.range_m <= MAX_RANGE_M:
+            raise InvalidScan("range", f"{self.range_m} is not above 0 and at most {MAX_RANGE_M:g} m")
 
     @cached_property
     def angles(self) -> Floats:

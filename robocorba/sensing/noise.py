@@ -13,7 +13,7 @@ from robocorba.kernels import kernel
 from robocorba.spatial.grids import Floats
 
 #: Largest `sigma_m` [m] and `relative` of Noise.
-MOST_SIGMA_M, MOST_RELATIVE = 10.0, 1.0
+MAX_SIGMA_M, MAX_RELATIVE = 10.0, 1.0
 #: Constants of SplitMix64 (Steele, Lea and Flood, 2014).
 _STEP, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _30, _27, _31, _11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
@@ -30,8 +30,8 @@ class Noise:
 
     def __post_init__(self) -> None:
         for field, value, most in (
-            ("sigma", self.sigma_m, MOST_SIGMA_M),
-            ("relative", self.relative, MOST_RELATIVE),
+            ("sigma", self.sigma_m, MAX_SIGMA_M),
+            ("relative", self.relative, MAX_RELATIVE),
             ("lost", self.lost, 1.0),
         ):
             if not 0.0 <= value <= most:  # also refuses NaN

@@ -26,7 +26,7 @@ from robocorba.spatial.grids import (
 #: Target average of static segments per grid cell.
 STATIC_SEGMENTS_PER_CELL = 4.0
 #: Bounds of the side of a cell [m].
-SMALLEST_CELL_M, LARGEST_CELL_M = 1.0, 8.0
+MIN_CELL_M, MAX_CELL_M = 1.0, 8.0
 #: Margin of the grid around all obstacles [m]: the grid is rebuilt only for a body that moves beyond it.
 MARGIN_M = 5.0
 #: Carrier number of a sensor that no robot carries.
@@ -93,7 +93,7 @@ class SensedScene:
     def _cell_m(self, extent: Floats) -> float:
         width, depth = np.maximum(extent, 1.0)
         side = math.sqrt(STATIC_SEGMENTS_PER_CELL * width * depth / max(1, len(self._standing)))
-        return min(max(side, SMALLEST_CELL_M), LARGEST_CELL_M)
+        return min(max(side, MIN_CELL_M), MAX_CELL_M)
 
 
 @kernel

@@ -21,7 +21,7 @@ from robocorba.kernels import kernel
 from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, standing
 from robocorba.sensing.casting import Scene, cast
-from robocorba.sensing.fan import LASER, MOST_RANGE_M, Fan
+from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
 from robocorba.sensing.sight import NOBODY, SensedScene, lines_of
 from robocorba.spatial.elevator_state import Doors
@@ -31,9 +31,9 @@ from robocorba.spatial.grids import Floats, Longs, column_of, row_of
 #: Largest age of floor data for a scan [s].
 LAG_LIMIT_S = 1.0
 #: Largest distance of the rays' start from the sensor [m].
-MOST_RIM_M = 100.0
+MAX_RIM_M = 100.0
 #: Rays of one call at most.
-MOST_RAYS_AT_ONCE = 1_000_000
+MAX_RAYS_AT_ONCE = 1_000_000
 NO_NOISE = Noise()
 #: Carrier number that denotes the robot at the pose of the scan.
 ROBOT_AT_PLACE = -2
@@ -57,10 +57,10 @@ class ScanSpec:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.rim_m <= MOST_RIM_M:  # also refuses NaN
-            raise InvalidScan("rim", f"{self.rim_m} is not 0 to {MOST_RIM_M:g} m")
-        if self.rim_m + self.fan.range_m > MOST_RANGE_M:
-            raise InvalidScan("range", f"ends more than {MOST_RANGE_M:g} m from the sensor")
+        if not 0.0 <= self.rim_m <= MAX_RIM_M:  # also refuses NaN
+            raise InvalidScan("rim", f"{self.rim_m} is not 0 to {MAX_RIM_M:g} m")
+        if self.rim_m + self.fan.range_m > MAX_RANGE_M:
+            raise InvalidScan("range", f"ends more than {MAX_RANGE_M:g} m from the sensor")
 
     @cached_property
     def frame(self) -> tuple[float, float, float, float]:
@@ -171,8 +171,8 @@ class VirtualSensor:
 
 
 def _check_rays(robots: int, spec: ScanSpec) -> None:
-    if robots * spec.fan.count > MOST_RAYS_AT_ONCE:
-        raise InvalidScan("rays", f"{robots} x {spec.fan.count} rays; at most {MOST_RAYS_AT_ONCE} in one call")
+    if robots * spec.fan.count > MAX_RAYS_AT_ONCE:
+        raise InvalidScan("rays", f"{robots} x {spec.fan.count} rays; at most {MAX_RAYS_AT_ONCE} in one call")
 
 
 class _SensedFloor:

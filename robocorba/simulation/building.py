@@ -37,7 +37,7 @@ PAYLOAD_KG = 4.0
 #: Largest distance of a grip point from the object's outline [m].
 HANDLE_M = 0.05
 #: Longest validity of a velocity command [s].
-MOST_VALID_S = 5.0
+MAX_VALID_S = 5.0
 
 
 class SimulatedRobot:
@@ -64,8 +64,8 @@ class SimulatedRobot:
         Raises InvalidCommand."""
         if not math.isfinite(ahead + left + turn):
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
-        if not 0.0 <= valid_s <= MOST_VALID_S:
-            raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MOST_VALID_S:g} s")
+        if not 0.0 <= valid_s <= MAX_VALID_S:
+            raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MAX_VALID_S:g} s")
         self.physics.command(self.body, ahead, left, turn, valid_s)
 
     def brake(self) -> None:

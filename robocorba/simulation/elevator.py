@@ -26,9 +26,9 @@ BOARDING_LIMIT_S = 15.0
 #: No robot starts boarding after the doors have been open for this time [s]: robots wait on other floors.
 OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
 #: Sessions of an elevator at most.
-MOST_CALLS = 200
+MAX_CALLS = 200
 #: Characters of a party's name at most.
-MOST_PARTY_NAME = 200
+MAX_PARTY_NAME = 200
 #: Rounding tolerance of heights and widths [m].
 _TOLERANCE_M = 1e-9
 
@@ -112,8 +112,8 @@ class Cabin:
             raise InvalidRide("radius", f"a robot of radius {radius_m} m does not fit into {self.elevator.name}")
         if party:
             self._check_party(party, size, origin, destination, radius_m)
-        if len(self.sessions) >= MOST_CALLS:
-            raise ElevatorFull(self.elevator.name, MOST_CALLS)
+        if len(self.sessions) >= MAX_CALLS:
+            raise ElevatorFull(self.elevator.name, MAX_CALLS)
         session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1)
         self.sessions[robot] = session
         if party and self.doors is Doors.OPEN:
@@ -122,10 +122,10 @@ class Cabin:
 
     def _check_party(self, party: str, size: int, origin: str, destination: str, radius_m: float) -> None:
         """Check that one more robot may join a party. Raises InvalidRide."""
-        if len(party) > MOST_PARTY_NAME:
-            raise InvalidRide("party", f"has {len(party)} characters; at most {MOST_PARTY_NAME}")
-        if not 1 <= size <= MOST_CALLS:
-            raise InvalidRide("partySize", f"{size} is not 1 to {MOST_CALLS}")
+        if len(party) > MAX_PARTY_NAME:
+            raise InvalidRide("party", f"has {len(party)} characters; at most {MAX_PARTY_NAME}")
+        if not 1 <= size <= MAX_CALLS:
+            raise InvalidRide("partySize", f"{size} is not 1 to {MAX_CALLS}")
         others = self._party(party)
         radii = [radius_m] * (size - len(others)) + [other.radius_m for other in others]
         if radii and not fits(self.elevator, radii):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 #: Lease of a sensor server [s]: without a report for this long it is dropped.
 SENSOR_LEASE_S = 2.0
 #: Least assumed load of one robot, as a share of a core; holds before anything was measured.
-LEAST_COST = 0.001
+MIN_COST = 0.001
 #: Difference between the busiest and the least busy server above which robots move, as a share of a core.
 REBALANCE_ABOVE = 0.2
 
@@ -112,7 +112,7 @@ class LoadBalance:
     def _cost(self) -> float:
         """Average load of a robot, as a share of a core."""
         busy = sum(sensor.load.busy for sensor in self._sensors.values())
-        return max(busy / max(1, len(self._sensor_of)), LEAST_COST)
+        return max(busy / max(1, len(self._sensor_of)), MIN_COST)
 
     def _rebalance(self) -> list[tuple[str, Any]]:
         busiest = max(self._sensors.values(), key=lambda sensor: sensor.expected)

@@ -27,7 +27,7 @@ from robocorba.simulation.world_record import WorldRecord
 #: Default limit of logged-on robots.
 DEFAULT_LIMIT = 300
 #: Highest limit that an administrator may set.
-MOST_ROBOTS = 10_000
+MAX_ROBOTS = 10_000
 #: Interval between writes of all poses [s]; a kill may lose at most twice as much.
 WRITE_INTERVAL_S = 0.1
 #: Interval between checks of leases [s].
@@ -144,8 +144,8 @@ class ManagementAgent:
 
     def configure(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
         """Change settings and store them before returning. Raises InvalidChoice, SimulationBusy, ServiceError."""
-        if limit is not None and not 0 <= limit <= MOST_ROBOTS:
-            raise InvalidChoice("robots", f"{limit} is not 0 to {MOST_ROBOTS}")
+        if limit is not None and not 0 <= limit <= MAX_ROBOTS:
+            raise InvalidChoice("robots", f"{limit} is not 0 to {MAX_ROBOTS}")
         if pace is not None:
             check_pace(pace)
 

@@ -21,7 +21,7 @@ from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Mot
 from robocorba.spatial.grids import Floats, Longs
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
-MOST_DEPARTED = 10_000
+MAX_DEPARTED = 10_000
 
 
 class LastScan(NamedTuple):
@@ -153,7 +153,7 @@ class _FloorVersions:
             if name in same and np.array_equal(rows[row], self._rows[before[name]]):
                 moved_in[row] = self._moved_in[before[name]]
         self._went.extend((version, body.number) for name, body in self._bodies.items() if name not in same)
-        while len(self._went) > MOST_DEPARTED:
+        while len(self._went) > MAX_DEPARTED:
             self._oldest = self._went.popleft()[0]
         self._arrived_in = {name: self._arrived_in[name] if name in same else version for name in bodies}
         self._last_arrival = max(self._arrived_in.values(), default=version)

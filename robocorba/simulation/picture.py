@@ -34,20 +34,20 @@ from robocorba.spatial.floor_update import Body, BodyKind, FloorView
 from robocorba.spatial.pose import XY
 
 #: Width of a picture [px].
-LEAST_WIDTH_PX, MOST_WIDTH_PX = 200, 4096
+MIN_WIDTH_PX, MAX_WIDTH_PX = 200, 4096
 #: Pixels of all cached layers of a painter; one byte each.
-MOST_CACHED_PX = 64_000_000
+MAX_CACHED_PX = 64_000_000
 #: Characters of a caption at most.
 MAX_CAPTION = 200
 ROBOT, VELOCITY, LASER = "#7b2cbf", "#0b5d51", "#f03e3e"
 #: Share of the laser's colour in lit areas.
 LIGHT = 0.2
 #: Number of rays from which on a fan is thinned out: every second ray is drawn, every third, and so on.
-MOST_RAYS = 720
+MAX_RAYS = 720
 #: A velocity arrow shows the distance covered in this time [s].
 ARROW_S = 1.0
 #: Least drawn radius of a robot, for visibility [px].
-LEAST_RADIUS_PX = 3.0
+MIN_RADIUS_PX = 3.0
 #: Coordinates beyond this are not drawn [m].
 _FAR_M = 1e9
 #: Pixel coordinates are clipped to this, for Pillow [px].
@@ -126,11 +126,11 @@ class FloorPainter:
         """Render a floor as a PNG file in the pixel coordinates of drawing.to_pixel; `view` must not change meanwhile.
 
         Skips bodies without a finite pose. The first picture of a floor and width takes as long as draw_floor. Raises
-        UnknownFloor, and InvalidPicture for a width outside LEAST_WIDTH_PX to MOST_WIDTH_PX."""
+        UnknownFloor, and InvalidPicture for a width outside MIN_WIDTH_PX to MAX_WIDTH_PX."""
         if view.floor not in self._building.floors:
             raise UnknownFloor("picture", view.floor, list(self._building.floors))
-        if not LEAST_WIDTH_PX <= width_px <= MOST_WIDTH_PX:
-            raise InvalidPicture("width", f"{width_px} is not {LEAST_WIDTH_PX} to {MOST_WIDTH_PX} pixels")
+        if not MIN_WIDTH_PX <= width_px <= MAX_WIDTH_PX:
+            raise InvalidPicture("width", f"{width_px} is not {MIN_WIDTH_PX} to {MAX_WIDTH_PX} pixels")
         picture = _Picture(self._layer((view.floor, width_px)))
         picture.add_cabins(view.floor, view.elevators)
         picture.add_fans(fans)
@@ -154,7 +154,7 @@ class FloorPainter:
     def _cache(self, key: tuple[str, int], layer: _Layer) -> _Layer:
         with self._lock:
             self._layers[key] = layer
-            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > MOST_CACHED_PX:
+            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > MAX_CACHED_PX:
                 self._layers.popitem(last=False)
         return layer
 
@@ -218,7 +218,7 @@ class _Picture:
         """Polygon of the sensor and its ray ends [px]; empty for a sensor without a finite pose."""
         if not all(abs(value) < _FAR_M for value in fan[:5]):
             return []
-        rays = np.arange(0, len(fan.distances), 1 + len(fan.distances) // MOST_RAYS)
+        rays = np.arange(0, len(fan.distances), 1 + len(fan.distances) // MAX_RAYS)
         angles = fan.heading + fan.first_rad + fan.step_rad * rays
         seen = np.nan_to_num(fan.distances[rays]).clip(0.0, _FAR_PX / self._frame.scale)
         x, y = seen * np.cos(angles), seen * np.sin(angles)
@@ -352,7 +352,7 @@ def _polygon(frame: Frame, x: NDArray[np.float64], y: NDArray[np.float64]) -> li
 
 def _radius(frame: Frame, body: Body) -> float:
     """Drawn radius of a robot [px]."""
-    return min(max(LEAST_RADIUS_PX, body.radius_m * frame.scale), _FAR_PX)
+    return min(max(MIN_RADIUS_PX, body.radius_m * frame.scale), _FAR_PX)
 
 
 def _middle(corners: Sequence[XY]) -> XY:

@@ -152,8 +152,8 @@ class Recorder:
 def _writing(path: Path) -> Iterator[None]:
     try:
         yield
-    except OSError as wrong:
-        raise StateDamaged(str(path), wrong.strerror or str(wrong)) from None
+    except OSError as error:
+        raise StateDamaged(str(path), error.strerror or str(error)) from None
 
 
 class Recording:
@@ -272,10 +272,10 @@ class Recording:
     def _reading(self) -> Iterator[None]:
         try:
             yield
-        except OSError as wrong:
-            reason = wrong.strerror or str(wrong)
-        except _DAMAGE as wrong:
-            reason = f"damaged ({wrong or type(wrong).__name__})"
+        except OSError as error:
+            reason = error.strerror or str(error)
+        except _DAMAGE as error:
+            reason = f"damaged ({error or type(error).__name__})"
         else:
             return
         raise StateDamaged(str(self.path), reason) from None

@@ -22,9 +22,9 @@ from robocorba.spatial.pose import XY
 #: Limits of a request: its areas, and the corners of all its areas.
 MAX_AREAS, MAX_CORNERS = 32, 512
 #: Requests in force at most.
-MOST_REQUESTS = 500
+MAX_REQUESTS = 500
 #: Longest duration of a grant [s].
-MOST_LIMIT_S = 600.0
+MAX_LIMIT_S = 600.0
 #: Each area is shrunk by this margin [m], so that rounding does not make adjacent areas overlap.
 EDGE_M = 0.001
 
@@ -88,8 +88,8 @@ class Reservations:
         """Request areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
         if owner in self.requests:
             raise InvalidReservation("robot", f"{owner} has a reservation already")
-        if len(self.requests) >= MOST_REQUESTS:
-            raise ReservationsFull(MOST_REQUESTS)
+        if len(self.requests) >= MAX_REQUESTS:
+            raise ReservationsFull(MAX_REQUESTS)
         request = Request(owner, wanted)
         request.ahead = {other.owner for other in self.requests.values() if request.overlaps(other)}
         self.requests[owner] = request
@@ -175,8 +175,8 @@ def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors:
     """Validate a request for areas on these floors; the grant lasts `limit_s` of simulated time.
 
     Raises InvalidReservation, UnknownFloor."""
-    if not 0.0 < limit_s <= MOST_LIMIT_S:  # also refuses NaN
-        raise InvalidReservation("limit", f"{limit_s} s is not above 0 and at most {MOST_LIMIT_S:g} s")
+    if not 0.0 < limit_s <= MAX_LIMIT_S:  # also refuses NaN
+        raise InvalidReservation("limit", f"{limit_s} s is not above 0 and at most {MAX_LIMIT_S:g} s")
     asked = kept_of(areas)
     if not asked:
         raise InvalidReservation("areas", "a request needs at least one area")

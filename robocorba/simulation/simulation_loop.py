@@ -20,17 +20,17 @@ T = TypeVar("T")
 #: Timeout of a call that waits for execution [s].
 CALL_LIMIT_S = 5.0
 #: Highest pace, in simulated seconds per second.
-MOST_PACE = 1000.0
+MAX_PACE = 1000.0
 #: Steps of one `step` request at most.
-MOST_STEPS = 10_000
+MAX_STEPS = 10_000
 #: Time limit of one requested step [s]; a step usually takes far less.
-LONGEST_STEP_S = 0.05
+MAX_STEP_S = 0.05
 #: Largest lag behind real time that the loop catches up on [s]; beyond it simulated time is skipped.
-MOST_LAG_S = 0.25
+MAX_LAG_S = 0.25
 #: Longest interval between two runs of the housekeeping [s].
 IDLE_INTERVAL_S = 0.02
 #: Steps in sequence before pending calls are executed.
-MOST_CONSECUTIVE_STEPS = 50
+MAX_CONSECUTIVE_STEPS = 50
 #: Window over which the achieved pace is measured [s].
 RATE_WINDOW_S = 2.0
 
@@ -93,8 +93,8 @@ class SimulationLoop:
 
     def step(self, steps: int) -> None:
         """While time is paused: execute `steps` steps and wait for them. Raises InvalidChoice, SimulationBusy."""
-        if not 1 <= steps <= MOST_STEPS:
-            raise InvalidChoice("steps", f"{steps} is not 1 to {MOST_STEPS}")
+        if not 1 <= steps <= MAX_STEPS:
+            raise InvalidChoice("steps", f"{steps} is not 1 to {MAX_STEPS}")
         if not self.is_paused:
             raise InvalidChoice("steps", "time is not paused; pause it first")
         done: Future[None] = Future()
@@ -106,11 +106,9 @@ class SimulationLoop:
 
         self.do(request)
         try:
-            done.result(CALL_LIMIT_S + steps * LONGEST_STEP_S)
+            done.result(CALL_LIMIT_S + steps * MAX_STEP_S)
         except FutureTimeoutError:
-            raise SimulationBusy(
-                f"{steps} steps took longer than {CALL_LIMIT_S + steps * LONGEST_STEP_S:g} s"
-            ) from None
+            raise SimulationBusy(f"{steps} steps took longer than {CALL_LIMIT_S + steps * MAX_STEP_S:g} s") from None
 
     def _run(self) -> None:
         due = self._counted_at = time.monotonic()
@@ -132,8 +130,8 @@ class SimulationLoop:
             self._run_steps_while(lambda: time.monotonic() < now + IDLE_INTERVAL_S and self._calls.empty())
             return now
         length = STEP_S / self.pace
-        due = min(max(due, now - MOST_LAG_S), now + length)  # the pace may have changed meanwhile
-        for _ in range(MOST_CONSECUTIVE_STEPS):
+        due = min(max(due, now - MAX_LAG_S), now + length)  # the pace may have changed meanwhile
+        for _ in range(MAX_CONSECUTIVE_STEPS):
             if due > now:
                 break
             self._run_step()
@@ -141,7 +139,7 @@ class SimulationLoop:
         return due
 
     def _run_steps_while(self, is_wanted: Callable[[], bool]) -> None:
-        for _ in range(MOST_CONSECUTIVE_STEPS):
+        for _ in range(MAX_CONSECUTIVE_STEPS):
             if not is_wanted():
                 break
             self._run_step()
@@ -170,8 +168,8 @@ class SimulationLoop:
             if done.set_running_or_notify_cancel():
                 try:
                     done.set_result(call())
-                except Exception as wrong:  # reported to the caller
-                    done.set_exception(wrong)
+                except Exception as error:  # reported to the caller
+                    done.set_exception(error)
             self._guard(self._housekeeping)
 
     @staticmethod
@@ -185,5 +183,5 @@ class SimulationLoop:
 
 def check_pace(pace: float) -> None:
     """Check a pace. Raises InvalidChoice."""
-    if not 0.0 <= pace <= MOST_PACE:  # also refuses NaN
-        raise InvalidChoice("pace", f"{pace} is not 0 to {MOST_PACE:g} simulated seconds per second")
+    if not 0.0 <= pace <= MAX_PACE:  # also refuses NaN
+        raise InvalidChoice("pace", f"{pace} is not 0 to {MAX_PACE:g} simulated seconds per second")

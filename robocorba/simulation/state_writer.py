@@ -82,10 +82,10 @@ class StateWriter:
                 self._store.forget_client(key)
             if world:
                 self._store.save_world(world)
-        except ServiceError as wrong:
-            problem = wrong
+        except ServiceError as error:
+            problem = error
             if self._problem is None:
-                _log.error("the state of the simulation is not written: %s", wrong)
+                _log.error("the state of the simulation is not written: %s", error)
         with self._changed:
             self._problem = problem
             if problem is None:

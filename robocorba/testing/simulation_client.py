@@ -118,8 +118,8 @@ class Robots:
         except CORBA.OBJECT_NOT_EXIST:
             self.lost.add(robot.name)
             return
-        except CORBA.Exception as wrong:
-            self.wrong.append(describe(wrong))
+        except CORBA.Exception as error:
+            self.wrong.append(describe(error))
         if is_to_scan:
             self._scan(robot)
 
@@ -127,10 +127,10 @@ class Robots:
         began = time.monotonic()
         try:
             robot.scan()
-        except CORBA.Exception as wrong:
+        except CORBA.Exception as error:
             with contextlib.suppress(CORBA.Exception):
                 robot.session.heartbeat()  # a scan may fail only while the server does not answer
-                self.wrong.append(f"a scan of {robot.name}: {describe(wrong)}")
+                self.wrong.append(f"a scan of {robot.name}: {describe(error)}")
         self.scans.append(time.monotonic() - began)
 
 

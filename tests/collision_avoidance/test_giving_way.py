@@ -277,7 +277,7 @@ def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
 
 def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.control.base.MAX_BLOCKAGES", 1)
-    monkeypatch.setattr("robocorba.control.base.LONGEST_PAUSE_S", 1.0)
+    monkeypatch.setattr("robocorba.control.base.MAX_PAUSE_S", 1.0)
     crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)})
     wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
     assert wrong["A"].endswith("B is in the way")

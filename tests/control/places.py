@@ -118,8 +118,8 @@ class InProcessSession:
         session = self._answer()
         try:
             found = session.state()
-        except SessionExpired as wrong:
-            raise RobotLost(str(wrong)) from None
+        except SessionExpired as error:
+            raise RobotLost(str(error)) from None
         robot = session.robot
         self._latest = SessionState(
             found.time, found.pose, found.velocity, robot.holding, session.ride, robot.collisions, robot.touched

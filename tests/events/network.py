@@ -155,8 +155,8 @@ class GatewayWire:
         weather = self._network.weather
         try:
             there = self._network.reach(self._here, self._there)
-        except NotReachable as wrong:
-            raise NotDelivered(str(wrong)) from None
+        except NotReachable as error:
+            raise NotDelivered(str(error)) from None
         copies = [EventRun(run.header, run.times, run.payloads, run.first) for run in runs]
         if weather.strikes(weather.lost):
             return []

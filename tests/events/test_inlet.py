@@ -38,7 +38,7 @@ class Published:
 
 @pytest.fixture
 def published(monkeypatch: pytest.MonkeyPatch) -> Published:
-    for name, value in (("FIRST_PAUSE_S", 0.001), ("LONGEST_PAUSE_S", 0.002), ("MAX_FAILURES", 4)):
+    for name, value in (("FIRST_PAUSE_S", 0.001), ("MAX_PAUSE_S", 0.002), ("MAX_FAILURES", 4)):
         monkeypatch.setattr(inlet, name, value)
     return Published()
 

@@ -18,7 +18,7 @@ from tests.events.network import Consumer, Network, Weather
 def _hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """What a link waits for, all the same but shorter."""
     monkeypatch.setattr(gateway, "RENEW_INTERVAL_S", 0.02)
-    monkeypatch.setattr(gateway, "LONGEST_PAUSE_S", 0.05)
+    monkeypatch.setattr(gateway, "MAX_PAUSE_S", 0.05)
     monkeypatch.setattr(feed, "RETRANSMIT_S", 0.02)
     monkeypatch.setattr(feed, "RECHECK_S", 0.05)
     yield

@@ -38,7 +38,7 @@ def channel(tmp_path: Path) -> Iterator[Channel]:
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     """A consumer that does not answer is probed sooner, and disconnected after fewer failures."""
-    for name, value in (("FIRST_PAUSE_S", 0.001), ("LONGEST_PAUSE_S", 0.002), ("SETTLE_S", 0.0), ("MAX_FAILURES", 4)):
+    for name, value in (("FIRST_PAUSE_S", 0.001), ("MAX_PAUSE_S", 0.002), ("SETTLE_S", 0.0), ("MAX_FAILURES", 4)):
         monkeypatch.setattr(push_outlet, name, value)
 
 
@@ -105,7 +105,7 @@ def test_events_come_in_order_by_the_thread_or_in_line(channel: Channel, takes_b
 def test_in_line_a_supplier_has_delivered_when_it_returns(
     channel: Channel, takes_batches: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(push_outlet, "LONGEST_GAP_S", 0.0 if takes_batches else 60.0)  # plain ones are called anyway
+    monkeypatch.setattr(push_outlet, "MAX_GAP_S", 0.0 if takes_batches else 60.0)  # plain ones are called anyway
     consumer = Consumer(takes_batches)
     outlet = push_outlet_of(channel, consumer)
     publish(channel, 0)
@@ -141,7 +141,7 @@ def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypat
 
 def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(push_outlet, "FLOOD_GAP", 1e9)
-    monkeypatch.setattr(push_outlet, "LONGEST_GAP_S", 60.0)
+    monkeypatch.setattr(push_outlet, "MAX_GAP_S", 60.0)
     callers: list[str] = []
     outlet = push_outlet_of(channel, Consumer(answer=lambda items: callers.append(threading.current_thread().name)))
     for number in range(5):

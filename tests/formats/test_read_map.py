@@ -69,10 +69,10 @@ def test_a_hostile_value_anywhere(
     path.write_bytes(written(changed(small(), place, change)))
     try:
         result = read_map(path)
-    except MapFileError as wrong:
-        assert wrong.file == str(path)
-        assert wrong.line >= 1
-        assert len(str(wrong)) < 2_000
+    except MapFileError as error:
+        assert error.file == str(path)
+        assert error.line >= 1
+        assert len(str(error)) < 2_000
     else:
         assert validation.problems(result.building) == []
         assert all(len(loss) < 5_000 for loss in result.losses)

@@ -207,6 +207,6 @@ def test_a_hostile_value_anywhere(
     path.write_bytes(written(changed(LIST, place, change)))
     try:
         assert validation.problems(read_map(path).building) == []
-    except MapFileError as wrong:
-        assert wrong.line >= 1
-        assert len(str(wrong)) < 2_000
+    except MapFileError as error:
+        assert error.line >= 1
+        assert len(str(error)) < 2_000

@@ -263,8 +263,8 @@ def test_any_bytes_as_a_picture(tmp_path_factory: pytest.TempPathFactory, tail: 
     (folder / "map.png").write_bytes(head + tail)
     try:
         assert validation.problems(read_map(path).building) == []
-    except MapFileError as wrong:
-        assert wrong.key == "image"
+    except MapFileError as error:
+        assert error.key == "image"
 
 
 @settings(max_examples=60, deadline=None)

@@ -41,7 +41,7 @@ SHORTER = {
     },
     member: {"LEADER_TIMEOUT_S": 1.5, "END_ORDER_TIMEOUT_S": 3.0},
     mission_agent: {"FINAL_STATE_S": 0.5},
-    base: {"LONGEST_PAUSE_S": 2.0},
+    base: {"MAX_PAUSE_S": 2.0},
     giving_way: {"BLOCKED_BY_PARKED_S": 0.2, "BLOCKED_BY_LATER_S": 1.0},
     driving: {"STUCK_S": 1.0},
 }

@@ -28,7 +28,7 @@ LIMIT_S = 60.0
 #: Side of the grid maps [cells].
 GRID_SIZE = 96
 #: A geometric path may be longer than the shortest by this factor: arcs become tangent lines outside of them.
-LONGEST_RATIO = 1.01
+MAX_RATIO = 1.01
 #: Shorter paths are not compared, because the tangent lines of one arc count for more [m].
 SHORT_M = 0.5
 #: Number of paths on a large building that are compared to its fine grid, which takes a tenth of a second each.
@@ -58,7 +58,7 @@ class Tally:
         self.counts["touched"] += bool(verdict.touches)
         self.counts["other faults"] += bool(verdict.faults)
         self.counts["refused wrongly"] += verdict.is_refused_wrongly
-        too_long = ratio is not None and ratio > LONGEST_RATIO and self.mode is RouteMode.GEOMETRIC
+        too_long = ratio is not None and ratio > MAX_RATIO and self.mode is RouteMode.GEOMETRIC
         self.counts["too long"] += too_long
         if ratio is not None:
             self.ratios.append(ratio)
@@ -122,7 +122,7 @@ def show(tallies: Sequence[Tally]) -> bool:
         at_most("paths that touch something", total["touched"], 0),
         at_most("paths with other faults", total["other faults"], 0),
         at_most("ways refused wrongly", total["refused wrongly"], 0),
-        at_most("longest geometric path to the shortest", max(geometric, default=1.0), LONGEST_RATIO),
+        at_most("longest geometric path to the shortest", max(geometric, default=1.0), MAX_RATIO),
     ]
 
     def draw(axes: Axes) -> None:

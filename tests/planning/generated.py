@@ -34,7 +34,7 @@ from tests.planning.scenes import edge, node, room, wall
 #: Clearance of nodes from obstacles [m]: far less than a robot needs.
 NODE_CLEARANCE_M = 0.02
 #: Greatest distance of connected nodes [m], with few exceptions.
-LONGEST_EDGE_M = 7.0
+MAX_EDGE_M = 7.0
 
 
 def two_halls() -> Building:
@@ -176,7 +176,7 @@ def with_random_roads(building: Building, nodes: int, seed: int) -> Building:
             building = building.with_element(floor, found)
         for i, a in enumerate(kept):
             for b in kept[i + 1 :]:
-                chance = 0.35 if math.dist(a.at, b.at) <= LONGEST_EDGE_M else 0.02
+                chance = 0.35 if math.dist(a.at, b.at) <= MAX_EDGE_M else 0.02
                 far_enough = math.dist(a.at, b.at) > 0.01
                 if far_enough and rng.random() < chance and not len(tree.query(LineString([a.at, b.at]), "intersects")):
                     building = building.with_element(floor, _edge(a.name, b.name, rng))

@@ -23,7 +23,7 @@ ARC_SIDES = 12
 #: Vertices nearer to each other are equal [m].
 SAME_VERTEX_M = 1e-7
 #: Length of an edge between points at the same place [m]: a sparse graph has no edges of length 0.
-SHORTEST_EDGE_M = 1e-12
+MIN_EDGE_M = 1e-12
 
 
 def cabin_place(building: Building, elevator: str, floor: str) -> XY:
@@ -94,7 +94,7 @@ class VisibilityGraph:
         if start.floor == goal.floor and shapely.covers(self._spaces[start.floor], LineString([start[1:], goal[1:]])):
             return math.dist(start[1:], goal[1:])
         edges = np.concatenate([self._edges, *ends])
-        edges[:, 2] = np.maximum(edges[:, 2], SHORTEST_EDGE_M)
+        edges[:, 2] = np.maximum(edges[:, 2], MIN_EDGE_M)
         size = self._count + 2
         graph = sparse.coo_matrix((edges[:, 2], (edges[:, 0].astype(int), edges[:, 1].astype(int))), shape=(size, size))
         return float(csgraph.dijkstra(graph.tocsr(), directed=False, indices=self._count)[self._count + 1])

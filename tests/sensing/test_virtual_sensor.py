@@ -14,7 +14,7 @@ from robocorba.maps.model import ElementKind, Wall
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
 from robocorba.sensing.noise import Noise
 from robocorba.sensing.reports import Reports
-from robocorba.sensing.virtual_sensor import LAG_LIMIT_S, MOST_RAYS_AT_ONCE, Mount, ScanSpec, VirtualSensor
+from robocorba.sensing.virtual_sensor import LAG_LIMIT_S, MAX_RAYS_AT_ONCE, Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from tests.simulation.places import Clock, robot, tower
@@ -149,7 +149,7 @@ def test_what_is_too_old_is_not_told(place: Following) -> None:
         ([[1.0, 1.0, 0.0], [0.0, 0.0, math.inf]], Mount()),
         ([[0.0, 0.0, 0.0]], Mount(math.nan)),
         ([[0.0, 0.0, 0.0]], Mount(0.0, 0.0, -math.inf)),
-        ([[0.0, 0.0, 0.0]] * (MOST_RAYS_AT_ONCE // LASER.count + 1), Mount()),
+        ([[0.0, 0.0, 0.0]] * (MAX_RAYS_AT_ONCE // LASER.count + 1), Mount()),
     ],
 )
 def test_a_scan_that_can_not_be_made(place: Following, robots: list[list[float]], mount: Mount) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
 from robocorba.planning.elevators import ride, travel_time, travelled
-from robocorba.simulation.elevator import BOARDING_LIMIT_S, MOST_CALLS, Cabin, Phase, fits
+from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_CALLS, Cabin, Phase, fits
 from robocorba.spatial.elevator_state import Doors
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
@@ -380,7 +380,7 @@ def test_what_can_not_be_is_refused_by_name() -> None:
     for act in (lambda: lift.enter("A"), lambda: lift.leave("A"), lambda: lift.enter("X"), lambda: lift.cancel("X")):
         with pytest.raises(NoRide):
             act()
-    for number in range(MOST_CALLS - 1):
+    for number in range(MAX_CALLS - 1):
         lift.call(f"R{number}", "L1", "L2", 0.4)
     with pytest.raises(ElevatorFull):
         lift.call("last", "L1", "L2", 0.4)

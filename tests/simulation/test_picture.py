@@ -514,7 +514,7 @@ def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch
         width: math.prod(Shown(view_of(), width=width, painter=FloorPainter(scene())).image.size)
         for width in (300, 301, 302)
     }
-    monkeypatch.setattr(picture, "MOST_CACHED_PX", sum(sizes.values()) - 1)
+    monkeypatch.setattr(picture, "MAX_CACHED_PX", sum(sizes.values()) - 1)
     drawn.clear()
     for width in (300, 301, 300, 302, 300, 302, 301):
         Shown(view_of(), width=width, painter=painter)
@@ -522,7 +522,7 @@ def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch
 
 
 def test_a_layer_that_is_larger_than_all_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "MOST_CACHED_PX", 1)
+    monkeypatch.setattr(picture, "MAX_CACHED_PX", 1)
     painter = FloorPainter(scene())
     assert Shown(view_of(), painter=painter).png == Shown(view_of(), painter=painter).png
 

@@ -151,7 +151,7 @@ def test_a_robot_has_one_request_and_a_building_some(monkeypatch: pytest.MonkeyP
     with pytest.raises(UnknownFloor) as unknown:
         wanted(box(0, 0), box(0, 0, floor="L9" * 999))
     assert (unknown.value.which, len(unknown.value.floor)) == ("areas[1]", 200)
-    monkeypatch.setattr(reservations, "MOST_REQUESTS", 2)
+    monkeypatch.setattr(reservations, "MAX_REQUESTS", 2)
     kept = Reservations()
     kept.reserve("A", wanted(box(0, 0)))
     with pytest.raises(InvalidReservation) as refused:

@@ -21,5 +21,5 @@ if __name__ == "__main__":
     state, naming, limit_s = Path(sys.argv[1]).absolute(), Address.parse(sys.argv[2]), float((*sys.argv, "20")[3])
     try:
         run(System(StateFolder(state), naming, [ECHO], start_limit_s=limit_s))
-    except RoboCorbaError as wrong:
-        sys.exit(f"robocorba up: {wrong}")
+    except RoboCorbaError as error:
+        sys.exit(f"robocorba up: {error}")

@@ -6,7 +6,7 @@ from robocorba.events import inlet, proxies, push_outlet
 from robocorba.servers import event_channel
 
 push_outlet.MAX_FAILURES = inlet.MAX_FAILURES = 6
-push_outlet.LONGEST_PAUSE_S = inlet.LONGEST_PAUSE_S = 0.2
+push_outlet.MAX_PAUSE_S = inlet.MAX_PAUSE_S = 0.2
 push_outlet.PING_LIMIT_S, push_outlet.CALL_LIMIT_S, inlet.CALL_LIMIT_S = 0.3, 1.0, 0.3
 proxies.MAX_PROXIES = 100
 

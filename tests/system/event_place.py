@@ -22,8 +22,8 @@ from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
 from robocorba.testing.processes import Launcher, claimed_ports, eventually
 
-#: A channel's server that gives silent clients up sooner, and has MOST_PROXIES.
-IMPATIENT, MOST_PROXIES = "event_impatient_server", 100
+#: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
+IMPATIENT, MAX_PROXIES = "event_impatient_server", 100
 CONSUMER = (sys.executable, str(Path(__file__).with_name("event_consumer.py")))
 
 
@@ -196,8 +196,8 @@ class InBackground:
     def _run(self, call: Callable[[], Any]) -> None:
         try:
             self._answers.put(call())
-        except CORBA.Exception as wrong:
-            self._answers.put(wrong)
+        except CORBA.Exception as error:
+            self._answers.put(error)
 
     def answer(self, timeout_s: float = 10.0) -> Any:
         return self._answers.get(timeout=timeout_s)

@@ -158,16 +158,16 @@ def main() -> None:
             sent = CORBA.Any(typecode, value)
             try:
                 supplier.push(sent)
-            except CORBA.SystemException as wrong:
-                print(f"{name}: refused: {wrong}", flush=True)
+            except CORBA.SystemException as error:
+                print(f"{name}: refused: {error}", flush=True)
                 continue
             for way, receive in ways.items():
                 try:
                     came = receive()
                     is_same = came.typecode().equal(typecode) and told(came.value()) == told(value)
                     print(f"{name}: {way}: {'same' if is_same else told(came)}", flush=True)
-                except (CORBA.SystemException, queue.Empty) as wrong:
-                    print(f"{name}: {way}: {wrong!r}", flush=True)
+                except (CORBA.SystemException, queue.Empty) as error:
+                    print(f"{name}: {way}: {error!r}", flush=True)
 
 
 if __name__ == "__main__":

@@ -44,8 +44,8 @@ def main(naming: str) -> None:
                 path = planner.getPath(start, goal)
                 if (path[0].kind, path[-1].kind) != (RoboCorba.START, RoboCorba.GOAL):
                     errors.append(f"a path from {path[0].kind} to {path[-1].kind}")
-            except CORBA.Exception as wrong:
-                errors.append(f"{describe(wrong)} {wrong}")
+            except CORBA.Exception as error:
+                errors.append(f"{describe(error)} {error}")
             now = time.monotonic()
             answers, longest_s, last = answers + 1, max(longest_s, now - last), now
     print(msgspec.json.encode({"answers": answers, "longest_ms": 1000 * longest_s, "errors": errors[:10]}).decode())

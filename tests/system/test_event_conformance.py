@@ -18,7 +18,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually, hang
 from tests.system.event_place import (
     IMPATIENT,
-    MOST_PROXIES,
+    MAX_PROXIES,
     InBackground,
     Place,
     PullConsumer,
@@ -314,14 +314,14 @@ def test_a_callback_that_raises_keeps_no_other_from_being_called(ending: Lab) ->
 
 def test_there_are_no_more_proxies_than_the_limit(lab: Lab) -> None:
     makers = (lab.for_push_supplier, lab.for_pull_supplier, lab.for_push_consumer, lab.for_pull_consumer)
-    for number in range(MOST_PROXIES - len(lab.place.balanced_states("lab"))):
+    for number in range(MAX_PROXIES - len(lab.place.balanced_states("lab"))):
         makers[number % 4]()
     for make in makers:
         with pytest.raises(CORBA.IMP_LIMIT):
             make()
     with pytest.raises(RoboCorba.TooManyProxies) as refused:
         lab.place.channel("lab").supply("one too many")
-    assert refused.value.limit == MOST_PROXIES
+    assert refused.value.limit == MAX_PROXIES
 
 
 # ---- delivery ----

@@ -64,8 +64,8 @@ class Editing:
             except GONE:
                 self.unknown.append(names)
                 return
-            except CORBA.Exception as wrong:
-                self.unexpected.append(repr(wrong))
+            except CORBA.Exception as error:
+                self.unexpected.append(repr(error))
                 return
 
     def _edit(self, names: tuple[str, ...]) -> int:

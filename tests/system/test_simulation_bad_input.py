@@ -39,7 +39,7 @@ MANY = settings(max_examples=60, deadline=None, suppress_health_check=list(Healt
 #: Robots that want to log on, far more than may.
 CROWD, CROWD_LIMIT_S = 10_000, 15.0
 #: No text of an answer is longer, whatever was asked.
-MOST_TEXT = 1000
+MAX_TEXT = 1000
 SERVERS = ("simulation", "sensor_s1")
 
 
@@ -524,7 +524,7 @@ def test_no_answer_repeats_a_text_that_is_too_long(place: Place) -> None:
             with pytest.raises(CORBA.UserException) as refused:
                 call()
             longest = max(len(text) for text in texts_in(refused.value))
-            assert longest <= MOST_TEXT, type(refused.value)
+            assert longest <= MAX_TEXT, type(refused.value)
 
 
 def texts_in(value: Any) -> Iterator[str]:

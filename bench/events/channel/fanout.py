@@ -18,8 +18,8 @@ CONSUMERS = (1, 10, 50, 100, 200)
 PROCESSES = 4
 WAYS = (PLAIN.name, HEADER.name)
 #: Maximum ratio of the cost of a delivery with many consumers to that with one.
-MOST_GROWTH = 1.5
-MOST_EVENTS = 5000
+MAX_GROWTH = 1.5
+MAX_EVENTS = 5000
 _LIMIT_S = 120.0
 
 
@@ -41,7 +41,7 @@ def run(quick: bool) -> bool:
         for column in ("CPU, us", "wall, us"):
             costs = [row[column] for row in rows if row["consumers are"] == peer]
             marks.append(
-                at_most(f"{peer}, {column} a delivery, worst / one consumer", max(costs) / costs[0], MOST_GROWTH)
+                at_most(f"{peer}, {column} a delivery, worst / one consumer", max(costs) / costs[0], MAX_GROWTH)
             )
     title = "Cost of a delivery: CPU time of the channel's process, and wall time"
     return summarize("event_channel_fanout", title, rows, marks, lambda axes: _draw(axes, rows))
@@ -57,7 +57,7 @@ def _measure(peer: str, count: int, deliveries: int) -> dict[str, float]:
         supplier = stage.supplier(peer, broker)
         ready(supplier)
         channel = psutil.Process(broker.pid)
-        events = min(MOST_EVENTS, deliveries // count)
+        events = min(MAX_EVENTS, deliveries // count)
         _flood(supplier, consumers, 0, max(20, events // 10))
         before = _cpu_s(channel)
         found = _flood(supplier, consumers, 1_000_000, events)

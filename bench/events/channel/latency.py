@@ -30,7 +30,7 @@ RATE = 1000.0
 #: Events of a turn, and events before it that do not count, because the processes have slept.
 TURN, WARM_UP = 200, 50
 #: Maximum ratio of the median of ours, plain, to the median of a peer.
-MOST_OF = {OMNIEVENTS.name: 0.6, REDIS.name: 0.7}
+MAX_OF = {OMNIEVENTS.name: 0.6, REDIS.name: 0.7}
 
 #: By peer: the results of each round or turn.
 Found = dict[str, list[dict[str, Any]]]
@@ -93,7 +93,7 @@ def _ratio(results: Found, peer: str, share: float) -> float:
 
 def _marks(results: Found) -> list[Mark]:
     marks = []
-    for peer, limit in MOST_OF.items():
+    for peer, limit in MAX_OF.items():
         if peer in results:
             marks.append(at_most(f"p50 of ours, plain / {peer}", _ratio(results, peer, 0.5), limit))
             marks.append(at_most(f"p99 of ours, plain / {peer}", _ratio(results, peer, 0.99), 1.0))

@@ -22,7 +22,7 @@ LAP_S = 10.0
 SAMPLE_S = 2.0
 #: Share of the time in which caches fill, and maximum growth after it.
 WARM_UP_SHARE = 0.25
-MOST_MIB_AN_HOUR = 2.0
+MAX_MIB_AN_HOUR = 2.0
 MIB = 2**20
 #: Rows of the table.
 ROWS = 20
@@ -49,7 +49,7 @@ def run(minutes: float) -> bool:
     rows = [{"minutes": at / 60, "resident, MiB": size} for at, size in samples[::step]]
     slope = slope_an_hour(*zip(*samples, strict=True))
     marks = [
-        at_most("growth after the warm-up, MiB an hour", slope, MOST_MIB_AN_HOUR),
+        at_most("growth after the warm-up, MiB an hour", slope, MAX_MIB_AN_HOUR),
         at_most(f"events lost of {events:,} for each of {sum(CONSUMERS.values())} consumers", lost, 0),
     ]
     traffic = f"{sum(SUPPLIERS.values()):g} events a second for {sum(CONSUMERS.values())} consumers"

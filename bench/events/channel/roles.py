@@ -20,7 +20,7 @@ from bench.events.channel.peers import PEERS
 from bench.events.channel.peers.base import Supplier
 from bench.events.channel.peers.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
 
-MOST_GAPS = 20
+MAX_GAPS = 20
 
 
 def supply(peer: str, address: str) -> None:
@@ -101,7 +101,7 @@ def _verdict(arrivals: Arrivals, sent: list[range], latencies_from: int | None) 
     return {
         "count": len(arrivals),
         **quality(arrivals, sent)._asdict(),
-        "gaps": gaps(arrivals, sent[0])[:MOST_GAPS] if len(sent) == 1 else [],
+        "gaps": gaps(arrivals, sent[0])[:MAX_GAPS] if len(sent) == 1 else [],
         "first": int(arrivals.came[0]) if len(arrivals) else 0,
         "last": int(arrivals.came[-1]) if len(arrivals) else 0,
         "latencies": [] if latencies_from is None else counted.latencies_us.round(1).tolist(),

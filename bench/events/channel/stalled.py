@@ -21,7 +21,7 @@ RATE = 200.0
 #: Events before the stop, of which the first do not count, and during it: more than fit into the queue of a consumer.
 BEFORE, WARM_UP, DURING = 1000, 100, 3 * BOUND
 #: Maximum growth of the p99 latency of the healthy consumers.
-MOST_GROWTH = 1.5
+MAX_GROWTH = 1.5
 _LIMIT_S = 60.0
 
 
@@ -42,7 +42,7 @@ def run(quick: bool) -> bool:
         at_most(
             "growth of the p99 of the healthy, median of rounds",
             statistics.median(r["growth"] for r in rounds),
-            MOST_GROWTH,
+            MAX_GROWTH,
         ),
         at_most("events that the healthy lost", sum(r["lost by healthy"] for r in rounds), 0),
         at_most("events beside the account of the stalled one", sum(r["unaccounted"] for r in rounds), 0),

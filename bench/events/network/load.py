@@ -19,7 +19,7 @@ import psutil
 PERIOD_S = 0.01
 #: Interval of the load control [s], and its gain.
 LOOK_S, GAIN = 0.2, 0.3
-LONGEST_SHARE = 0.95
+MAX_SHARE = 0.95
 
 
 class Core:
@@ -55,7 +55,7 @@ class Governor:
 
     def correct(self, busy: float) -> None:
         """Adjust the work to the measured load of the core."""
-        self.work = min(LONGEST_SHARE, max(0.0, self.work + GAIN * (self.wanted - busy))) if self.wanted else 0.0
+        self.work = min(MAX_SHARE, max(0.0, self.work + GAIN * (self.wanted - busy))) if self.wanted else 0.0
 
 
 def work(governor: Governor, core: Core) -> None:

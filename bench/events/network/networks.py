@@ -204,8 +204,8 @@ def networks(folder: Path, cores: Sequence[int], relay: bool = False) -> Iterato
             with contextlib.ExitStack() as attempt:
                 try:
                     network = NamespaceNetwork(attempt, folder, cores)
-                except OSError as wrong:
-                    print(f"no network namespaces here ({wrong}); a relay on the loopback instead", file=sys.stderr)
+                except OSError as error:
+                    print(f"no network namespaces here ({error}); a relay on the loopback instead", file=sys.stderr)
                 else:
                     stack.enter_context(attempt.pop_all())
                     yield network

@@ -152,8 +152,8 @@ def forwarded_run_of(struct: Any) -> EventRun:
 def _with_origin(header: EventHeader, origin: str) -> EventHeader:
     try:
         return header._replace(origin=check_name(origin))
-    except InvalidPeer as wrong:
-        raise InvalidEvent("origin", wrong.reason) from None
+    except InvalidPeer as error:
+        raise InvalidEvent("origin", error.reason) from None
 
 
 # ---- sent events ----

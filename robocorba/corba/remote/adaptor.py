@@ -48,8 +48,8 @@ class RemoteAdaptor(RobotAdaptor):
                 if given.uri
                 else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, FIND_LIMIT_S)
             )
-        except NotReachable as wrong:
-            raise RobotLost(str(wrong)) from None
+        except NotReachable as error:
+            raise RobotLost(str(error)) from None
         uri = self._orb.uri(found)
         self._starter, self._adaptor = (self._orb.reference(uri, RoboCorba.RobotAdaptor) for _ in range(2))
         set_call_timeout(self._starter, START_LIMIT_S)
@@ -75,5 +75,5 @@ class RemoteAdaptor(RobotAdaptor):
         try:
             with translated("the robot's adaptor", RobotLost):
                 return call()
-        except CORBA.UserException as wrong:  # one that RoboCorba's IDL does not have
-            raise AdaptorFailed(str(wrong)) from None
+        except CORBA.UserException as error:  # one that RoboCorba's IDL does not have
+            raise AdaptorFailed(str(error)) from None

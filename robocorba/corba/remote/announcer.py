@@ -69,10 +69,10 @@ class Announcer:
                 found = [happening._asdict() for happening in happened if happening.kind == kind]
                 self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", found)
             self._is_failing = False
-        except (NotReachable, EventError) as wrong:
+        except (NotReachable, EventError) as error:
             self._events = None
             if not self._is_failing:
-                _log.warning("cannot publish on event channel %s: %s", self._channel, wrong)
+                _log.warning("cannot publish on event channel %s: %s", self._channel, error)
             self._is_failing = True
 
     def _push(self, source: str, kind: str, payloads: list[Any]) -> None:

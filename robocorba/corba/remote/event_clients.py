@@ -60,8 +60,8 @@ class _RemoteClient:
         try:
             self._set_limit(DISCONNECT_LIMIT_S)
             getattr(self._remote, self._disconnect_operation)()
-        except CORBA.Exception as wrong:
-            _log.info("could not notify %s of its disconnection (%s)", self.address, describe(wrong))
+        except CORBA.Exception as error:
+            _log.info("could not notify %s of its disconnection (%s)", self.address, describe(error))
 
 
 class RemotePushConsumer(_RemoteClient):
@@ -79,16 +79,16 @@ class RemotePushConsumer(_RemoteClient):
         value = events.any_of(run)
         try:
             self._remote.push(value)
-        except CORBA.Exception as wrong:
-            raise delivery_failure(wrong) from None
+        except CORBA.Exception as error:
+            raise delivery_failure(error) from None
 
     def answers(self, limit_s: float) -> bool:
         self._set_limit(limit_s)
         try:
             if self._remote._non_existent():
                 raise ClientGone("it does not exist")
-        except _GONE as wrong:
-            raise ClientGone(describe(wrong)) from None
+        except _GONE as error:
+            raise ClientGone(describe(error)) from None
         except CORBA.SystemException:
             return False
         return True
@@ -109,8 +109,8 @@ class RemoteEventConsumer(RemotePushConsumer):
                 self._remote.pushTogether(items[0].clause_number, events.together(items[0]))
             else:
                 self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, EventRun)])
-        except CORBA.Exception as wrong:
-            raise delivery_failure(wrong) from None
+        except CORBA.Exception as error:
+            raise delivery_failure(error) from None
 
 
 class RemotePullSupplier(_RemoteClient):
@@ -123,12 +123,12 @@ class RemotePullSupplier(_RemoteClient):
         self._set_limit(limit_s)
         try:
             value, has_event = self._remote.try_pull()
-        except CORBA.Exception as wrong:
-            raise delivery_failure(wrong) from None
+        except CORBA.Exception as error:
+            raise delivery_failure(error) from None
         try:
             return events.run_of_any(value) if has_event else None
-        except InvalidEvent as wrong:
-            _log.warning("%s supplied an invalid event (%s)", self.address, wrong)
+        except InvalidEvent as error:
+            _log.warning("%s supplied an invalid event (%s)", self.address, error)
             return None
 
 

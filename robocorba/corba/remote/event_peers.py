@@ -44,12 +44,12 @@ class RemoteGateway:
         try:
             try:
                 self._remote.forward(session, position, structs)
-            except _PERMANENT_FAILURES as wrong:
-                _log.warning("a batch cannot be sent (%s)", describe(wrong))
+            except _PERMANENT_FAILURES as error:
+                _log.warning("a batch cannot be sent (%s)", describe(error))
                 self._remote.forward(session, position, [])
                 return runs
-        except CORBA.SystemException as wrong:
-            raise NotDelivered(describe(wrong)) from None
+        except CORBA.SystemException as error:
+            raise NotDelivered(describe(error)) from None
         return unsendable
 
 
@@ -70,20 +70,20 @@ class RemoteFeed:
             return events.advertisements_of(self._remote.renew(self.session, position, events.advertisements(news)))
         except RoboCorba.SessionOver:
             raise SessionOver("the peer has ended the session") from None
-        except CORBA.SystemException as wrong:
-            raise NotReachable(describe(wrong)) from None
+        except CORBA.SystemException as error:
+            raise NotReachable(describe(error)) from None
 
     def acknowledge(self, position: int) -> None:
         try:
             self._acknowledging.acknowledge(self.session, position)
-        except CORBA.SystemException as wrong:  # the next renewal acknowledges too
-            _log.debug("acknowledgement lost (%s)", describe(wrong))
+        except CORBA.SystemException as error:  # the next renewal acknowledges too
+            _log.debug("acknowledgement lost (%s)", describe(error))
 
     def leave(self) -> None:
         try:
             self._remote.leave(self.session)
-        except CORBA.Exception as wrong:
-            _log.info("could not notify the peer that the link was removed (%s)", describe(wrong))
+        except CORBA.Exception as error:
+            _log.info("could not notify the peer that the link was removed (%s)", describe(error))
 
 
 class PeerJoiner:
@@ -120,12 +120,12 @@ class PeerJoiner:
             if found != record.name:
                 raise InvalidPeer("address", f"the channel there is {found!r}, not {record.name!r}")
             terms = channel.joinGateway(self._name, self._channel, self._gateway)
-        except RoboCorba.InvalidPeer as wrong:
-            raise InvalidPeer(wrong.field, wrong.reason) from None
+        except RoboCorba.InvalidPeer as error:
+            raise InvalidPeer(error.field, error.reason) from None
         except CORBA.OBJECT_NOT_EXIST:
             raise InvalidPeer("address", f"there is no channel {record.name!r} at this address") from None
         except CORBA.BAD_OPERATION:
             raise InvalidPeer("address", "what is at this address is no event channel") from None
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"{record.name} does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise NotReachable(f"{record.name} does not answer ({describe(error)})") from None
         return RemoteFeed(self._orb, terms), self._orb.uri(channel)

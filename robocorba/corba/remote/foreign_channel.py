@@ -45,8 +45,8 @@ class _ForeignProxyConsumer(RemotePushConsumer):
             self._echoes.expect(content)
         try:
             self._remote.push(value)
-        except CORBA.Exception as wrong:
-            failure = delivery_failure(wrong)
+        except CORBA.Exception as error:
+            failure = delivery_failure(error)
             if is_plain and isinstance(failure, NotDelivered | Refused):
                 self._echoes.recognise(content)
             raise failure from None
@@ -66,9 +66,9 @@ class ForeignChannel:
             proxy_consumer.connect_push_supplier(None)
             self._proxy_supplier = self._limited(self._limited(channel.for_consumers()).obtain_push_supplier())
             self._proxy_supplier.connect_push_consumer(reference)
-        except (CORBA.Exception, NotReachable) as wrong:
+        except (CORBA.Exception, NotReachable) as error:
             orb.deactivate(self._servant)
-            raise NotReachable(str(wrong) if isinstance(wrong, NotReachable) else describe(wrong)) from None
+            raise NotReachable(str(error) if isinstance(error, NotReachable) else describe(error)) from None
         self.consumer = _ForeignProxyConsumer(orb, orb.uri(proxy_consumer), echoes)
         self._proxy_consumer = proxy_consumer
 

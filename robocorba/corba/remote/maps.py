@@ -38,8 +38,8 @@ class RemoteMap:
                 self._apply_changes()
         except RoboCorba.VersionUnavailable:
             self._load()
-        except CORBA.SystemException as wrong:
-            raise NotReachable(f"the map editor does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise NotReachable(f"the map editor does not answer ({describe(error)})") from None
         return self.version != before
 
     def _load(self) -> None:
@@ -58,8 +58,8 @@ class RemoteMap:
                 }
                 floors[name] = FloorMap(entry.floor, GeometricalMap(**plan))
             building = Building(building.name, floors, building.elevators)
-        except CORBA.Exception as wrong:
-            raise NotReachable(f"the map can't be loaded from the map editor ({describe(wrong)})") from None
+        except CORBA.Exception as error:
+            raise NotReachable(f"the map can't be loaded from the map editor ({describe(error)})") from None
         self.building = building
         with contextlib.suppress(RoboCorba.VersionUnavailable):
             self._apply_changes()  # edits during loading

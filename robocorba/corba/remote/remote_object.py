@@ -22,10 +22,10 @@ def translated(what: str, failure: type[RoboCorbaError] = NotReachable) -> Itera
     """Calls inside raise domain errors for IDL exceptions, and `failure` if `what` does not answer."""
     try:
         yield
-    except CORBA.UserException as wrong:
-        raise (domain_error(wrong) or wrong) from None
-    except CORBA.SystemException as wrong:
-        raise failure(f"{what} does not answer ({describe(wrong)})") from None
+    except CORBA.UserException as error:
+        raise (domain_error(error) or error) from None
+    except CORBA.SystemException as error:
+        raise failure(f"{what} does not answer ({describe(error)})") from None
 
 
 class RemoteObject:

@@ -16,7 +16,7 @@ from robocorba.simulation.load_balance import LoadBalance
 #: Time that a robot's call waits for a sensor server to appear [s].
 FIND_LIMIT_S = 5.0
 #: Calls that wait at the same time at most: each occupies one of the server's few threads.
-MOST_WAITING = 4
+MAX_WAITING = 4
 #: Timeout of a call to a sensor server [s].
 CALL_LIMIT_S = 1.0
 #: Interval between attempts to find a sensor server [s].
@@ -29,7 +29,7 @@ class RemoteSensors:
 
     def __init__(self, balance: LoadBalance) -> None:
         self._balance = balance
-        self._waiting = threading.Semaphore(MOST_WAITING)
+        self._waiting = threading.Semaphore(MAX_WAITING)
         self._dismissals = ThreadPoolExecutor(1, "sensor-dismissals")
 
     def find(self, robot: str) -> Any:
@@ -53,9 +53,9 @@ class RemoteSensors:
             try:
                 set_call_timeout(sensor.reference, CALL_LIMIT_S)
                 return sensor.reference.forRobot(robot)
-            except CORBA.SystemException as wrong:
+            except CORBA.SystemException as error:
                 _log.warning(
-                    "virtual sensor %s does not answer (%s); reassigning its robots", sensor.name, describe(wrong)
+                    "virtual sensor %s does not answer (%s); reassigning its robots", sensor.name, describe(error)
                 )
                 self._balance.remove(sensor.name)
         return None
@@ -72,5 +72,5 @@ class RemoteSensors:
         try:
             set_call_timeout(reference, CALL_LIMIT_S)
             reference.dismiss(robot)
-        except CORBA.SystemException as wrong:
-            _log.warning("could not dismiss %s at its previous virtual sensor (%s)", robot, describe(wrong))
+        except CORBA.SystemException as error:
+            _log.warning("could not dismiss %s at its previous virtual sensor (%s)", robot, describe(error))

@@ -126,8 +126,8 @@ class RemoteSession:
             self._session.heartbeat()
         except CORBA.OBJECT_NOT_EXIST:
             return False
-        except CORBA.SystemException as wrong:
-            raise self._lost(wrong) from None
+        except CORBA.SystemException as error:
+            raise self._lost(error) from None
         return True
 
     def _register_near(self, place: Pose) -> None:
@@ -151,22 +151,22 @@ class RemoteSession:
             set_call_timeout(self._slow_session, CHANGE_LIMIT_S)
             self._sensor = self._slow_session._get_sensor()
             set_call_timeout(self._sensor, CHANGE_LIMIT_S)  # the first call may wait for the sensor server
-        except NotReachable as wrong:
-            raise RobotLost(str(wrong)) from None
-        except CORBA.UserException as wrong:
-            raise (domain_error(wrong) or wrong) from None
-        except CORBA.SystemException as wrong:
-            raise self._lost(wrong) from None
+        except NotReachable as error:
+            raise RobotLost(str(error)) from None
+        except CORBA.UserException as error:
+            raise (domain_error(error) or error) from None
+        except CORBA.SystemException as error:
+            raise self._lost(error) from None
 
     def _call(self, call: Callable[[], Answer]) -> Answer:
         if self._session is None:
             raise RobotLost(f"{self.about.name} is not logged on")
         try:
             return call()
-        except CORBA.UserException as wrong:
-            raise (domain_error(wrong) or wrong) from None
-        except CORBA.SystemException as wrong:
-            raise self._lost(wrong) from None
+        except CORBA.UserException as error:
+            raise (domain_error(error) or error) from None
+        except CORBA.SystemException as error:
+            raise self._lost(error) from None
 
     @staticmethod
     def _lost(wrong: CORBA.SystemException) -> RobotLost:

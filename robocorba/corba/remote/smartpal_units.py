@@ -78,8 +78,8 @@ class RemoteSmartPalUnits:
         for unit, (name, interface) in _BOUND.items():
             try:
                 self._units[unit] = orb.resolve_in_other_naming_service(naming, name, interface, CALL_LIMIT_S)
-            except NotReachable as wrong:
-                raise AdaptorFailed(str(wrong)) from None
+            except NotReachable as error:
+                raise AdaptorFailed(str(error)) from None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -207,8 +207,8 @@ class RemoteSmartPalUnits:
     def _call_once(self, unit: str, operation: str, *arguments: Any) -> Any:
         try:
             return getattr(self._units[unit], operation)(*arguments)
-        except CORBA.SystemException as wrong:
-            raise AdaptorFailed(f"{unit} does not answer ({describe(wrong)})") from None
+        except CORBA.SystemException as error:
+            raise AdaptorFailed(f"{unit} does not answer ({describe(error)})") from None
 
     def _order(self, unit: str, operation: str, *arguments: Any) -> None:
         answer = self._call(unit, operation, *arguments)

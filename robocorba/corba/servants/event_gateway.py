@@ -25,8 +25,8 @@ class EventGatewayServant(RoboCorba__POA.EventGateway):
         for struct in runs:
             try:
                 received.append(events.forwarded_run_of(struct))
-            except InvalidEvent as wrong:  # oneway: cannot be reported to the peer
-                _log.warning("a peer forwarded invalid events (%s)", wrong)
+            except InvalidEvent as error:  # oneway: cannot be reported to the peer
+                _log.warning("a peer forwarded invalid events (%s)", error)
         self._links.forward(session, position, received)
 
 

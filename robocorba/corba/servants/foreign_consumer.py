@@ -25,8 +25,8 @@ class ForeignConsumerServant(CosEventComm__POA.PushConsumer):
     def push(self, value: Any) -> None:
         try:
             run = events.run_from_foreign_channel(value)
-        except InvalidEvent as wrong:
-            _log.warning("a foreign channel pushed an invalid event (%s)", wrong)
+        except InvalidEvent as error:
+            _log.warning("a foreign channel pushed an invalid event (%s)", error)
             return
         self._receive(run, None if run.header.origin else content_of(value, self._uri))
 

@@ -141,9 +141,9 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
     def importMap(self, document: str, expected: int) -> int:
         try:
             building = native.loads(document, "document")
-        except MapFileError as wrong:
-            raise RoboCorba.InvalidMap(wrong.line, wrong.key, wrong.reason) from wrong
+        except MapFileError as error:
+            raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
         try:
             return self._editor.replace(building, expected)
-        except InvalidElement as wrong:  # valid, but too large
-            raise RoboCorba.InvalidMap(0, "", str(wrong)) from wrong
+        except InvalidElement as error:  # valid, but too large
+            raise RoboCorba.InvalidMap(0, "", str(error)) from error

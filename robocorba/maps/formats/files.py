@@ -31,5 +31,5 @@ def write_file(path: Path, content: bytes) -> None:
     """Write a file. Raises MapFileError if that fails."""
     try:
         path.write_bytes(content)
-    except OSError as wrong:
-        raise MapFileError(str(path), 0, "", wrong.strerror or str(wrong)) from None
+    except OSError as error:
+        raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None

@@ -65,8 +65,8 @@ def open_store(path: Path, building: Path | None) -> MapStore:
 def _origin(file: Path) -> Origin:
     try:
         return Origin(str(file.absolute()), hashlib.sha256(file.read_bytes()).hexdigest())
-    except OSError as wrong:
-        raise MapFileError(str(file), 0, "", wrong.strerror or str(wrong)) from None
+    except OSError as error:
+        raise MapFileError(str(file), 0, "", error.strerror or str(error)) from None
 
 
 def _read_origin(origin_file: Path) -> Origin | None:

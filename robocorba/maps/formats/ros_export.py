@@ -42,8 +42,8 @@ def write(
         picture = target.with_suffix(f".{image}")
         try:
             Image.fromarray(shades).save(picture, format="PPM" if image == "pgm" else "PNG")
-        except OSError as wrong:
-            raise MapFileError(str(picture), 0, "", wrong.strerror or str(wrong)) from None
+        except OSError as error:
+            raise MapFileError(str(picture), 0, "", error.strerror or str(error)) from None
         write_file(target, _yaml(picture.name, canvas).encode())
         files += [target, picture]
         _report(building, floor, losses)

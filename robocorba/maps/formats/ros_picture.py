@@ -129,8 +129,8 @@ def _picture(item: Item, folder: Path) -> np.ndarray:
                 return _channels(picture)
     except Image.DecompressionBombError:
         raise item.error(f"too many cells, at most {MAX_CELLS} can be read") from None
-    except _IMAGE_ERRORS as wrong:
-        reason = wrong.strerror if isinstance(wrong, OSError) else str(wrong)
+    except _IMAGE_ERRORS as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
         raise item.error(f"unreadable picture: {reason or 'unknown format or damaged'}") from None
 
 
