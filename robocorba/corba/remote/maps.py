@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Collection
 from typing import Any
 
 from omniORB import CORBA
@@ -11,10 +12,10 @@ from robocorba.corba.calls import describe
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap, GeometricalMap
+from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap, GeometricalMap, TopologicalMap
 from robocorba.stubs import RoboCorba
 
-#: Element kinds that the copy omits: only the path planning agent uses the topological map.
+#: Element kinds that a copy omits by default: few processes need the topological map.
 EXCLUDED_KINDS = (ElementKind.NODE, ElementKind.EDGE)
 #: Default timeout to find the map editor [s]. An editor that compiles for the first time starts slowly; the
 #: starter of this process waits no longer than this.
@@ -22,11 +23,17 @@ LOAD_TIMEOUT_S = 300.0
 
 
 class RemoteMap:
-    """The geometrical maps and elevators of a building.
+    """The geometrical maps and elevators of a building, and what else `excluded_kinds` does not leave out.
 
     Raises NotReachable if there is no map editor within `timeout_s`, or if loading fails."""
 
-    def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S) -> None:
+    def __init__(
+        self,
+        orb: Orb,
+        timeout_s: float = LOAD_TIMEOUT_S,
+        excluded_kinds: Collection[ElementKind] = EXCLUDED_KINDS,
+    ) -> None:
+        self._excluded = excluded_kinds
         self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
         self._load()
 
@@ -51,12 +58,13 @@ class RemoteMap:
                     building = building.with_element("", element)
             floors = {}
             for name, entry in building.floors.items():
-                plan = {
-                    collection: self._elements(kind, name)
-                    for kind, (layer, collection) in PLACE.items()
-                    if layer == "geometrical"
-                }
-                floors[name] = FloorMap(entry.floor, GeometricalMap(**plan))
+                layers: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
+                for kind, (layer, collection) in PLACE.items():
+                    if kind not in self._excluded:
+                        layers[layer][collection] = self._elements(kind, name)
+                floors[name] = FloorMap(
+                    entry.floor, GeometricalMap(**layers["geometrical"]), TopologicalMap(**layers["topological"])
+                )
             building = Building(building.name, floors, building.elevators)
         except CORBA.Exception as error:
             raise NotReachable(f"the map can't be loaded from the map editor ({describe(error)})") from None
@@ -73,7 +81,7 @@ class RemoteMap:
         for change in self._editor.changesSince(version):
             version, element = change.changedTo, maps.element_of(change.value)
             kind = KIND_OF[type(element)]
-            if kind in EXCLUDED_KINDS:
+            if kind in self._excluded:
                 continue
             if change.kind == RoboCorba.REMOVED:
                 with contextlib.suppress(KeyError):
