@@ -23,8 +23,6 @@ Rows = NDArray[np.void]
 _LENGTH = struct.Struct("<I")
 
 
-
-
 def update_frame(update: FloorUpdate) -> bytes:
     """The frame of an update."""
     header = {

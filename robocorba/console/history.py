@@ -73,7 +73,10 @@ class History:
                 is_same = bodies == last.bodies, elevators == last.elevators, np.array_equal(rows, last.rows)
                 if all(is_same):
                     return
-                bodies, elevators = (last.bodies if is_same[0] else bodies), (last.elevators if is_same[1] else elevators)
+                bodies, elevators = (
+                    (last.bodies if is_same[0] else bodies),
+                    (last.elevators if is_same[1] else elevators),
+                )
             moments.append(Moment(at_s, view.time, view.map_version, bodies, elevators, rows))
             self._bytes += rows.nbytes
             self._forget(at_s)

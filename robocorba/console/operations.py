@@ -1,0 +1,80 @@
+"""What pages ask the console to do: calls by name with JSON arguments, each translated to calls of CORBA objects."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.agents import RemoteAgent, robots
+from robocorba.errors.base import RoboCorbaError
+
+#: Timeout for the confirmation of an emergency stop [s].
+STOP_LIMIT_S = 3.0
+#: Timeout for finding a robot [s].
+RESOLVE_TIMEOUT_S = 1.0
+Operation = Callable[..., Any]
+
+
+class InvalidArguments(RoboCorbaError):
+    """Arguments that the operation does not have, or that it misses."""
+
+
+class Operations:
+    """Operations by name: public methods of this class and of the parts that pages add."""
+
+    def __init__(self, orb: Orb) -> None:
+        self._orb = orb
+        self._known: dict[str, Operation] = {}
+        self.add(self)
+
+    def add(self, part: object) -> None:
+        """Add the public methods of `part`."""
+        for name, method in inspect.getmembers(part, inspect.ismethod):
+            if not name.startswith("_") and name not in ("add", "call"):
+                self._known[name] = method
+
+    def call(self, name: str, arguments: dict[str, Any]) -> Any:
+        """The answer of an operation, as JSON types. Raises RoboCorbaError."""
+        if name not in self._known:
+            raise InvalidArguments(f"there is no operation {name[:80]!r}")
+        try:
+            inspect.signature(self._known[name]).bind(**arguments)
+        except TypeError as error:
+            raise InvalidArguments(f"{name}: {error}") from None
+        return self._known[name](**arguments)
+
+    # ---- robots ----
+
+    def stop_all(self) -> dict[str, str]:
+        """Emergency stop of all robots, at the same time; robots that did not confirm, with the reason."""
+        failed: dict[str, str] = {}
+
+        def stop(robot: str) -> None:
+            try:
+                RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S).stop()
+            except RoboCorbaError as error:
+                failed[robot] = str(error)
+
+        names = robots(self._orb)
+        threads = [threading.Thread(target=stop, args=(name,), daemon=True) for name in names]
+        for thread in threads:
+            thread.start()
+        for name, thread in zip(names, threads, strict=True):
+            thread.join(STOP_LIMIT_S)
+            if thread.is_alive():
+                failed[name] = f"did not answer within {STOP_LIMIT_S:g} s"
+        return dict(failed)
+
+    def stop(self, robot: str) -> None:
+        """Emergency stop of a robot."""
+        self._agent(robot).stop()
+
+    def reset_stop(self, robot: str) -> None:
+        """Let a stopped robot move again."""
+        self._agent(robot).reset_stop()
+
+    def _agent(self, robot: str) -> RemoteAgent:
+        return RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S)

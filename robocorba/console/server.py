@@ -1,0 +1,163 @@
+"""The console's web server: NiceGUI's pages, plans and live frames for them, and the operations that they call."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI, Request, Response, WebSocket
+from fastapi.responses import JSONResponse
+from fastapi.staticfiles import StaticFiles
+from nicegui import ui
+
+from robocorba.console.access import Access
+from robocorba.console.history import History
+from robocorba.console.live_floors import LiveFloors
+from robocorba.console.live_plans import LivePlans
+from robocorba.console.operations import Operations
+from robocorba.console.pages import add_pages
+from robocorba.console.settings import ConsoleSettings
+from robocorba.console.system_state import SystemState
+from robocorba.console.viewers import Viewers
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import UnknownFloor
+
+_log = logging.getLogger(__name__)
+
+STATIC = Path(__file__).parent / "static"
+#: Largest body of a call [bytes].
+MAX_BODY = 8 * 1024 * 1024
+#: The server ends at most this long after a signal, also while browsers are connected [s].
+SHUTDOWN_S = 2
+
+
+class Console:
+    """A console of the system that `orb` is connected with."""
+
+    def __init__(self, orb: Orb, settings: ConsoleSettings) -> None:
+        self._settings = settings
+        self.history = History()
+        self.state = SystemState(orb)
+        self.viewers = Viewers(self.state)
+        self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
+        self.plans = LivePlans(orb, self.viewers.notify)
+        self.operations = Operations(orb)
+
+    def app(self) -> Access:
+        """The web application."""
+        app = FastAPI(
+            title="RoboCorba console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=self._running
+        )
+        app.mount("/static", _Static(directory=STATIC), "static")
+        app.add_api_route("/plan", self._plan)
+        app.add_api_route("/past", self._past)
+        app.add_api_route("/call/{name}", self._call, methods=["POST"])
+        app.add_api_websocket_route("/live", self._live)
+        add_pages()
+        ui.run_with(
+            app,
+            title="RoboCorba",
+            dark=None,
+            favicon=STATIC / "favicon.svg",
+            reconnect_timeout=10.0,
+            show_welcome_message=False,
+        )
+        return Access(app, self._settings.hosts, self._settings.password)
+
+    @contextlib.asynccontextmanager
+    async def _running(self, app: FastAPI) -> AsyncIterator[None]:
+        self.viewers.attach(self.floors, self.plans)
+        parts = (self.state, self.plans, self.floors)
+        for part in parts:
+            part.start()
+        try:
+            yield
+        finally:
+            for part in parts:
+                await asyncio.to_thread(part.close)
+
+    async def _live(self, socket: WebSocket) -> None:
+        await self.viewers.serve(socket)
+
+    async def _plan(self, floor: str) -> Response:
+        try:
+            plan = await asyncio.to_thread(self.plans.plan, floor)
+        except UnknownFloor as error:
+            return JSONResponse({"error": str(error)}, 404)
+        return Response(plan, media_type="application/json")
+
+    async def _past(self, floor: str, at: float) -> Response:
+        """The frame of a floor at POSIX time `at` [s]."""
+        try:
+            return Response(self.history.frame(floor, at), media_type="application/octet-stream")
+        except UnknownFloor as error:
+            return JSONResponse({"error": str(error)}, 404)
+
+    async def _call(self, name: str, request: Request) -> Response:
+        try:
+            arguments = await _json(request)
+            return JSONResponse({"answer": await asyncio.to_thread(self.operations.call, name, arguments)})
+        except RoboCorbaError as error:
+            return JSONResponse({"error": str(error)})
+        except Exception:
+            _log.exception("operation %r failed", name[:80])
+            return JSONResponse({"error": "the console failed; its log says why"})
+
+
+async def _json(request: Request) -> dict[str, Any]:
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > MAX_BODY:
+            raise RoboCorbaError(f"the request is longer than {MAX_BODY} bytes")
+    try:
+        arguments = json.loads(body)
+    except ValueError as error:
+        raise RoboCorbaError(f"the request is not JSON: {error}") from None
+    if request.headers.get("content-type") != "application/json" or not isinstance(arguments, dict):
+        raise RoboCorbaError("the request is not a JSON object")
+    return arguments
+
+
+class _Static(StaticFiles):
+    """Files of the console: browsers ask each time whether they have changed."""
+
+    def file_response(self, *arguments: Any, **options: Any) -> Response:
+        response = super().file_response(*arguments, **options)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
+def serve(console: Console, settings: ConsoleSettings) -> None:
+    """Serve until SIGINT or SIGTERM."""
+    config = uvicorn.Config(
+        console.app(),
+        host=settings.host,
+        port=settings.port,
+        log_level="warning",
+        ssl_certfile=settings.certificate,
+        ssl_keyfile=settings.key,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+        ws_max_size=64 * 1024,
+    )
+    _Server(config).run()
+
+
+class _Server(uvicorn.Server):
+    """Prints the address when it accepts connections."""
+
+    async def startup(self, sockets: list[Any] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            port = self.servers[0].sockets[0].getsockname()[1]
+            scheme = "https" if self.config.ssl_certfile else "http"
+            host = self.config.host if ":" not in self.config.host else f"[{self.config.host}]"
+            print(f"{scheme}://{host}:{port}/", flush=True)
+            print("ready", flush=True)

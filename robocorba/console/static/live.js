@@ -1,0 +1,201 @@
+// The connection of a page to the console's server: live floors as binary frames, everything else as JSON.
+//
+// `live` is shared by all components of a page. It reconnects by itself; listeners are called with the kind of news:
+// "connection", "floor", "plan", "state", "past".
+
+const RECONNECT_MS = [250, 500, 1000, 2000];
+// The server sends something at least once a second; without news for this time the connection is regarded as lost.
+const SILENCE_MS = 4000;
+const WORDS = ["number", "x", "y", "heading", "vx", "vy", "turn"];
+
+// A floor as the last frames left it. Bodies by number: {number, kind, name, radius, outline, x, y, heading, vx, vy, turn}.
+export class Floor {
+  constructor(name) {
+    this.name = name;
+    this.clear();
+  }
+
+  clear() {
+    this.bodies = new Map();
+    this.elevators = {};
+    this.time = 0;
+    this.map = 0;
+    this.receivedAt = 0;
+  }
+
+  apply(header, buffer, offset) {
+    if (header.whole) this.clear();
+    for (const number of header.went) this.bodies.delete(number);
+    for (const body of header.came) {
+      this.bodies.set(body.number, { ...body, x: 0, y: 0, heading: 0, vx: 0, vy: 0, turn: 0 });
+    }
+    Object.assign(this.elevators, header.elevators);
+    const floats = new Float32Array(buffer, offset);
+    const numbers = new Uint32Array(buffer, offset);
+    for (let at = 0; at < floats.length; at += WORDS.length) {
+      const body = this.bodies.get(numbers[at]);
+      if (!body) continue;
+      for (let word = 1; word < WORDS.length; word++) body[WORDS[word]] = floats[at + word];
+    }
+    this.time = header.time;
+    this.map = header.map;
+    this.receivedAt = performance.now();
+  }
+
+  body(name) {
+    for (const body of this.bodies.values()) if (body.name === name) return body;
+    return undefined;
+  }
+}
+
+export function readFrame(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  return { header, offset: 4 + length };
+}
+
+class Live {
+  constructor() {
+    this.floors = new Map();
+    this.names = [];
+    this.plans = new Map();
+    this.mapVersion = 0;
+    this.state = null;
+    this.stateAt = 0;
+    this.isConnected = false;
+    this.problems = {};
+    this.wanted = new Map();
+    this.listeners = new Set();
+    this.attempts = 0;
+    this.lastNews = performance.now();
+    this.connect();
+    setInterval(() => this.checkSilence(), 1000);
+  }
+
+  // Call `listener(kind, name)` on news; returns a function that ends this.
+  listen(listener) {
+    this.listeners.add(listener);
+    return () => this.listeners.delete(listener);
+  }
+
+  // What a component wants to see: {floors: [names], scans: bool}. Without arguments: nothing any more.
+  want(component, what) {
+    if (what) this.wanted.set(component, what);
+    else this.wanted.delete(component);
+    this.sendWanted();
+  }
+
+  floor(name) {
+    if (!this.floors.has(name)) this.floors.set(name, new Floor(name));
+    return this.floors.get(name);
+  }
+
+  // The plan of a floor, or undefined until it is loaded; "plan" news follow.
+  plan(name) {
+    const known = this.plans.get(name);
+    if (this.mapVersion && (!known || (known.version !== this.mapVersion && !known.loading))) this.loadPlan(name);
+    return known?.plan;
+  }
+
+  async loadPlan(name) {
+    const version = this.mapVersion;
+    const entry = this.plans.get(name) ?? {};
+    entry.loading = true;
+    this.plans.set(name, entry);
+    try {
+      const answer = await fetch(`/plan?floor=${encodeURIComponent(name)}&version=${version}`);
+      if (answer.ok) {
+        entry.plan = await answer.json();
+        entry.version = version;
+        this.notify("plan", name);
+      }
+    } catch {
+      // the connection is lost: loaded again after the next news of the map
+    } finally {
+      entry.loading = false;
+    }
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    this.socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.attempts = 0;
+      this.lastNews = performance.now();
+      this.setConnected(true);
+      this.sendWanted();
+    };
+    this.socket.onmessage = (message) => this.receive(message.data);
+    this.socket.onclose = () => {
+      this.setConnected(false);
+      const pause = RECONNECT_MS[Math.min(this.attempts++, RECONNECT_MS.length - 1)];
+      setTimeout(() => this.connect(), pause);
+    };
+  }
+
+  checkSilence() {
+    if (this.isConnected && performance.now() - this.lastNews > SILENCE_MS) this.socket.close();
+  }
+
+  sendWanted() {
+    if (!this.isConnected) return;
+    const floors = new Set();
+    let scans = false;
+    for (const what of this.wanted.values()) {
+      for (const floor of what.floors) floors.add(floor);
+      scans ||= Boolean(what.scans);
+    }
+    this.socket.send(JSON.stringify({ watch: [...floors], scans }));
+  }
+
+  receive(data) {
+    this.lastNews = performance.now();
+    if (typeof data !== "string") {
+      const { header, offset } = readFrame(data);
+      this.floor(header.floor).apply(header, data, offset);
+      this.notify("floor", header.floor);
+      return;
+    }
+    const news = JSON.parse(data);
+    if (news.floors) {
+      this.names = news.floors;
+      this.mapVersion = news.map;
+      this.problems = news.problems;
+      this.notify("connection");
+    }
+    if (news.state) {
+      this.state = news.state;
+      this.stateAt = performance.now();
+      this.notify("state");
+    }
+  }
+
+  setConnected(isConnected) {
+    this.isConnected = isConnected;
+    this.notify("connection");
+  }
+
+  notify(kind, name) {
+    for (const listener of [...this.listeners]) listener(kind, name);
+  }
+}
+
+export const live = new Live();
+
+// Call an operation of the server. Returns its answer; throws an Error with the server's message.
+export async function call(operation, argument = {}) {
+  let answer;
+  try {
+    answer = await fetch(`/call/${operation}`, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(argument),
+    });
+  } catch {
+    throw new Error("the console does not answer");
+  }
+  const content = await answer.json().catch(() => ({ error: `the console answers ${answer.status}` }));
+  if (content.error !== undefined) throw new Error(content.error);
+  return content.answer;
+}

@@ -1,0 +1,144 @@
+"""The WebSocket of each viewer: frames of the floors that it watches, and news of everything else as JSON."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from typing import Any, Protocol
+
+from fastapi import WebSocket, WebSocketDisconnect
+
+from robocorba.console.live_floors import LiveFloors
+from robocorba.console.live_plans import LivePlans
+from robocorba.errors.paths import UnknownFloor
+
+_log = logging.getLogger(__name__)
+
+#: Interval between messages with the state of servers and robots [s].
+STATE_INTERVAL_S = 0.5
+#: Longest message that a viewer may send [bytes], and the number of floors that it may watch.
+MAX_MESSAGE, MAX_FLOORS = 4096, 64
+
+
+class StateSource(Protocol):
+    """What the console knows of servers, robots and channels."""
+
+    def rows(self) -> dict[str, Any]: ...
+
+
+class Viewers:
+    """All viewers of a console. `attach` is called in the thread of the event loop, `notify` in any."""
+
+    def __init__(self, state: StateSource) -> None:
+        self._state = state
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._viewers: set[Viewer] = set()
+        self._state_text: tuple[float, str] = 0.0, ""
+        self.floors: LiveFloors
+        self.plans: LivePlans
+
+    def attach(self, floors: LiveFloors, plans: LivePlans) -> None:
+        """Serve viewers of these floors and plans with the running event loop."""
+        self.floors, self.plans = floors, plans
+        self._loop = asyncio.get_running_loop()
+
+    @property
+    def count(self) -> int:
+        return len(self._viewers)
+
+    def notify(self) -> None:
+        """Wake all viewers: there is something new."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has been closed
+                self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        for viewer in self._viewers:
+            viewer.news.set()
+
+    def state_text(self) -> str:
+        """The state as a message; the same one for all viewers within STATE_INTERVAL_S."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s - self._state_text[0] >= STATE_INTERVAL_S * 0.9:
+            self._state_text = now_s, json.dumps({"state": self._state.rows()}, separators=(",", ":"))
+        return self._state_text[1]
+
+    def overview(self) -> str:
+        """Floors, map version and problems as a message."""
+        problems = {"floors": self.floors.problem, "map": self.plans.problem}
+        return json.dumps({"floors": self.floors.names, "map": self.plans.version, "problems": problems})
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve a viewer until it leaves."""
+        await socket.accept()
+        viewer = Viewer(self, socket)
+        self._viewers.add(viewer)
+        tasks = [asyncio.create_task(viewer.send()), asyncio.create_task(viewer.receive())]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                error = task.exception()
+                if error is not None and not isinstance(error, WebSocketDisconnect | RuntimeError):
+                    _log.warning("a viewer was disconnected: %s", error)
+        finally:
+            self._viewers.discard(viewer)
+            self.floors.watch(viewer, ())
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has left already
+                await socket.close()
+
+
+class Viewer:
+    """One browser page. A slow one skips frames: `send` waits for its socket."""
+
+    def __init__(self, viewers: Viewers, socket: WebSocket) -> None:
+        self._viewers, self._socket = viewers, socket
+        self.news = asyncio.Event()
+        #: Version of each watched floor that the browser has.
+        self._sent: dict[str, int] = {}
+        self._overview = ""
+
+    async def send(self) -> None:
+        loop = asyncio.get_running_loop()
+        next_state_s = 0.0
+        while True:
+            overview = self._viewers.overview()
+            if overview != self._overview:
+                await self._socket.send_text(overview)
+                self._overview = overview
+            for name in list(self._sent):
+                await self._send_floor(name)
+            if loop.time() >= next_state_s:
+                next_state_s = loop.time() + STATE_INTERVAL_S
+                await self._socket.send_text(self._viewers.state_text())
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self.news.wait(), max(0.0, next_state_s - loop.time()))
+            self.news.clear()
+
+    async def _send_floor(self, name: str) -> None:
+        try:
+            version, frame = self._viewers.floors.floor(name).frame_since(self._sent[name])
+        except UnknownFloor:
+            return  # it does not exist yet, or any more
+        if frame:
+            await self._socket.send_bytes(frame)
+            if name in self._sent:
+                self._sent[name] = version
+
+    async def receive(self) -> None:
+        while True:
+            text = await self._socket.receive_text()
+            if len(text) > MAX_MESSAGE:
+                return
+            try:
+                wanted = json.loads(text)["watch"]
+                names = [name for name in wanted if isinstance(name, str)][:MAX_FLOORS]
+            except (ValueError, KeyError, TypeError):
+                return
+            self._sent = {name: self._sent.get(name, 0) for name in names}
+            self._viewers.floors.watch(self, names)
+            self.news.set()
