@@ -1,1 +1,0 @@
-# omniORB stub directory
