@@ -58,6 +58,7 @@ class Console:
         app.mount("/static", _Static(directory=STATIC), "static")
         app.add_api_route("/plan", self._plan)
         app.add_api_route("/past", self._past)
+        app.add_api_route("/robot-model", self._robot_model)
         app.add_api_route("/call/{name}", self._call, methods=["POST"])
         app.add_api_websocket_route("/live", self._live)
         add_pages()
@@ -92,6 +93,11 @@ class Console:
         except UnknownFloor as error:
             return JSONResponse({"error": str(error)}, 404)
         return Response(plan, media_type="application/json")
+
+    async def _robot_model(self) -> Response:
+        from robocorba.kinematics.link_tree import as_json  # imported here, since it loads the physics engine
+
+        return JSONResponse(await asyncio.to_thread(as_json))
 
     async def _past(self, floor: str, at: float) -> Response:
         """The frame of a floor at POSIX time `at` [s]."""

@@ -10,7 +10,7 @@ from nicegui import ui
 
 STATIC = Path(__file__).parent.parent / "static"
 #: Address, title and icon of each page.
-PAGES = (("/", "Monitor", "sensors"),)
+PAGES = (("/", "Monitor", "sensors"), ("/3d", "3D", "view_in_ar"))
 
 
 class PageHeader(ui.element, component=STATIC / "page_header.js"):

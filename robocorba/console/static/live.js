@@ -90,6 +90,12 @@ class Live {
     return this.floors.get(name);
   }
 
+  // Joint angles of a robot [rad], or undefined for one that reports none.
+  joints(name) {
+    const joints = this.postures?.get(name) ?? this.state?.robots[name]?.state?.actor.joints;
+    return joints?.length ? joints : undefined;
+  }
+
   // The plan of a floor, or undefined until it is loaded; "plan" news follow.
   plan(name) {
     const known = this.plans.get(name);

@@ -1,0 +1,171 @@
+// Articulated robots and plain bodies for three.js, from the part list that the server sends (kinematics/appearance.py).
+import { THREE } from "nicegui-scene";
+
+const SEGMENTS = 20;
+
+// Merge geometries into one with a colour at each vertex. pieces: [geometry, colour].
+export function merged(pieces) {
+  const flat = pieces.map(([geometry, color]) => [geometry.index ? geometry.toNonIndexed() : geometry, color]);
+  const count = flat.reduce((sum, [geometry]) => sum + geometry.attributes.position.count, 0);
+  const positions = new Float32Array(3 * count), normals = new Float32Array(3 * count), colors = new Float32Array(3 * count);
+  let offset = 0;
+  for (const [geometry, color] of flat) {
+    const { position, normal } = geometry.attributes;
+    positions.set(position.array, 3 * offset);
+    normals.set(normal.array, 3 * offset);
+    for (let vertex = 0; vertex < position.count; vertex++) colors.set(color, 3 * (offset + vertex));
+    offset += position.count;
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+  geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+  geometry.setAttribute("color", new THREE.BufferAttribute(colors, 3));
+  return geometry;
+}
+
+function partGeometry(part) {
+  let geometry;
+  if (part.shape === "box") {
+    geometry = new THREE.BoxGeometry(...part.size);
+  } else if (part.shape === "ellipsoid") {
+    geometry = new THREE.SphereGeometry(1, SEGMENTS, SEGMENTS / 2).scale(...part.size);
+  } else {
+    const [x, y, top, height] = part.size;
+    geometry = new THREE.CylinderGeometry(top, 1, height, SEGMENTS).rotateX(Math.PI / 2).scale(x, y, 1);
+    geometry.computeVertexNormals();
+  }
+  const [roll, pitch, yaw] = part.rpy;
+  geometry.applyMatrix4(new THREE.Matrix4().makeRotationFromEuler(new THREE.Euler(roll, pitch, yaw, "ZYX")));
+  return geometry.translate(...part.at);
+}
+
+// Geometry of the links, shared by all robots.
+export class RobotShape {
+  constructor(model) {
+    this.model = model;
+    this.geometries = new Map();
+    this.display = model.parts.find((part) => part.paint === "display");
+    for (const link of model.links) {
+      const pieces = model.parts
+        .filter((part) => part.link === link.name && part.paint !== "display")
+        .map((part) => [partGeometry(part), model.paints[part.paint]]);
+      if (pieces.length) this.geometries.set(link.name, merged(pieces));
+    }
+    this.displayGeometry = partGeometry({ ...this.display, at: [0, 0, 0], rpy: [0, 0, 0] });
+    this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
+    this.ghostMaterial = new THREE.MeshBasicMaterial({ color: 0x6a3d9a, transparent: true, opacity: 0.3, depthWrite: false });
+  }
+}
+
+// A robot whose links move with its joints. `group` stands on the floor at the robot's pose.
+export class ArticulatedRobot {
+  constructor(shape, { isGhost = false } = {}) {
+    this.shape = shape;
+    this.group = new THREE.Group();
+    this.links = new Map();
+    this.turns = [];
+    for (const link of shape.model.links) {
+      let parent = link.parent ? this.links.get(link.parent) : this.group;
+      let frame = new THREE.Group();
+      frame.position.set(...link.at);
+      parent.add(frame);
+      // MuJoCo turns about an axis through a point of the link's frame, one joint after the other.
+      for (const joint of link.joints) {
+        const pivot = new THREE.Group(), back = new THREE.Group();
+        pivot.position.set(...joint.at);
+        back.position.set(-joint.at[0], -joint.at[1], -joint.at[2]);
+        frame.add(pivot);
+        pivot.add(back);
+        this.turns.push({ pivot, axis: new THREE.Vector3(...joint.axis), number: joint.number });
+        frame = back;
+      }
+      this.links.set(link.name, frame);
+      const geometry = shape.geometries.get(link.name);
+      if (geometry) frame.add(new THREE.Mesh(geometry, isGhost ? shape.ghostMaterial : shape.material));
+    }
+    if (!isGhost) this.addDisplay();
+  }
+
+  addDisplay() {
+    const { display, displayGeometry } = this.shape;
+    const canvas = document.createElement("canvas");
+    canvas.width = 256;
+    canvas.height = 180;
+    this.screen = canvas.getContext("2d");
+    this.texture = new THREE.CanvasTexture(canvas);
+    const plain = new THREE.MeshBasicMaterial({ color: 0x10151a });
+    this.front = new THREE.MeshBasicMaterial({ map: this.texture });
+    const mesh = new THREE.Mesh(displayGeometry, [this.front, plain, plain, plain, plain, plain]);
+    mesh.position.set(...display.at);
+    mesh.rotation.set(...display.rpy, "ZYX");
+    this.links.get(display.link).add(mesh);
+    this.show("waiting", "");
+  }
+
+  // Write the robot's state on its display: working, waiting or exceptional, as in the paper.
+  show(state, text) {
+    if (this.shown === `${state} ${text}` || !this.screen) return;
+    this.shown = `${state} ${text}`;
+    const { screen } = this;
+    screen.fillStyle = { working: "#0b5d3b", waiting: "#174a7c", exceptional: "#9b0d4c" }[state];
+    screen.fillRect(0, 0, 256, 180);
+    screen.save();
+    screen.translate(128, 90);
+    screen.rotate(Math.PI / 2); // +x faces of boxes are turned by a quarter
+    screen.fillStyle = "#ffffff";
+    screen.textAlign = "center";
+    screen.textBaseline = "middle";
+    screen.font = "bold 30px sans-serif";
+    screen.fillText(state, 0, text ? -14 : 0, 170);
+    screen.font = "20px sans-serif";
+    screen.fillText(text, 0, 22, 170);
+    screen.restore();
+    this.texture.needsUpdate = true;
+  }
+
+  // joints: angles [rad] in the order of the model.
+  pose(joints) {
+    for (const { pivot, axis, number } of this.turns) pivot.quaternion.setFromAxisAngle(axis, joints[number] ?? 0);
+  }
+
+  close() {
+    this.texture?.dispose();
+    this.front?.dispose();
+  }
+}
+
+// All robots without joints, in one draw call.
+export class PlainRobots {
+  constructor(capacity = 16) {
+    const body = new THREE.CylinderGeometry(0.92, 1, 0.9, SEGMENTS).rotateX(Math.PI / 2).translate(0, 0, 0.45);
+    const nose = new THREE.BoxGeometry(0.5, 0.34, 0.2).translate(0.72, 0, 0.7);
+    this.geometry = merged([[body, [0.30, 0.52, 0.72]], [nose, [0.12, 0.14, 0.17]]]);
+    this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
+    this.group = new THREE.Group();
+    this.grow(capacity);
+  }
+
+  grow(capacity) {
+    this.mesh?.removeFromParent();
+    this.mesh?.dispose();
+    this.mesh = new THREE.InstancedMesh(this.geometry, this.material, capacity);
+    this.mesh.frustumCulled = false;
+    this.capacity = capacity;
+    this.group.add(this.mesh);
+  }
+
+  // bodies: [{x, y, z, heading, radius, isLost}].
+  set(bodies) {
+    if (bodies.length > this.capacity) this.grow(2 * bodies.length);
+    const matrix = new THREE.Matrix4(), color = new THREE.Color();
+    bodies.forEach((body, index) => {
+      matrix.makeRotationZ(body.heading).scale(new THREE.Vector3(body.radius, body.radius, 0.8));
+      matrix.setPosition(body.x, body.y, body.z);
+      this.mesh.setMatrixAt(index, matrix);
+      this.mesh.setColorAt(index, color.set(body.isLost ? 0x888888 : 0xffffff));
+    });
+    this.mesh.count = bodies.length;
+    this.mesh.instanceMatrix.needsUpdate = true;
+    if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true;
+  }
+}
