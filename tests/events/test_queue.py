@@ -46,12 +46,12 @@ class QueueBesideModel(RuleBasedStateMachine):
 
     @rule(count=st.integers(1, 8), priority=st.integers(-1, 1), expiry=st.sampled_from([0.0, 0.0, 2.0]))
     def put(self, count: int, priority: int, expiry: float) -> None:
-        run = events(self.number, count, priority=priority, expiry=expiry)
-        run.times = [self.now] * count
+        batch = events(self.number, count, priority=priority, expiry=expiry)
+        batch.times = [self.now] * count
         self.number += count
         last = self.now + expiry if expiry else math.inf
-        self.model.waiting += [(number, priority, last) for number in numbers([run])]
-        assert self.queue.put(run) == self.model.trim()
+        self.model.waiting += [(number, priority, last) for number in numbers([batch])]
+        assert self.queue.put(batch) == self.model.trim()
         self.taken = []
 
     @rule(most=st.integers(1, 10))
@@ -71,7 +71,7 @@ class QueueBesideModel(RuleBasedStateMachine):
     @rule()
     def put_back(self) -> None:
         for item in reversed(self.taken):
-            last = item.runs[0] if isinstance(item, CorrelatedEvents) else item
+            last = item.batches[0] if isinstance(item, CorrelatedEvents) else item
             until = last.times[0] + last.header.expiry if last.header.expiry else math.inf
             self.model.waiting[:0] = [(number, item.priority, until) for number in numbers([item])]
         assert self.queue.put_back(self.taken) == self.model.trim()
@@ -98,12 +98,12 @@ TestQueueBesideModel.settings = settings(max_examples=60, stateful_step_count=30
 
 
 @given(st.integers(1, 50), st.lists(st.integers(1, 20), min_size=1, max_size=10))
-def test_of_n_and_k_events_exactly_the_oldest_k_are_lost(size: int, runs: list[int]) -> None:
+def test_of_n_and_k_events_exactly_the_oldest_k_are_lost(size: int, batches: list[int]) -> None:
     queue, number, lost = EventQueue(QueuePolicy(size)), 1, 0
-    for count in runs:
+    for count in batches:
         lost += queue.put(events(number, count))
         number += count
-    total = sum(runs)
+    total = sum(batches)
     assert lost == max(0, total - size)
     assert numbers(queue.take(total, NOW)[0]) == list(range(lost + 1, total + 1))
 
@@ -131,9 +131,9 @@ def test_a_conjunction_comes_alone_and_goes_as_a_whole() -> None:
 def test_bytes_limit_what_is_taken_but_not_the_first_item() -> None:
     queue = EventQueue(QueuePolicy(10))
     for number in (1, 2, 3):
-        run = events(number)
-        run.payloads = [bytes(1000)]
-        queue.put(run)
+        batch = events(number)
+        batch.payloads = [bytes(1000)]
+        queue.put(batch)
     assert [len(queue.take(9, NOW, most)[0]) for most in (1, 1500)] == [1, 2]
 
 

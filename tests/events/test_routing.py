@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
-from robocorba.events.event import EventRun
+from robocorba.events.event import EventBatch
 from robocorba.events.federation import Federation
-from robocorba.events.outlet import PullOutlet
+from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import SubscriptionMatch, checked
 from robocorba.events.watermarks import Watermarks
-from tests.events.network import run_of
+from tests.events.network import batch_of
 
 TYPES = ("a", "b")
 
@@ -28,13 +28,13 @@ class Way:
 
     def __init__(self, peer: str) -> None:
         self.peer, self.unseen = peer, 0
-        self.runs: deque[EventRun] = deque()
+        self.batches: deque[EventBatch] = deque()
         self.carried: list[bytes] = []
 
-    def offer(self, run: EventRun, fit: SubscriptionMatch, now: float) -> bool:
-        if run.via != self.peer:
-            self.runs.append(EventRun(run.header, run.times, run.payloads, run.first))
-            self.carried += run.payloads
+    def accept(self, batch: EventBatch, fit: SubscriptionMatch, now: float) -> bool:
+        if batch.via != self.peer:
+            self.batches.append(EventBatch(batch.header, batch.times, batch.payloads, batch.first))
+            self.carried += batch.payloads
         return False
 
 
@@ -45,15 +45,17 @@ class Place:
         self.channel = Channel(Federation(name), Watermarks(folder / name), 1)
         self.ways = {peer: Way(peer) for peer in peers}
         self.channel.feeds.update(self.ways)  # type: ignore[arg-type]
-        self.outlet = PullOutlet(self.channel.lock, "1", checked([([(t, "")], 0) for t in types]), QueuePolicy(10**6))
-        self.outlet.connect(None)
-        self.channel.outlets["1"] = self.outlet
-        self.channel.changed()
+        self.proxy = ProxyPullSupplier(
+            self.channel.lock, "1", checked([([(t, "")], 0) for t in types]), QueuePolicy(10**6)
+        )
+        self.proxy.connect(None)
+        self.channel.proxy_suppliers["1"] = self.proxy
+        self.channel.update_routes()
 
     def got(self) -> list[bytes]:
         result: list[bytes] = []
-        while run := self.outlet.pull(0.0):
-            result += run.payloads
+        while batch := self.proxy.pull(0.0):
+            result += batch.payloads
         return result
 
 
@@ -82,13 +84,13 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
         advertisements = [place.channel.federation.own for place in places.values()]
         for place in places.values():
             place.channel.federation.learn(advertisements)
-            place.channel.changed()
+            place.channel.update_routes()
 
         supplied: dict[tuple[str, str], list[bytes]] = {}
         events = st.lists(st.tuples(st.sampled_from(names), st.sampled_from(TYPES)), max_size=12)
         for count, (origin, type) in enumerate(data.draw(events)):
             supplied.setdefault((origin, type), []).append(b"%d" % count)
-            places[origin].channel.publish(run_of(str(count), type=type, source=origin), Account())
+            places[origin].channel.publish(batch_of(str(count), type=type, source=origin), Account())
             _carry(places, data, at_most=2)
         _carry(places, data)
 
@@ -111,15 +113,15 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
 
 
 def _carry(places: dict[str, Place], data: st.DataObject, at_most: int = 10**6) -> None:
-    """Move runs from one channel to the next, in any order of the links."""
+    """Move batches from one channel to the next, in any order of the links."""
     for _ in range(at_most):
-        loaded = [(name, way) for name, place in places.items() for way in place.ways.values() if way.runs]
+        loaded = [(name, way) for name, place in places.items() for way in place.ways.values() if way.batches]
         if not loaded:
             return
         name, way = data.draw(st.sampled_from(loaded), label="link")
-        run = way.runs.popleft()
-        run.via = name
-        places[way.peer].channel.forward([run])
+        batch = way.batches.popleft()
+        batch.via = name
+        places[way.peer].channel.forward([batch])
 
 
 def test_events_that_nobody_needs_there_are_counted_as_unseen(tmp_path: Path) -> None:
@@ -127,7 +129,7 @@ def test_events_that_nobody_needs_there_are_counted_as_unseen(tmp_path: Path) ->
     other = Place("B", ["A"], {"a"}, tmp_path)
     third = Place("C", ["A"], set(), tmp_path)
     place.channel.federation.learn([other.channel.federation.own, third.channel.federation.own])
-    place.channel.changed()
+    place.channel.update_routes()
     for type in ("a", "b", "b"):
-        place.channel.publish(run_of("x", type=type), Account())
-    assert [(way.unseen, len(way.runs)) for way in place.ways.values()] == [(2, 1), (3, 0)]
+        place.channel.publish(batch_of("x", type=type), Account())
+    assert [(way.unseen, len(way.batches)) for way in place.ways.values()] == [(2, 1), (3, 0)]

@@ -21,23 +21,23 @@ from robocorba.errors import events as errors
 from robocorba.errors.events import InvalidEvent, InvalidPeer
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
+from robocorba.events.channel_store import Peer
 from robocorba.events.event import (
     MAX_NAME,
     MAX_PAYLOAD_BYTES,
     CorrelatedEvents,
     Encoding,
+    EventBatch,
     EventHeader,
-    EventRun,
     check,
     checked_header,
 )
 from robocorba.events.federation import Advertisement, check_name, is_name
 from robocorba.events.foreign import ForeignLink
-from robocorba.events.links import Links, LinkStates
-from robocorba.events.outlet import ProxyCondition
-from robocorba.events.proxies import Proxies, ProxyKind, ProxyState
+from robocorba.events.links import Links, LinkSnapshot
+from robocorba.events.proxies import Proxies, ProxySnapshot
+from robocorba.events.proxy import ProxyKind, ProxyState
 from robocorba.events.queue import OverflowRule, QueuePolicy
-from robocorba.events.store import PeerRecord
 from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
 from robocorba.stubs import RoboCorba
 
@@ -49,7 +49,7 @@ _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
 _RULES = {rule: getattr(RoboCorba, rule.name) for rule in OverflowRule}
 _RULE_OF = {struct: rule for rule, struct in _RULES.items()}
 _KINDS = {kind: getattr(RoboCorba, kind.name) for kind in ProxyKind}
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in ProxyCondition}
+_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in ProxyState}
 
 #: Maximum number of an event; the file of the watermarks uses 64 bits.
 _MAX_NUMBER = 2**64 - 1
@@ -84,7 +84,7 @@ class _RunStruct(NamedTuple):
 # ---- received events ----
 
 
-def run_of_any(value: Any) -> EventRun:
+def run_of_any(value: Any) -> EventBatch:
     """The event of a plain client: with its own header if it is an Event, else NATIVE. Raises InvalidEvent."""
     typecode = value._t
     try:
@@ -93,7 +93,7 @@ def run_of_any(value: Any) -> EventRun:
         kind = _BASIC[typecode.kind()]
     if kind == _EVENT_ID:
         return run_of_event(value._v)
-    return EventRun(_native_header(kind), [0.0], [value])
+    return EventBatch(_native_header(kind), [0.0], [value])
 
 
 @lru_cache(1024)
@@ -101,7 +101,7 @@ def _native_header(kind: str) -> EventHeader:
     return checked_header(kind[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE)
 
 
-def run_from_foreign_channel(value: Any) -> EventRun:
+def run_from_foreign_channel(value: Any) -> EventBatch:
     """The event of a foreign channel. An event from a channel of this federation keeps its origin and number.
 
     Raises InvalidEvent."""
@@ -114,10 +114,10 @@ def run_from_foreign_channel(value: Any) -> EventRun:
     return run
 
 
-def run_of_event(struct: Any) -> EventRun:
+def run_of_event(struct: Any) -> EventBatch:
     """The event of an Event struct. Raises InvalidEvent."""
     header = struct.header
-    run = EventRun(
+    run = EventBatch(
         checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
         [header.time],
         [struct.payload],
@@ -126,10 +126,10 @@ def run_of_event(struct: Any) -> EventRun:
     return run
 
 
-def run_of(struct: Any) -> EventRun:
+def run_of(struct: Any) -> EventBatch:
     """The events of an EventRun struct from a supplier. Raises InvalidEvent."""
     header = struct.first
-    run = EventRun(
+    run = EventBatch(
         checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
         struct.times,
         struct.payloads,
@@ -138,7 +138,7 @@ def run_of(struct: Any) -> EventRun:
     return run
 
 
-def forwarded_run_of(struct: Any) -> EventRun:
+def forwarded_run_of(struct: Any) -> EventBatch:
     """The events of an EventRun struct from a peer, with origin and numbers. Raises InvalidEvent."""
     run = run_of(struct)
     run.header = _with_origin(run.header, struct.first.origin)
@@ -159,14 +159,14 @@ def _with_origin(header: EventHeader, origin: str) -> EventHeader:
 # ---- sent events ----
 
 
-def event_run(run: EventRun) -> Any:
+def event_run(run: EventBatch) -> Any:
     """The EventRun struct; cached in the run, which often goes to several consumers."""
     if run.cached is None:
         run.cached = _RunStruct(_header(run, 0, _encoded(run)), run.times, _payloads(run))
     return run.cached
 
 
-def event_runs(runs: Iterable[EventRun]) -> tuple[list[Any], list[EventRun]]:
+def event_runs(runs: Iterable[EventBatch]) -> tuple[list[Any], list[EventBatch]]:
     """An EventRunSeq for a peer, and the runs that cannot be sent: their `any` is too large or has no CDR encoding."""
     structs, unsendable = [], []
     for run in runs:
@@ -180,12 +180,12 @@ def event_runs(runs: Iterable[EventRun]) -> tuple[list[Any], list[EventRun]]:
     return structs, unsendable
 
 
-def event(run: EventRun) -> Any:
+def event(run: EventBatch) -> Any:
     """The first event of a run, as an Event struct."""
     return _EventStruct(_header(run, run.times[0], _encoded(run)), _payloads(run)[0])
 
 
-def any_of(run: EventRun) -> Any:
+def any_of(run: EventBatch) -> Any:
     """The first event of a run for a plain consumer: its own `any` if there is one, else an `any` with an Event."""
     encoding = run.header.encoding
     if encoding is Encoding.NATIVE:
@@ -200,21 +200,21 @@ def any_of(run: EventRun) -> Any:
 
 def together(item: CorrelatedEvents) -> list[Any]:
     """An EventSeq."""
-    return [event(run) for run in item.runs]
+    return [event(run) for run in item.batches]
 
 
-def _header(run: EventRun, time: float, encoding: Any) -> _HeaderStruct:
+def _header(run: EventBatch, time: float, encoding: Any) -> _HeaderStruct:
     header = run.header
     return _HeaderStruct(
         header.type, header.source, header.origin, run.first, time, header.priority, header.expiry, encoding
     )
 
 
-def _encoded(run: EventRun) -> Any:
+def _encoded(run: EventBatch) -> Any:
     return RoboCorba.MSGPACK if run.header.encoding is Encoding.MSGPACK else RoboCorba.CDR_ANY
 
 
-def _payloads(run: EventRun) -> Sequence[bytes]:
+def _payloads(run: EventBatch) -> Sequence[bytes]:
     if run.header.encoding is Encoding.NATIVE:
         return [omniORB.cdrMarshal(_TC_ANY, value) for value in run.payloads]
     return run.payloads
@@ -256,22 +256,22 @@ def account(totals: Totals) -> Any:
     return RoboCorba.Account(*totals)
 
 
-def proxy_state(state: ProxyState) -> Any:
+def proxy_state(proxy: ProxySnapshot) -> Any:
     """A ProxyState."""
     return RoboCorba.ProxyState(
-        state.id,
-        _KINDS[state.kind],
-        _CONDITIONS[state.condition],
-        state.name,
-        state.client,
-        subscription(state.subscription),
-        policy(state.policy),
-        state.failures,
-        account(state.totals),
+        proxy.id,
+        _KINDS[proxy.kind],
+        _CONDITIONS[proxy.state],
+        proxy.name,
+        proxy.client,
+        subscription(proxy.subscription),
+        policy(proxy.policy),
+        proxy.failures,
+        account(proxy.totals),
     )
 
 
-def link_states(link: LinkStates) -> list[Any]:
+def link_states(link: LinkSnapshot) -> list[Any]:
     """The LinkStates of both directions."""
     feed, gateway = link.feed, link.gateway
     conditions = {True: RoboCorba.UP, False: RoboCorba.DOWN}
@@ -283,9 +283,9 @@ def link_states(link: LinkStates) -> list[Any]:
             gateway.problem,
             max(0, gateway.joins - 1),
             gateway.lag_s,
-            gateway.batches,
+            gateway.packets,
             gateway.bytes,
-            gateway.repeated,
+            gateway.duplicates,
             0,
             patterns(link.wanted_here),
             account(gateway.totals),
@@ -297,7 +297,7 @@ def link_states(link: LinkStates) -> list[Any]:
             feed.problem,
             max(0, feed.joins - 1),
             feed.oldest_s,
-            feed.batches,
+            feed.packets,
             feed.bytes,
             0,
             feed.unseen,
@@ -311,15 +311,15 @@ def foreign_states(link: ForeignLink) -> list[Any]:
     """The LinkStates of both directions of a link with a foreign channel."""
     condition = RoboCorba.DOWN if link.problem else RoboCorba.UP
     everything = patterns([EVERYTHING])
-    reconnects = max(0, link.connects - 1)
-    incoming, outgoing = account(link.totals_in()), account(link.outlet.totals())
+    reconnects = max(0, link.connections - 1)
+    incoming, outgoing = account(link.received_totals()), account(link.proxy.totals())
     return [
         RoboCorba.LinkState(
-            link.name, RoboCorba.INCOMING, condition, link.problem, reconnects, link.lag_s, 0, 0, link.repeated, 0,
+            link.name, RoboCorba.INCOMING, condition, link.problem, reconnects, link.lag_s, 0, 0, link.duplicates, 0,
             everything, incoming,
         ),
         RoboCorba.LinkState(
-            link.name, RoboCorba.OUTGOING, condition, link.problem, reconnects, link.outlet.oldest_s(), 0, 0, 0, 0,
+            link.name, RoboCorba.OUTGOING, condition, link.problem, reconnects, link.proxy.oldest_s(), 0, 0, 0, 0,
             everything, outgoing,
         ),
     ]  # fmt: skip
@@ -332,10 +332,10 @@ def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
     return RoboCorba.ChannelState(
         channel.name,
         channel.last_number,
-        [proxy_state(state) for state in proxies.states()],
-        [state for link in links.states() for state in link_states(link)]
+        [proxy_state(proxy) for proxy in proxies.snapshots()],
+        [state for link in links.snapshots() for state in link_states(link)]
         + [state for foreign in links.foreign for state in foreign_states(foreign)],
-        proxies.evicted,
+        proxies.lost_clients,
         known,
     )
 
@@ -362,14 +362,14 @@ def advertisements_of(structs: Iterable[Any]) -> list[Advertisement]:
     ]
 
 
-def peer(record: PeerRecord) -> Any:
+def peer(record: Peer) -> Any:
     """A PeerAddress."""
     return RoboCorba.PeerAddress(record.name, record.address, record.foreign)
 
 
-def peer_of(struct: Any) -> PeerRecord:
+def peer_of(struct: Any) -> Peer:
     """The peer of a PeerAddress struct."""
-    return PeerRecord(struct.name, struct.address, foreign=bool(struct.foreign))
+    return Peer(struct.name, struct.address, foreign=bool(struct.foreign))
 
 
 register(errors.InvalidEvent, RoboCorba.InvalidEvent, "field", "reason")

@@ -14,8 +14,8 @@ from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
-from robocorba.events.event import CorrelatedEvents, EventRun
-from robocorba.events.proxies import ProxyKind
+from robocorba.events.event import CorrelatedEvents, EventBatch
+from robocorba.events.proxy import ProxyKind
 from robocorba.events.queue import QueueItem
 from robocorba.stubs import RoboCorba
 
@@ -75,7 +75,7 @@ class RemotePushConsumer(_RemoteClient):
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
         run = items[0]
-        assert isinstance(run, EventRun)
+        assert isinstance(run, EventBatch)
         value = events.any_of(run)
         try:
             self._remote.push(value)
@@ -108,7 +108,7 @@ class RemoteEventConsumer(RemotePushConsumer):
             if isinstance(items[0], CorrelatedEvents):
                 self._remote.pushTogether(items[0].clause_number, events.together(items[0]))
             else:
-                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, EventRun)])
+                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, EventBatch)])
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
 
@@ -119,7 +119,7 @@ class RemotePullSupplier(_RemoteClient):
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, CosEventComm.PullSupplier, "disconnect_pull_supplier")
 
-    def try_pull(self, limit_s: float) -> EventRun | None:
+    def try_pull(self, limit_s: float) -> EventBatch | None:
         self._set_limit(limit_s)
         try:
             value, has_event = self._remote.try_pull()

@@ -12,9 +12,9 @@ from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import InvalidPeer, NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
-from robocorba.events.event import EventRun
+from robocorba.events.channel_store import Peer
+from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
-from robocorba.events.store import PeerRecord
 from robocorba.names import CHANNELS
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
@@ -38,7 +38,7 @@ class RemoteGateway:
     def __init__(self, orb: Orb, reference: Any) -> None:
         self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
 
-    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
+    def forward(self, session: str, position: int, runs: list[EventBatch], limit_s: float) -> list[EventBatch]:
         set_call_timeout(self._remote, limit_s)
         structs, unsendable = events.event_runs(runs)
         try:
@@ -92,7 +92,7 @@ class PeerJoiner:
     def __init__(self, orb: Orb, name: str, channel: Any, gateway: Any) -> None:
         self._orb, self._name, self._channel, self._gateway = orb, name, channel, gateway
 
-    def __call__(self, record: PeerRecord) -> tuple[RemoteFeed, str]:
+    def __call__(self, record: Peer) -> tuple[RemoteFeed, str]:
         """Begin a session at the peer's last reference, else at the address of its record or in the naming service.
 
         Raises NotReachable, InvalidPeer."""
@@ -103,7 +103,7 @@ class PeerJoiner:
                 pass  # the peer may have moved, and another one may be at its reference
         return self._join(record, self._find(record))
 
-    def _find(self, record: PeerRecord) -> Any:
+    def _find(self, record: Peer) -> Any:
         name = f"{CHANNELS}/{record.name}"
         if not record.address:
             return self._orb.resolve(name, RoboCorba.EventChannel, timeout_s=FIND_LIMIT_S, call_timeout_s=CALL_LIMIT_S)
@@ -113,7 +113,7 @@ class PeerJoiner:
             uri = record.address
         return self._orb.reference(uri, RoboCorba.EventChannel)
 
-    def _join(self, record: PeerRecord, channel: Any) -> tuple[RemoteFeed, str]:
+    def _join(self, record: Peer, channel: Any) -> tuple[RemoteFeed, str]:
         set_call_timeout(channel, CALL_LIMIT_S)
         try:
             found = channel._get_name()

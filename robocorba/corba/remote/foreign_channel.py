@@ -16,7 +16,7 @@ from robocorba.corba.remote.event_clients import RemotePushConsumer, delivery_fa
 from robocorba.corba.servants.foreign_consumer import ForeignConsumerServant
 from robocorba.errors.events import NotDelivered, Refused
 from robocorba.errors.services import NotReachable
-from robocorba.events.event import Encoding, EventRun
+from robocorba.events.event import Encoding, EventBatch
 from robocorba.events.foreign import Echoes
 from robocorba.events.queue import QueueItem
 
@@ -35,7 +35,7 @@ class _ForeignProxyConsumer(RemotePushConsumer):
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         run = items[0]
-        assert isinstance(run, EventRun)
+        assert isinstance(run, EventBatch)
         value = events.any_of(run)
         self._set_limit(limit_s)
         # An event with a header is pushed as an Event, and recognised by its origin and number.
@@ -55,7 +55,7 @@ class _ForeignProxyConsumer(RemotePushConsumer):
 class ForeignChannel:
     """Both connections with the channel at `uri`. Raises NotReachable."""
 
-    def __init__(self, orb: Orb, uri: str, echoes: Echoes, receive: Callable[[EventRun, Hashable], None]) -> None:
+    def __init__(self, orb: Orb, uri: str, echoes: Echoes, receive: Callable[[EventBatch, Hashable], None]) -> None:
         self._orb = orb
         # A transient reference: a channel that remembers an earlier connection must not find a consumer there.
         self._servant = ForeignConsumerServant(receive, orb.uri)
@@ -72,7 +72,7 @@ class ForeignChannel:
         self.consumer = _ForeignProxyConsumer(orb, orb.uri(proxy_consumer), echoes)
         self._proxy_consumer = proxy_consumer
 
-    def is_there(self) -> bool:
+    def is_alive(self) -> bool:
         try:
             for proxy in (self._proxy_consumer, self._proxy_supplier):
                 set_call_timeout(proxy, CHECK_LIMIT_S)
@@ -82,13 +82,13 @@ class ForeignChannel:
             return False
         return True
 
-    def leave(self) -> None:
-        for disconnect in (
+    def disconnect(self) -> None:
+        for disconnect_proxy in (
             self._proxy_consumer.disconnect_push_consumer,
             self._proxy_supplier.disconnect_push_supplier,
         ):
             try:
-                disconnect()
+                disconnect_proxy()
             except CORBA.Exception:
                 continue  # the proxy is gone already
         self._orb.deactivate(self._servant)

@@ -13,7 +13,8 @@ from robocorba.corba.conversion.errors import translating
 from robocorba.errors.events import TooManyProxies
 from robocorba.events.channel import Channel
 from robocorba.events.links import Links
-from robocorba.events.proxies import Proxies, Proxy, ProxyKind
+from robocorba.events.proxies import Proxies
+from robocorba.events.proxy import Proxy, ProxyKind
 from robocorba.stubs import RoboCorba__POA
 
 
@@ -56,12 +57,12 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 
     @translating
     def for_consumers(self) -> Any:
-        self._proxies.check()
+        self._proxies.check_not_destroyed()
         return self._objects.consumer_admin
 
     @translating
     def for_suppliers(self) -> Any:
-        self._proxies.check()
+        self._proxies.check_not_destroyed()
         return self._objects.supplier_admin
 
     @translating

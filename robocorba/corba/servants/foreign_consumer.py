@@ -11,7 +11,7 @@ import CosEventComm__POA
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.contents import content_of
 from robocorba.errors.events import InvalidEvent
-from robocorba.events.event import EventRun
+from robocorba.events.event import EventBatch
 
 _log = logging.getLogger(__name__)
 
@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 class ForeignConsumerServant(CosEventComm__POA.PushConsumer):
     """CosEventComm::PushConsumer. receive: called with each event and its content, None for an event with an origin."""
 
-    def __init__(self, receive: Callable[[EventRun, Hashable], None], uri: Callable[[Any], str]) -> None:
+    def __init__(self, receive: Callable[[EventBatch, Hashable], None], uri: Callable[[Any], str]) -> None:
         self._receive, self._uri = receive, uri
 
     def push(self, value: Any) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from robocorba.errors.events import InvalidPeer
-from robocorba.events import federation
 from robocorba.events.federation import Advertisement, Federation, check_name
 from robocorba.events.subscription import Pattern
 
@@ -88,9 +87,8 @@ def test_a_restarted_channel_tells_a_newer_notice_with_the_same_content() -> Non
     assert (after.own.peers, after.own.interest) == (("hall",), WANTS_T)
 
 
-def test_notices_are_bounded_and_unreachable_ones_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(federation, "MAX_CHANNELS", 4)
-    lab = Federation("lab")
+def test_notices_are_bounded_and_unreachable_ones_make_room() -> None:
+    lab = Federation("lab", max_channels=4)
     lab.advertise(["a"], ())
     lab.learn([notice("a", 1, "lab", "b"), notice("far1", 1), notice("far2", 1)])
     lab.learn([notice("b", 1, "a", "c")])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,12 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
-from robocorba.events import push_outlet
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents
-from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
-from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.policies import Backoff, DeliveryPolicy
+from robocorba.events.proxy import ProxyState
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
 from robocorba.testing.processes import eventually
@@ -31,15 +33,12 @@ def channel(tmp_path: Path) -> Iterator[Channel]:
     with open_channel(tmp_path) as channel:
         yield channel
         with channel.lock:
-            for outlet in channel.outlets.values():
-                outlet.end()
+            for proxy in channel.proxy_suppliers.values():
+                proxy.end()
 
 
-@pytest.fixture(autouse=True)
-def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A consumer that does not answer is probed sooner, and disconnected after fewer failures."""
-    for name, value in (("FIRST_PAUSE_S", 0.001), ("MAX_PAUSE_S", 0.002), ("SETTLE_S", 0.0), ("MAX_FAILURES", 4)):
-        monkeypatch.setattr(push_outlet, name, value)
+#: A consumer that does not answer is probed sooner, and disconnected after fewer failures, than by default.
+IMPATIENT = DeliveryPolicy(backoff=Backoff(0.001, 0.002), settle_s=0.0, max_failures=4)
 
 
 class LostClients:
@@ -48,24 +47,25 @@ class LostClients:
     def __init__(self) -> None:
         self.reasons: list[str] = []
 
-    def __call__(self, outlet: PushOutlet, reason: str) -> None:
+    def __call__(self, proxy: ProxyPushSupplier, reason: str) -> None:
         self.reasons.append(reason)
-        with outlet._lock:
-            outlet.end()
+        with proxy._lock:
+            proxy.end()
 
 
-def push_outlet_of(
+def push_supplier_of(
     channel: Channel,
     consumer: Consumer,
     policy: QueuePolicy | None = None,
     wanted: Subscription = ALL,
     name: str = "",
-    on_client_lost: Callable[[PushOutlet, str], None] | None = None,
-) -> PushOutlet:
-    id = f"{len(channel.outlets) + 1}"
-    outlet = PushOutlet(channel.lock, id, wanted, policy or QueuePolicy(), on_client_lost or LostClients(), name)
-    add(channel, outlet, consumer)
-    return outlet
+    on_client_lost: Callable[[ProxyPushSupplier, str], None] | None = None,
+    delivery: DeliveryPolicy = IMPATIENT,
+) -> ProxyPushSupplier:
+    id, lost = f"{len(channel.proxy_suppliers) + 1}", on_client_lost or LostClients()
+    proxy = ProxyPushSupplier(channel.lock, id, wanted, policy or QueuePolicy(), delivery, lost, name)
+    add(channel, proxy, consumer)
+    return proxy
 
 
 def publish(channel: Channel, *payloads: int, type: str = "t", priority: int = 0, expiry: float = 0.0) -> None:
@@ -76,13 +76,13 @@ def received(consumer: Consumer) -> list[int]:
     return [int(str(payload, "ascii")) for payload in consumer.payloads if isinstance(payload, bytes)]
 
 
-def totals(outlet: Outlet) -> Totals:
-    with outlet._lock:
-        return outlet.totals()
+def totals(proxy: ProxySupplier) -> Totals:
+    with proxy._lock:
+        return proxy.totals()
 
 
-def is_settled(outlet: Outlet) -> bool:
-    return totals(outlet).queued == 0
+def is_settled(proxy: ProxySupplier) -> bool:
+    return totals(proxy).queued == 0
 
 
 # ---- push ----
@@ -91,32 +91,29 @@ def is_settled(outlet: Outlet) -> bool:
 @pytest.mark.parametrize("takes_batches", [False, True])
 def test_events_come_in_order_by_the_thread_or_in_line(channel: Channel, takes_batches: bool) -> None:
     consumer = Consumer(takes_batches)
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer)
     for number in range(50):
         publish(channel, 2 * number, 2 * number + 1)
         if number % 7 == 0:
-            eventually(lambda: is_settled(outlet))  # what comes next is called in line
-    eventually(lambda: is_settled(outlet))
+            eventually(lambda: is_settled(proxy))  # what comes next is called in line
+    eventually(lambda: is_settled(proxy))
     assert received(consumer) == list(range(100))
-    assert totals(outlet) == Totals(received=100, delivered=100)
+    assert totals(proxy) == Totals(received=100, delivered=100)
 
 
 @pytest.mark.parametrize("takes_batches", [False, True])
-def test_in_line_a_supplier_has_delivered_when_it_returns(
-    channel: Channel, takes_batches: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(push_outlet, "MAX_GAP_S", 0.0 if takes_batches else 60.0)  # plain ones are called anyway
+def test_in_line_a_supplier_has_delivered_when_it_returns(channel: Channel, takes_batches: bool) -> None:
     consumer = Consumer(takes_batches)
-    outlet = push_outlet_of(channel, consumer)
+    gap_s = 0.0 if takes_batches else 60.0  # plain consumers are called also during a flood
+    proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(max_flood_gap_s=gap_s))
     publish(channel, 0)
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     for number in range(1, 20):
         publish(channel, number)
         assert received(consumer)[-1] == number
 
 
-def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(push_outlet, "COALESCE_S", 0.3)
+def test_in_a_flood_suppliers_continue_and_calls_grow(channel: Channel) -> None:
     calls: list[int] = []
     is_called, may_end = threading.Event(), threading.Event()
 
@@ -126,7 +123,7 @@ def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypat
         assert may_end.wait(20)
 
     consumer = Consumer(answer=take)
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(coalesce_s=0.3))
     publish(channel, 0)
     assert is_called.wait(20)
     for number in range(1, 4):
@@ -134,25 +131,24 @@ def test_in_a_flood_suppliers_go_on_and_batches_grow(channel: Channel, monkeypat
     may_end.set()
     for number in range(4, 9):
         publish(channel, number)  # while the thread rests
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     assert calls == [1, 8]
     assert received(consumer) == list(range(9))
 
 
-def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(push_outlet, "FLOOD_GAP", 1e9)
-    monkeypatch.setattr(push_outlet, "MAX_GAP_S", 60.0)
+def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel) -> None:
     callers: list[str] = []
-    outlet = push_outlet_of(channel, Consumer(answer=lambda items: callers.append(threading.current_thread().name)))
+    consumer = Consumer(answer=lambda items: callers.append(threading.current_thread().name))
+    proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(flood_gap=1e9, max_flood_gap_s=60.0))
     for number in range(5):
         publish(channel, number)
-        eventually(lambda: is_settled(outlet))
+        eventually(lambda: is_settled(proxy))
     assert callers == ["to 1"] * 5
 
 
 def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer)
 
     def supply(base: int) -> None:
         for number in range(200):
@@ -163,7 +159,7 @@ def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Ch
         thread.start()
     for thread in threads:
         thread.join(20)
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     got = received(consumer)
     assert consumer.overlaps == 0
     for k in range(4):
@@ -183,18 +179,18 @@ def test_each_failure_costs_what_it_must(
     channel: Channel, error: EventError, is_delivered: bool, account: Totals, in_line: bool
 ) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer)
     if in_line:
         publish(channel, 0)
-        eventually(lambda: is_settled(outlet))
+        eventually(lambda: is_settled(proxy))
         account = account._replace(received=4, delivered=account.delivered + 1)
     consumer.answer = failing(error)
     for number in (1, 2, 3):
         publish(channel, number)
-        eventually(lambda: is_settled(outlet))
+        eventually(lambda: is_settled(proxy))
     assert received(consumer)[-3:] == ([1, 2, 3] if is_delivered else [*([0] if in_line else []), 2, 3])
-    assert totals(outlet) == account
-    assert outlet.condition is ProxyCondition.CONNECTED
+    assert totals(proxy) == account
+    assert proxy.state is ProxyState.CONNECTED
 
 
 @pytest.mark.parametrize("name", ["", "durable"])
@@ -203,13 +199,13 @@ def test_of_a_client_that_is_gone_no_event_is_called_delivered(channel: Channel,
     consumer = Consumer(answer=failing(ClientGone("gone")))
     left: list[Totals] = []
 
-    def on_client_lost(outlet: PushOutlet, reason: str) -> None:
+    def on_client_lost(proxy: ProxyPushSupplier, reason: str) -> None:
         lost.reasons.append(reason)
         with channel.lock:
-            outlet.leave()
-        left.append(totals(outlet))
+            proxy.leave()
+        left.append(totals(proxy))
 
-    outlet = push_outlet_of(channel, consumer, name=name, on_client_lost=on_client_lost)
+    proxy = push_supplier_of(channel, consumer, name=name, on_client_lost=on_client_lost)
     publish(channel, 1, 2)
     eventually(lambda: left)
     assert lost.reasons == ["gone"]
@@ -217,8 +213,8 @@ def test_of_a_client_that_is_gone_no_event_is_called_delivered(channel: Channel,
     # Its successor gets what it did not.
     second = Consumer()
     with channel.lock:
-        outlet.connect(second)
-    eventually(lambda: is_settled(outlet))
+        proxy.connect(second)
+    eventually(lambda: is_settled(proxy))
     assert received(second) == [1, 2]
 
 
@@ -226,17 +222,17 @@ def test_a_consumer_that_never_answers_is_given_up_after_bounded_failures(channe
     lost = LostClients()
     consumer = Consumer(answer=failing(*[Unconfirmed("no answer")] * 99))
     consumer.is_there = lambda: False
-    outlet = push_outlet_of(channel, consumer, on_client_lost=lost)
+    proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: lost.reasons)
     assert lost.reasons == ["4 failures in a row"]
-    assert is_balanced(totals(outlet))
+    assert is_balanced(totals(proxy))
 
 
 def test_a_consumer_that_answers_but_never_takes_events_is_given_up_as_well(channel: Channel) -> None:
     lost = LostClients()
     consumer = Consumer(answer=failing(*[NotDelivered("stuck")] * 99))
-    push_outlet_of(channel, consumer, on_client_lost=lost)
+    push_supplier_of(channel, consumer, on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: lost.reasons)
     assert lost.reasons == ["stuck"]
@@ -252,12 +248,12 @@ def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel)
         return len(asked) > 10
 
     consumer.answer, consumer.is_there = failing(NotDelivered("no way")), is_there
-    outlet = push_outlet_of(channel, consumer, name="durable", on_client_lost=lost)
+    proxy = push_supplier_of(channel, consumer, name="durable", on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: received(consumer) == [1])
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     assert lost.reasons == []
-    assert outlet.failures == 0
+    assert proxy.failures == 0
 
 
 def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: Channel) -> None:
@@ -270,14 +266,13 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
 
     asleep, awake = Consumer(answer=answer), Consumer()
     asleep.is_there = lambda: not is_stalled.is_set()
-    push_outlet.MAX_FAILURES = 10**9  # undone by the fixture
-    first = push_outlet_of(channel, asleep, QueuePolicy(10))
-    second = push_outlet_of(channel, awake)
+    first = push_supplier_of(channel, asleep, QueuePolicy(10), delivery=replace(IMPATIENT, max_failures=10**9))
+    second = push_supplier_of(channel, awake)
     for number in range(25):
         publish(channel, number)
     eventually(lambda: is_settled(second))
     assert received(awake) == list(range(25))
-    eventually(lambda: first.condition is ProxyCondition.STALLED)
+    eventually(lambda: first.state is ProxyState.STALLED)
     is_stalled.clear()
     eventually(lambda: is_settled(first))
     assert received(asleep) == list(range(15, 25))
@@ -286,87 +281,87 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
 
 def test_suspended_events_wait_and_come_in_order(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer)
     publish(channel, 0)
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     with channel.lock:
-        outlet.suspend()
+        proxy.suspend()
     publish(channel, 1, 2)
-    assert totals(outlet).queued == 2
+    assert totals(proxy).queued == 2
     with channel.lock:
-        outlet.resume()
-    eventually(lambda: is_settled(outlet))
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
     assert received(consumer) == [0, 1, 2]
 
 
 def test_where_a_queue_is_full_the_lowest_priority_goes_first(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer, QueuePolicy(3))
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(3))
     with channel.lock:
-        outlet.suspend()
+        proxy.suspend()
     for number, priority in enumerate([0, 5, 0, 5, 0, 5]):
         publish(channel, number, priority=priority)
     with channel.lock:
-        outlet.resume()
-    eventually(lambda: is_settled(outlet))
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
     assert received(consumer) == [1, 3, 5]
 
 
 def test_what_expires_while_it_waits_is_not_delivered(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer)
     with channel.lock:
-        outlet.suspend()
+        proxy.suspend()
     publish(channel, 1, expiry=0.01)
     publish(channel, 2)
     time.sleep(0.02)
     with channel.lock:
-        outlet.resume()
-    eventually(lambda: is_settled(outlet))
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
     assert received(consumer) == [2]
-    assert totals(outlet) == Totals(received=2, delivered=1, expired=1)
+    assert totals(proxy) == Totals(received=2, delivered=1, expired=1)
 
 
 def test_a_supplier_waits_for_room_and_loses_nothing(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer, QueuePolicy(5, OverflowRule.BLOCK_SUPPLIER, 10.0))
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(5, OverflowRule.BLOCK_SUPPLIER, 10.0))
     with channel.lock:
-        outlet.suspend()
+        proxy.suspend()
     supplier = threading.Thread(target=publish, args=(channel, *range(12)))
     supplier.start()
-    eventually(lambda: totals(outlet).queued == 5)
+    eventually(lambda: totals(proxy).queued == 5)
     assert supplier.is_alive()
     with channel.lock:
-        outlet.resume()
+        proxy.resume()
     supplier.join(10)
     assert not supplier.is_alive()
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     assert received(consumer) == list(range(12))
 
 
 def test_a_supplier_waits_no_longer_than_the_limit_then_the_newest_go(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer, QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.01))
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.01))
     with channel.lock:
-        outlet.suspend()
+        proxy.suspend()
     publish(channel, *range(6))
-    assert totals(outlet) == Totals(received=6, discarded=4, queued=2)
+    assert totals(proxy) == Totals(received=6, discarded=4, queued=2)
     with channel.lock:
-        outlet.resume()
-    eventually(lambda: is_settled(outlet))
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
     assert received(consumer) == [0, 1]
 
 
 def test_a_conjunction_reaches_who_takes_batches_at_once_and_others_one_by_one(channel: Channel) -> None:
     batches, plain = Consumer(), Consumer(takes_batches=False)
-    outlets = [push_outlet_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
+    proxies = [push_supplier_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
     publish(channel, 1, type="a")
     publish(channel, 2, type="c")
-    assert [totals(outlet) for outlet in outlets] == [Totals(received=1, queued=1)] * 2
+    assert [totals(proxy) for proxy in proxies] == [Totals(received=1, queued=1)] * 2
     publish(channel, 3, type="b")
-    for outlet in outlets:
-        eventually(lambda outlet=outlet: is_settled(outlet))
-        assert totals(outlet) == Totals(received=2, delivered=2)
+    for proxy in proxies:
+        eventually(lambda proxy=proxy: is_settled(proxy))
+        assert totals(proxy) == Totals(received=2, delivered=2)
     (item,) = batches.items
     assert isinstance(item, CorrelatedEvents) and item.clause_number == 0
     assert received(plain) == [1, 3]
@@ -374,35 +369,35 @@ def test_a_conjunction_reaches_who_takes_batches_at_once_and_others_one_by_one(c
 
 def test_a_conjunction_that_stays_keeps_what_waits_in_it(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer, wanted=(*BOTH, *wanting("x")))
+    proxy = push_supplier_of(channel, consumer, wanted=(*BOTH, *wanting("x")))
     publish(channel, 1, type="a")
     with channel.lock:
-        outlet.select((*wanting("y"), *BOTH))
-        channel.changed()
+        proxy.select((*wanting("y"), *BOTH))
+        channel.update_routes()
     publish(channel, 2, type="b")
     eventually(lambda: consumer.items)
     (item,) = consumer.items
     assert isinstance(item, CorrelatedEvents) and item.clause_number == 1
     with channel.lock:
-        outlet.select(BOTH)
-        channel.changed()
+        proxy.select(BOTH)
+        channel.update_routes()
     publish(channel, 3, type="a")
     with channel.lock:
-        outlet.select(())
-    assert totals(outlet) == Totals(received=3, delivered=2, discarded=1)
+        proxy.select(())
+    assert totals(proxy) == Totals(received=3, delivered=2, discarded=1)
 
 
 def test_an_end_discards_what_waits_and_calls_nobody_any_more(channel: Channel) -> None:
     consumer = Consumer()
-    outlet = push_outlet_of(channel, consumer)
+    proxy = push_supplier_of(channel, consumer)
     publish(channel, 0)
-    eventually(lambda: is_settled(outlet))
+    eventually(lambda: is_settled(proxy))
     with channel.lock:
-        outlet.suspend()
+        proxy.suspend()
     publish(channel, 1, 2)
     with channel.lock:
-        outlet.end()
-    assert totals(outlet) == Totals(received=3, delivered=1, discarded=2)
+        proxy.end()
+    assert totals(proxy) == Totals(received=3, delivered=1, discarded=2)
     publish(channel, 3)  # by a route that still leads here
     assert received(consumer) == [0]
 
@@ -435,21 +430,21 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
             raise failure
 
     consumer = Consumer(takes_batches, answer)
-    outlet = push_outlet_of(channel, consumer, QueuePolicy(size, rule), (*ALL, *BOTH), name="never given up")
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(size, rule), (*ALL, *BOTH), name="never given up")
     number = 0
     for count, priority, pauses in said_:
         publish(channel, *range(number, number + count), type="ab"[number % 2], priority=priority)
         number += count
-        assert is_balanced(totals(outlet))
+        assert is_balanced(totals(proxy))
         if pauses:
             time.sleep(0.001)
-    eventually(lambda: outlet.condition is ProxyCondition.CONNECTED and not outlet._queue)
-    eventually(lambda: outlet._in_flight == 0)
+    eventually(lambda: proxy.state is ProxyState.CONNECTED and not proxy._queue)
+    eventually(lambda: proxy._in_flight == 0)
     with channel.lock:
-        outlet.end()
-        channel.outlets.pop(outlet.id)
-        channel.changed()
-    final = outlet.totals()
+        proxy.end()
+        channel.proxy_suppliers.pop(proxy.id)
+        channel.update_routes()
+    final = proxy.totals()
     assert is_balanced(final) and final.queued == 0
     assert final.received == 2 * number  # each fits as such, and one of the patterns
     assert final.delivered - final.unconfirmed == sum(map(len, consumer.items))
@@ -459,33 +454,35 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
 # ---- pull ----
 
 
-def pull_outlet_of(channel: Channel, policy: QueuePolicy | None = None, wanted: Subscription = ALL) -> PullOutlet:
-    outlet = PullOutlet(channel.lock, "pull", wanted, policy or QueuePolicy())
-    add(channel, outlet)
-    return outlet
+def pull_supplier_of(
+    channel: Channel, policy: QueuePolicy | None = None, wanted: Subscription = ALL
+) -> ProxyPullSupplier:
+    proxy = ProxyPullSupplier(channel.lock, "pull", wanted, policy or QueuePolicy())
+    add(channel, proxy)
+    return proxy
 
 
 def test_pulled_events_come_one_by_one_and_then_none(channel: Channel) -> None:
-    outlet = pull_outlet_of(channel, wanted=(*ALL, *BOTH))
+    proxy = pull_supplier_of(channel, wanted=(*ALL, *BOTH))
     publish(channel, 1, 2, type="a")
     publish(channel, 3, type="b")
     pulled = []
-    while run := outlet.pull(0.0):
-        assert len(run) == 1
-        pulled.append(int(run.payloads[0]))
-        assert is_balanced(totals(outlet))
+    while batch := proxy.pull(0.0):
+        assert len(batch) == 1
+        pulled.append(int(batch.payloads[0]))
+        assert is_balanced(totals(proxy))
     assert pulled == [1, 2, 1, 3, 3]  # the conjunction of 1 and 3 came true before 3 came as such
-    assert totals(outlet) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
+    assert totals(proxy) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
 
 
 def test_all_who_wait_for_events_get_one_each_of_a_run(channel: Channel) -> None:
-    outlet = pull_outlet_of(channel)
+    proxy = pull_supplier_of(channel)
     pulled: list[int] = []
 
     def pull() -> None:
-        run = outlet.pull(10.0)
-        assert run is not None
-        pulled.append(int(run.payloads[0]))
+        batch = proxy.pull(10.0)
+        assert batch is not None
+        pulled.append(int(batch.payloads[0]))
 
     threads = [threading.Thread(target=pull) for _ in range(4)]
     for thread in threads:
@@ -498,12 +495,12 @@ def test_all_who_wait_for_events_get_one_each_of_a_run(channel: Channel) -> None
 
 
 def test_who_waits_is_woken_by_the_end(channel: Channel) -> None:
-    outlet = pull_outlet_of(channel)
+    proxy = pull_supplier_of(channel)
     woken: list[type[BaseException] | None] = []
 
     def pull() -> None:
         try:
-            outlet.pull(30.0)
+            proxy.pull(30.0)
         except ProxyGone as error:
             woken.append(type(error))
 
@@ -511,31 +508,31 @@ def test_who_waits_is_woken_by_the_end(channel: Channel) -> None:
     thread.start()
     time.sleep(0.05)
     with channel.lock:
-        outlet.end()
+        proxy.end()
     thread.join(5)
     assert woken == [ProxyGone]
 
 
 def test_who_waits_is_sent_away_by_the_end_of_the_process(channel: Channel) -> None:
-    outlet = pull_outlet_of(channel)
+    proxy = pull_supplier_of(channel)
     answers: list[object] = []
-    thread = threading.Thread(target=lambda: answers.append(outlet.pull(30.0)))
+    thread = threading.Thread(target=lambda: answers.append(proxy.pull(30.0)))
     thread.start()
     time.sleep(0.05)
     with channel.lock:
-        outlet.release()
+        proxy.release()
     thread.join(5)
     assert answers == [None]
 
 
 def test_before_a_client_is_connected_there_is_nothing_to_pull(channel: Channel) -> None:
     with pytest.raises(Disconnected):
-        PullOutlet(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
+        ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
 
 
 def test_a_pull_does_not_return_with_what_has_expired(channel: Channel) -> None:
-    outlet = pull_outlet_of(channel)
+    proxy = pull_supplier_of(channel)
     publish(channel, 1, expiry=0.01)
     time.sleep(0.02)
-    assert outlet.pull(0.0) is None
-    assert totals(outlet) == Totals(received=1, expired=1)
+    assert proxy.pull(0.0) is None
+    assert totals(proxy) == Totals(received=1, expired=1)

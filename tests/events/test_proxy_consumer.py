@@ -7,44 +7,45 @@ import threading
 import pytest
 
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
-from robocorba.events import inlet
 from robocorba.events.account import Account
-from robocorba.events.event import EventRun
-from robocorba.events.inlet import Inlet, PolledInlet
-from robocorba.events.outlet import ProxyCondition
+from robocorba.events.event import EventBatch
+from robocorba.events.policies import Backoff, PollingPolicy
+from robocorba.events.proxy import ProxyState
+from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
 from robocorba.testing.processes import eventually
 from tests.events.samples import Supplier, supplied
 
+#: Shorter pauses, and fewer failures, than the defaults.
+POLICY = PollingPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
+
 
 class Published:
-    """What an inlet published, and the reasons why clients were lost."""
+    """What a proxy published, and the reasons why clients were lost."""
 
     def __init__(self) -> None:
         self.payloads: list[object] = []
         self.reasons: list[str] = []
         self.lock = threading.Lock()
 
-    def publish(self, run: EventRun, account: Account) -> None:
-        self.payloads += run.payloads
+    def publish(self, batch: EventBatch, account: Account) -> None:
+        self.payloads += batch.payloads
 
-    def lost(self, proxy: PolledInlet, reason: str) -> None:
+    def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
         self.reasons.append(reason)
 
-    def polled(self, supplier: Supplier) -> PolledInlet:
-        one = PolledInlet(self.lock, "1", self.publish, self.lost)
+    def polled(self, supplier: Supplier) -> ProxyPullConsumer:
+        one = ProxyPullConsumer(self.lock, "1", self.publish, POLICY, self.lost)
         one.connect(supplier)
         return one
 
 
 @pytest.fixture
-def published(monkeypatch: pytest.MonkeyPatch) -> Published:
-    for name, value in (("FIRST_PAUSE_S", 0.001), ("MAX_PAUSE_S", 0.002), ("MAX_FAILURES", 4)):
-        monkeypatch.setattr(inlet, name, value)
+def published() -> Published:
     return Published()
 
 
 def test_a_push_is_published_between_connect_and_end(published: Published) -> None:
-    one = Inlet(published.lock, "1", published.publish)
+    one = ProxyConsumer(published.lock, "1", published.publish)
     with pytest.raises(Disconnected):
         one.push(supplied("t", b"early"))
     one.connect(None)
@@ -59,7 +60,7 @@ def test_a_supplier_is_asked_again_and_again(published: Published) -> None:
     supplier = Supplier(supplied("t", b"a"), supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: supplier.asked > 5)
-    supplier.runs.append(supplied("t", b"c"))
+    supplier.batches.append(supplied("t", b"c"))
     eventually(lambda: published.payloads == [b"a", b"b", b"c"])
     one.end()
     eventually(lambda: not any(thread.name == "from 1" for thread in threading.enumerate()))
@@ -70,7 +71,7 @@ def test_a_supplier_that_fails_now_and_then_is_asked_on(published: Published, er
     supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
-    eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
+    eventually(lambda: one.state is ProxyState.CONNECTED and one.failures == 0)
     one.end()
     assert published.reasons == []
 

@@ -29,8 +29,9 @@ ID_BITS = 10
 _TABLES = ("CREATE TABLE starts (second INTEGER NOT NULL)", "CREATE TABLE ids (next INTEGER NOT NULL)")
 
 
-class ProxyRecord(msgspec.Struct):
-    """A proxy. client: stringified reference of the connected client, empty for nil. policy: of outlets only."""
+class StoredProxy(msgspec.Struct):
+    """A proxy as stored. client: stringified reference of the connected client, empty for nil. policy: queue of a proxy
+    supplier."""
 
     id: str
     kind: str
@@ -42,9 +43,10 @@ class ProxyRecord(msgspec.Struct):
     policy: QueuePolicy | None = None
 
 
-class PeerRecord(msgspec.Struct):
-    """A peer. address: HOST:PORT or a URI, empty to use the naming service. reference: stringified reference that was
-    valid last. removed: a former peer, whose attempts to link again are refused."""
+class Peer(msgspec.Struct):
+    """A channel to link with. address: HOST:PORT or a URI, empty to use the naming service. reference: the last valid
+    stringified reference. foreign: it supports CosEventChannelAdmin only. removed: a former peer, whose attempts to
+    link again are refused."""
 
     name: str
     address: str = ""
@@ -76,20 +78,20 @@ class ChannelStore(RecordFile):
             ((id,),) = self._db.execute("UPDATE ids SET next = next + 1 RETURNING next - 1").fetchall()
             return int(id)
 
-    def proxies(self) -> list[ProxyRecord]:
-        return self.all("proxy", ProxyRecord)
+    def proxies(self) -> list[StoredProxy]:
+        return self.all("proxy", StoredProxy)
 
-    def save_proxy(self, record: ProxyRecord) -> None:
-        self.save("proxy", record.id, record)
+    def save_proxy(self, proxy: StoredProxy) -> None:
+        self.save("proxy", proxy.id, proxy)
 
     def forget_proxy(self, id: str) -> None:
         self.forget("proxy", id)
 
-    def peers(self) -> list[PeerRecord]:
-        return self.all("peer", PeerRecord)
+    def peers(self) -> list[Peer]:
+        return self.all("peer", Peer)
 
-    def save_peer(self, record: PeerRecord) -> None:
-        self.save("peer", record.name, record)
+    def save_peer(self, peer: Peer) -> None:
+        self.save("peer", peer.name, peer)
 
     def forget_peer(self, name: str) -> None:
         self.forget("peer", name)
