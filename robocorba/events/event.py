@@ -151,23 +151,19 @@ def check(batch: EventBatch) -> None:
 
 def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:
     """The same events in the same order, in as few batches as possible."""
-    result: list[EventBatch] = []
-    group: list[EventBatch] = []
-
-    def close() -> None:
-        if len(group) == 1:
-            result.append(group[0])
-        elif group:
-            times = [time for batch in group for time in batch.times]
-            payloads = [payload for batch in group for payload in batch.payloads]
-            result.append(EventBatch(group[0].header, times, payloads, group[0].first, group[0].via))
-        group.clear()
-
+    groups: list[list[EventBatch]] = []
     expected = 0
     for batch in batches:
-        if group and (batch.first != expected or batch.header != group[0].header or batch.via != group[0].via):
-            close()
-        group.append(batch)
+        before = groups[-1][0] if groups and batch.first == expected else None
+        if before and batch.header == before.header and batch.via == before.via:
+            groups[-1].append(batch)
+        else:
+            groups.append([batch])
         expected = batch.first + len(batch.payloads)
-    close()
-    return result
+    return [_joined(group) if len(group) > 1 else group[0] for group in groups]
+
+
+def _joined(group: list[EventBatch]) -> EventBatch:
+    times = [time for batch in group for time in batch.times]
+    payloads = [payload for batch in group for payload in batch.payloads]
+    return EventBatch(group[0].header, times, payloads, group[0].first, group[0].via)

@@ -155,7 +155,7 @@ class Links:
             gateway.wake()
 
     def is_in_force(self, proxy: ProxySupplier, peer: str) -> bool:
-        """Whether `peer` has received an interest that covers an proxy's subscription. Raises UnknownPeer."""
+        """Whether `peer` has received an interest that covers the subscription of a proxy. Raises UnknownPeer."""
         link = self._links.get(peer)
         if link is None:
             raise UnknownPeer(peer, sorted(self._links))

@@ -106,15 +106,13 @@ class ProxyPushSupplier(ProxySupplier):
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
         count = len(batch.payloads)
-        if count > self._inline or self._busy or self._queue.length or match.conjunctions or self._is_flooded():
+        if count > self._inline or self._busy or self._queue.length or match.conjunctions:
+            return super().accept(batch, match, now)
+        if self._inline > 1 and time.perf_counter() < self._flood_until:  # a flood, and the consumer takes batches
             return super().accept(batch, match, now)
         self.account.received += count
         self._busy, self._in_flight = True, count
         return True
-
-    def _is_flooded(self) -> bool:
-        """Whether the consumer takes batches and events arrive faster than single calls could deliver them."""
-        return self._inline > 1 and time.perf_counter() < self._flood_until
 
     def deliver(self, batch: EventBatch) -> bool:
         return self._call(self.client, (batch,), INLINE_TIMEOUT_S)

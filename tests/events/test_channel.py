@@ -49,7 +49,7 @@ def test_events_get_numbers_origin_and_time(channel: Channel) -> None:
     assert account.totals(0) == (3, 3, 0, 0, 0, 0)
 
 
-def test_each_consumer_gets_what_it_wants_as_soon_as_it_wants_it(channel: Channel) -> None:
+def test_each_consumer_gets_the_events_of_its_current_subscription(channel: Channel) -> None:
     first, second = consumer(channel, "1", wanting("a*")), consumer(channel, "2", wanting("b", "a1"))
     for type in ("a1", "a2", "b", "c"):
         channel.publish(supplied(type, type.encode()), Account())
@@ -73,7 +73,7 @@ def test_the_interest_is_the_union_of_all_subscriptions(channel: Channel) -> Non
     assert channel.interest() == (Pattern("a*"),)
 
 
-def test_what_had_expired_when_it_came_gets_no_number(channel: Channel) -> None:
+def test_events_that_arrive_expired_get_no_number(channel: Channel) -> None:
     proxy, account = consumer(channel, "1"), Account()
     batch = supplied("t", b"a", b"b", b"c", b"d", expiry=5.0)
     now = time.time()
@@ -87,7 +87,7 @@ def test_what_had_expired_when_it_came_gets_no_number(channel: Channel) -> None:
     assert (channel.last_number, account.expired) == (101, 3)
 
 
-def test_what_comes_again_from_a_peer_is_recognised(channel: Channel) -> None:
+def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
     proxy = consumer(channel, "1")
 
     def forward(first: int, count: int, origin: str = "hall") -> int:
@@ -102,7 +102,7 @@ def test_what_comes_again_from_a_peer_is_recognised(channel: Channel) -> None:
     assert [number for number, _ in pulled(proxy)] == [1, 2, 3, 4, 5, 7]
 
 
-def test_a_destroyed_channel_takes_nothing(channel: Channel) -> None:
+def test_a_destroyed_channel_accepts_no_events(channel: Channel) -> None:
     with channel.lock:
         channel.is_destroyed = True
     with pytest.raises(ProxyGone):

@@ -31,7 +31,7 @@ def aged(ages: list[int], first: int) -> EventBatch:
 
 
 @given(st.integers(1, 20), st.integers(0, 20), st.integers(0, 20))
-def test_a_part_has_the_events_and_numbers_of_its_place(count: int, start: int, stop: int) -> None:
+def test_a_part_keeps_its_events_and_numbers(count: int, start: int, stop: int) -> None:
     part = events(100, count).part(start, stop)
     assert part.payloads == list(range(100, 100 + count))[start:stop]
     assert len(part.times) == len(part)
@@ -41,7 +41,7 @@ def test_a_part_has_the_events_and_numbers_of_its_place(count: int, start: int, 
 
 
 @given(st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.sampled_from("ab")), max_size=15))
-def test_merged_runs_are_the_same_events_in_as_few_runs_as_can_be(pieces: list[tuple[int, bool, str]]) -> None:
+def test_merging_keeps_the_events_in_as_few_batches_as_possible(pieces: list[tuple[int, bool, str]]) -> None:
     batches: list[EventBatch] = []
     number = 1
     for count, has_gap, type in pieces:
@@ -59,7 +59,7 @@ def test_merged_runs_are_the_same_events_in_as_few_runs_as_can_be(pieces: list[t
     )
 
 
-def test_runs_that_came_by_different_ways_stay_apart() -> None:
+def test_batches_from_different_peers_are_not_merged() -> None:
     first, second = events(1, 2), events(3, 2)
     second.via = "hall"
     assert merged([first, second]) == [first, second]
@@ -83,7 +83,7 @@ def test_events_with_numbers_keep_them_and_no_live_one_is_lost(ages: list[int], 
     assert [number - first for number in numbers([fresh])] == fresh.payloads
 
 
-def test_what_never_expires_is_passed_on_as_it_is() -> None:
+def test_a_batch_without_expiry_is_returned_unchanged() -> None:
     batch = events(1, 3)
     assert batch.unexpired(math.inf) is batch
 

@@ -11,22 +11,22 @@ from robocorba.events.subscription import Pattern
 WANTS_T = (Pattern("t"),)
 
 
-def notice(name: str, version: int, *peers: str, interest: tuple[Pattern, ...] = WANTS_T) -> Advertisement:
+def advertisement(name: str, version: int, *peers: str, interest: tuple[Pattern, ...] = WANTS_T) -> Advertisement:
     return Advertisement(name, version, peers, interest)
 
 
 def test_only_a_higher_version_is_news() -> None:
     lab = Federation("lab")
     lab.advertise(["hall"], ())
-    assert lab.learn([notice("hall", 5, "lab")])
-    assert not lab.learn([notice("hall", 5, "lab")])
-    assert not lab.learn([notice("hall", 4)])
+    assert lab.learn([advertisement("hall", 5, "lab")])
+    assert not lab.learn([advertisement("hall", 5, "lab")])
+    assert not lab.learn([advertisement("hall", 4)])
     assert lab.is_wanted("hall", "t", "s", "lab")
-    assert lab.learn([notice("hall", 6, "lab", interest=())])
+    assert lab.learn([advertisement("hall", 6, "lab", interest=())])
     assert not lab.is_wanted("hall", "t", "s", "lab")
 
 
-def test_to_tell_the_same_again_is_no_news() -> None:
+def test_an_unchanged_advertisement_keeps_its_version() -> None:
     lab = Federation("lab")
     assert lab.advertise(["hall"], WANTS_T)
     before = lab.own
@@ -36,34 +36,34 @@ def test_to_tell_the_same_again_is_no_news() -> None:
     assert lab.own.version > before.version
 
 
-def test_a_link_counts_when_both_ends_tell_of_it_or_one_is_not_heard_yet() -> None:
+def test_a_link_needs_both_ends_unless_one_has_not_advertised_yet() -> None:
     lab = Federation("lab")
     lab.advertise(["hall"], ())
-    lab.learn([notice("hall", 1, "lab", "yard", interest=()), notice("yard", 1)])
+    lab.learn([advertisement("hall", 1, "lab", "yard", interest=()), advertisement("yard", 1)])
     assert not lab.is_wanted("hall", "t", "s", "lab")  # the yard knows of no link
-    lab.learn([notice("yard", 2, "hall")])
+    lab.learn([advertisement("yard", 2, "hall")])
     assert lab.is_wanted("hall", "t", "s", "lab")
 
 
-def test_a_channel_that_no_way_leads_to_counts_for_nothing_until_there_is_one_again() -> None:
+def test_an_unreachable_channel_is_ignored_until_it_is_reachable_again() -> None:
     lab = Federation("lab")
     lab.advertise(["hall"], ())
-    lab.learn([notice("hall", 1, "lab", "yard", interest=()), notice("yard", 1, "hall")])
-    lab.learn([notice("hall", 2, "lab", interest=())])
+    lab.learn([advertisement("hall", 1, "lab", "yard", interest=()), advertisement("yard", 1, "hall")])
+    lab.learn([advertisement("hall", 2, "lab", interest=())])
     assert [n.name for n in lab.advertisements] == ["lab", "hall"]
     assert not lab.is_wanted("hall", "t", "s", "lab")
     # Only the hall has sent an advertisement, the yard has not.
-    lab.learn([notice("hall", 3, "lab", "yard", interest=())])
+    lab.learn([advertisement("hall", 3, "lab", "yard", interest=())])
     assert [n.name for n in lab.advertisements] == ["lab", "hall", "yard"]
     assert lab.is_wanted("hall", "t", "s", "lab")
 
 
-def test_a_channel_that_forgot_itself_is_believed_again() -> None:
+def test_a_channel_that_lost_its_state_supersedes_its_earlier_advertisement() -> None:
     """Its clock was set back as well: what the others remember has a higher version than its new advertisement."""
     before = 2**62
     lab, hall = Federation("lab"), Federation("hall")
     lab.advertise(["hall"], WANTS_T)
-    hall.learn([notice("lab", before, "hall", interest=())])
+    hall.learn([advertisement("lab", before, "hall", interest=())])
     hall.advertise(["lab"], ())
     assert not hall.learn([lab.own])
     assert lab.learn(hall.advertisements)
@@ -71,7 +71,7 @@ def test_a_channel_that_forgot_itself_is_believed_again() -> None:
     assert hall.is_wanted("lab", "t", "s", "hall")
 
 
-def test_its_own_notice_that_comes_back_changes_nothing() -> None:
+def test_its_own_advertisement_that_comes_back_changes_nothing() -> None:
     lab = Federation("lab")
     lab.advertise(["hall"], WANTS_T)
     before = lab.own
@@ -79,7 +79,7 @@ def test_its_own_notice_that_comes_back_changes_nothing() -> None:
     assert lab.own is before
 
 
-def test_a_restarted_channel_tells_a_newer_notice_with_the_same_content() -> None:
+def test_a_restarted_channel_has_a_newer_advertisement_with_the_same_content() -> None:
     before = Federation("lab")
     before.advertise(["hall"], WANTS_T)
     after = Federation("lab", before.advertisements)
@@ -87,14 +87,14 @@ def test_a_restarted_channel_tells_a_newer_notice_with_the_same_content() -> Non
     assert (after.own.peers, after.own.interest) == (("hall",), WANTS_T)
 
 
-def test_notices_are_bounded_and_unreachable_ones_make_room() -> None:
+def test_advertisements_are_bounded_and_unreachable_ones_make_room() -> None:
     lab = Federation("lab", max_channels=4)
     lab.advertise(["a"], ())
-    lab.learn([notice("a", 1, "lab", "b"), notice("far1", 1), notice("far2", 1)])
-    lab.learn([notice("b", 1, "a", "c")])
-    lab.learn([notice("c", 1, "b")])
+    lab.learn([advertisement("a", 1, "lab", "b"), advertisement("far1", 1), advertisement("far2", 1)])
+    lab.learn([advertisement("b", 1, "a", "c")])
+    lab.learn([advertisement("c", 1, "b")])
     assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
-    lab.learn([notice("d", 1, "c"), notice("c", 2, "b", "d")])
+    lab.learn([advertisement("d", 1, "c"), advertisement("c", 2, "b", "d")])
     assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
 
 

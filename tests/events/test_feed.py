@@ -15,6 +15,7 @@ from robocorba.events.feed import INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WI
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
+from tests.events.samples import is_balanced
 
 FIT = SubscriptionMatch(True, ())
 
@@ -91,7 +92,7 @@ class Setting:
     def check_account(self) -> Totals:
         with self.lock:
             totals = self.feed.snapshot().totals
-        assert totals.received == totals.delivered + totals.discarded + totals.expired + totals.queued
+        assert is_balanced(totals)
         return totals
 
 
@@ -105,19 +106,19 @@ def at(request: pytest.FixtureRequest) -> Iterator[Setting]:
         setting.feed.end()
 
 
-def test_events_wait_until_the_gateway_has_joined_and_said_so(at: Setting) -> None:
+def test_events_wait_until_the_gateway_has_joined_and_renewed(at: Setting) -> None:
     at.publish(3)
     at.join()
     at.publish()
     assert at.gateway.got == []
     at.renew(1)
-    eventually(lambda: at.gateway.payloads() == [1, 2, 3, 4], what="what waited")
+    eventually(lambda: at.gateway.payloads() == [1, 2, 3, 4], what="the queued events")
     assert at.check_account()[-1] == 4
     at.acknowledge(2)
     assert at.check_account() == (4, 4, 0, 0, 0, 0)
 
 
-def test_an_idle_link_is_served_by_the_suppliers_own_thread(at: Setting) -> None:
+def test_on_an_idle_link_the_suppliers_own_thread_sends(at: Setting) -> None:
     at.join()
     at.renew(1)
     batch = at.batch()
@@ -127,7 +128,7 @@ def test_an_idle_link_is_served_by_the_suppliers_own_thread(at: Setting) -> None
     assert at.gateway.payloads() == [1]
 
 
-def test_batches_grow_under_load(at: Setting) -> None:
+def test_packets_grow_under_load(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.gateway.may_take.clear()
@@ -144,7 +145,7 @@ def test_batches_grow_under_load(at: Setting) -> None:
     assert len(at.gateway.got[1][2]) == 1  # merged into one batch
 
 
-def test_at_most_a_window_of_batches_is_on_its_way(at: Setting) -> None:
+def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
     at.join()
     at.renew(1)
     for number in range(3 * WINDOW):
@@ -157,7 +158,7 @@ def test_at_most_a_window_of_batches_is_on_its_way(at: Setting) -> None:
     assert at.gateway.payloads() == sorted(at.gateway.payloads())
 
 
-def test_what_was_not_acknowledged_goes_first_in_the_next_session(at: Setting) -> None:
+def test_unacknowledged_packets_are_sent_first_in_the_next_session(at: Setting) -> None:
     at.join()
     at.renew(1)
     for _ in range(3):
@@ -166,14 +167,14 @@ def test_what_was_not_acknowledged_goes_first_in_the_next_session(at: Setting) -
     session = at.join()
     at.publish()
     at.renew(1)
-    eventually(lambda: at.gateway.payloads(session) == [2, 3, 4], what="what was on its way, then the new one")
+    eventually(lambda: at.gateway.payloads(session) == [2, 3, 4], what="what was in flight, then the new one")
     with pytest.raises(SessionOver), at.lock:
         at.feed.acknowledge("another", 9)
     at.check_account()
 
 
 def test_a_join_while_an_event_is_claimed_keeps_the_order(at: Setting) -> None:
-    """The supplier's thread was about to send 2 in the old session, 1 was on its way, 3 waits."""
+    """The supplier's thread was about to send 2 in the old session, 1 was in flight, 3 waits."""
     at.join()
     at.renew(1)
     at.publish()
@@ -200,7 +201,7 @@ def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
     assert at.check_account().received == 2
 
 
-def test_a_batch_that_did_not_get_out_goes_again_once_the_gateway_is_heard(at: Setting) -> None:
+def test_a_packet_that_failed_is_sent_again_after_the_next_renewal(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.gateway.is_dead = True
@@ -213,7 +214,7 @@ def test_a_batch_that_did_not_get_out_goes_again_once_the_gateway_is_heard(at: S
 
 
 @pytest.mark.parametrize("at", [LinkPolicy(retransmit_s=0.0)], indirect=True)
-def test_a_packet_that_got_lost_goes_again(at: Setting) -> None:
+def test_a_lost_packet_is_retransmitted(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish()
@@ -224,20 +225,20 @@ def test_a_packet_that_got_lost_goes_again(at: Setting) -> None:
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both again")
 
 
-def test_a_gateway_that_is_behind_is_not_sent_everything_again(at: Setting) -> None:
+def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish()
     at.publish()
     time.sleep(DEFAULTS.retransmit_s + 0.05)
     at.acknowledge(2)
-    at.renew(2)  # the second is on its way for long, but there was progress
+    at.renew(2)  # the second is in flight for a while, but there was progress
     time.sleep(0.1)
     assert at.gateway.payloads() == [1, 2]
 
 
 @pytest.mark.parametrize("at", [LinkPolicy(lease_s=0.05)], indirect=True)
-def test_a_session_without_a_sign_is_down(at: Setting) -> None:
+def test_the_link_is_down_when_the_lease_ends(at: Setting) -> None:
     at.join()
     at.renew(1)
     assert at.feed.snapshot().is_up
@@ -257,7 +258,7 @@ def test_a_full_queue_discards_the_oldest_and_counts_them(at: Setting) -> None:
     assert at.check_account().discarded == 15
 
 
-def test_expired_events_do_not_go_out(at: Setting) -> None:
+def test_expired_events_are_not_sent(at: Setting) -> None:
     at.publish(2, expiry=0.05)
     at.publish()
     time.sleep(0.1)
@@ -267,14 +268,14 @@ def test_expired_events_do_not_go_out(at: Setting) -> None:
     assert at.check_account().expired == 2
 
 
-def test_events_that_came_from_the_peer_do_not_go_back(at: Setting) -> None:
+def test_events_from_the_peer_are_not_sent_back(at: Setting) -> None:
     batch = at.batch()
     batch.via = "hall"
     assert not at.accept(batch)
     assert at.check_account().received == 0
 
 
-def test_a_large_run_goes_in_batches_that_a_message_can_hold(at: Setting) -> None:
+def test_a_large_batch_is_sent_in_several_packets(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish(20, bytes=300_000)
@@ -286,7 +287,7 @@ def test_a_large_run_goes_in_batches_that_a_message_can_hold(at: Setting) -> Non
     assert max(len(batch) for _, _, batches in at.gateway.got for batch in batches) <= PACKET_EVENTS
 
 
-def test_what_can_not_be_sent_is_discarded_and_holds_up_nothing(at: Setting) -> None:
+def test_unsendable_events_are_discarded_and_delay_no_others(at: Setting) -> None:
     at.gateway.refused = {b"2"}
     for number in range(3):
         at.publish(1, type=f"t{number}")
@@ -298,7 +299,7 @@ def test_what_can_not_be_sent_is_discarded_and_holds_up_nothing(at: Setting) -> 
     assert at.check_account() == (3, 2, 0, 1, 0, 0)
 
 
-def test_a_batch_of_nothing_but_what_can_not_be_sent_is_acknowledged_too(at: Setting) -> None:
+def test_a_packet_of_unsendable_events_is_acknowledged_too(at: Setting) -> None:
     at.gateway.refused = {b"1"}
     at.join()
     at.renew(1)
@@ -308,7 +309,7 @@ def test_a_batch_of_nothing_but_what_can_not_be_sent_is_acknowledged_too(at: Set
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
 
 
-def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(at: Setting) -> None:
+def test_unsendable_events_are_not_delivered_even_if_acknowledged_first(at: Setting) -> None:
     class Quick(Gateway):
         def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
             unsendable = super().forward(session, position, batches, limit_s)
@@ -323,7 +324,7 @@ def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
 
 
-def test_plain_values_count_as_events_in_a_large_run(at: Setting) -> None:
+def test_plain_values_count_as_events_in_a_large_batch(at: Setting) -> None:
     batch = EventBatch(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
     assert not at.accept(batch)
     at.join()

@@ -33,7 +33,7 @@ def is_up(*nodes: Node) -> bool:
 # ---- links ----
 
 
-def test_both_ends_know_of_a_link_that_one_was_told() -> None:
+def test_a_link_that_one_end_adds_exists_at_both_ends() -> None:
     with Network("A", "B") as network:
         network.link("AB")
         eventually(lambda: len(network["B"].links.snapshots()) == 1 and is_up(*network.nodes.values()), what="the link")
@@ -63,7 +63,7 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
         eventually(lambda: consumer.read() == ["again"], what="the event")
 
 
-def test_whoever_was_removed_while_it_was_away_is_told_why_it_is_refused() -> None:
+def test_a_peer_that_was_removed_while_unreachable_learns_why_it_is_refused() -> None:
     with Network("A", "B") as network:
         a, b = network["A"], network["B"]
         network.link("AB")
@@ -77,7 +77,7 @@ def test_whoever_was_removed_while_it_was_away_is_told_why_it_is_refused() -> No
         eventually(lambda: is_up(a, b) and a.links.snapshots(), what="the link again")
 
 
-def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
+def test_the_queue_of_a_removed_peer_is_discarded() -> None:
     with Network("A", "B") as network:
         a = network["A"]
         network.link("AB")
@@ -91,7 +91,7 @@ def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
 
 
 @pytest.mark.parametrize(("name", "field"), [("A", "name"), ("", "name"), ("a/b", "name"), ("x" * 61, "name")])
-def test_names_that_can_not_be_peers(name: str, field: str) -> None:
+def test_invalid_names_of_peers(name: str, field: str) -> None:
     with Network("A") as network:
         with pytest.raises(InvalidPeer) as refused:
             network["A"].links.add(Peer(name))
@@ -101,7 +101,7 @@ def test_names_that_can_not_be_peers(name: str, field: str) -> None:
             network["A"].links.remove("B")
 
 
-def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
+def test_the_reference_of_a_peer_that_moved_is_saved() -> None:
     with Network("A", "B") as network:
         network.link("AB")
         eventually(lambda: is_up(*network.nodes.values()), what="the link")
@@ -109,7 +109,7 @@ def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
         assert network["A"].store.records["B"].reference == "where B is now"
 
 
-def test_a_renewal_that_was_overtaken_by_a_join_does_not_count_as_heard() -> None:
+def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
     """Its answer never came: in the next session all advertisements are sent again."""
     with Network("A") as network:
         links = network["A"].links
@@ -210,7 +210,7 @@ class Alone:
         return state.totals.received, state.duplicates
 
 
-def test_batches_that_come_early_wait_and_others_are_dropped(tmp_path: Path) -> None:
+def test_early_packets_wait_and_duplicates_are_dropped(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         alone.forward(2, 12, 13)
@@ -225,7 +225,7 @@ def test_batches_that_come_early_wait_and_others_are_dropped(tmp_path: Path) -> 
         assert alone.received() == (5, 1)
 
 
-def test_early_batches_are_bounded(tmp_path: Path) -> None:
+def test_early_packets_are_bounded(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         last = 2 * MAX_EARLY
@@ -251,7 +251,7 @@ def test_a_wake_while_the_peer_is_away_costs_one_attempt(tmp_path: Path) -> None
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
 
 
-def test_a_peer_that_refuses_says_why(tmp_path: Path) -> None:
+def test_the_reason_of_a_refusal_is_reported(tmp_path: Path) -> None:
     alone = Alone(tmp_path)
     alone.feed.problem = InvalidPeer("address", "the channel there is 'yard', not 'hall'")
     with alone:
@@ -270,14 +270,14 @@ def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
 
 
-def test_its_own_events_are_not_taken_in_again(tmp_path: Path) -> None:
+def test_its_own_events_are_duplicates(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         alone.gateway.forward("s1", 1, [EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 2**40)])
         assert alone.received() == (0, 1)
 
 
-def test_expired_events_are_counted_and_go_nowhere(tmp_path: Path) -> None:
+def test_expired_events_are_counted_and_not_published(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         header = EventHeader("t", "s", "hall", expiry=1.0)

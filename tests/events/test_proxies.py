@@ -112,7 +112,7 @@ def test_a_nil_client_is_connected_as_well(lab: Lab, kind: ProxyKind) -> None:
     lab.proxies.disconnect(proxy)
 
 
-def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
+def test_a_proxy_is_gone_before_its_client_is_notified(lab: Lab) -> None:
     seen: list[list[str]] = []
 
     class Mutual(Consumer):
@@ -131,7 +131,7 @@ def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
     assert (seen, consumer.disconnections) == ([[proxy.id]], 1)
 
 
-def test_the_end_of_the_channel_tells_everybody_and_nothing_comes_after(lab: Lab) -> None:
+def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> None:
     clients = {kind: CLIENTS[kind]() for kind in ProxyKind}
     for kind, client in clients.items():
         lab.proxies.connect(lab.proxies.obtain(kind), client)
@@ -149,7 +149,7 @@ def test_the_end_of_the_channel_tells_everybody_and_nothing_comes_after(lab: Lab
             act()
 
 
-def test_a_supplier_of_a_name_gets_its_proxy_again(lab: Lab) -> None:
+def test_a_named_supplier_gets_the_same_proxy_again(lab: Lab) -> None:
     assert lab.proxies.supply("A") is lab.proxies.supply("A")
     assert lab.proxies.supply("B") is not lab.proxies.supply("A")
     assert lab.proxies.supply("") is not lab.proxies.supply("")
@@ -173,7 +173,7 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) ->
         lab.proxies.unsubscribe("log")
 
 
-def test_who_takes_a_durable_subscription_over_replaces_the_one_before(lab: Lab) -> None:
+def test_a_new_consumer_of_a_durable_subscription_replaces_the_one_before(lab: Lab) -> None:
     first, second = Consumer(), Consumer()
     lab.proxies.subscribe("log", first, ALL, POLICY)
     lab.proxies.subscribe("log", second, wanting("t"), QueuePolicy(7))
@@ -184,7 +184,7 @@ def test_who_takes_a_durable_subscription_over_replaces_the_one_before(lab: Lab)
     assert (state.subscription, state.policy) == (wanting("t"), QueuePolicy(7))
 
 
-def test_a_consumer_that_is_gone_is_evicted_and_its_durable_subscription_stays(lab: Lab) -> None:
+def test_a_consumer_that_is_gone_is_disconnected_and_its_durable_subscription_stays(lab: Lab) -> None:
     gone = [Consumer(answer=failing(ClientGone("gone"))) for _ in range(2)]
     lab.proxies.subscribe("", gone[0], ALL, POLICY)
     durable = lab.proxies.subscribe("log", gone[1], ALL, POLICY)
@@ -210,13 +210,13 @@ def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(lab: Lab)
     assert oldest.is_ended and not last.is_ended
 
 
-def test_a_queue_that_can_not_be_made_is_refused_and_nothing_is_left(lab: Lab) -> None:
+def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
     with pytest.raises(InvalidQueue):
         lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
     assert lab.proxies.snapshots() == []
 
 
-def test_the_end_of_the_process_sends_those_away_who_wait(lab: Lab) -> None:
+def test_close_ends_waiting_pulls(lab: Lab) -> None:
     proxy = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert isinstance(proxy, ProxyPullSupplier)
     lab.proxies.connect(proxy, None)
@@ -287,7 +287,7 @@ def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(tmp
         eventually(lambda: [proxy.account.received for proxy in proxies] == [1] * 60)
 
 
-def test_a_destroyed_channel_forgets_all_but_its_numbers(tmp_path: Path) -> None:
+def test_a_cleared_store_keeps_only_its_numbers(tmp_path: Path) -> None:
     with ChannelStore(tmp_path / "s") as store:
         first, id = store.first_number(), store.next_id()
         store.save_peer(Peer("hall", "127.0.0.1:1"))

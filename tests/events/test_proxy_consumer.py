@@ -1,4 +1,4 @@
-"""Where suppliers reach a channel."""
+"""Proxy consumers, with suppliers that push and suppliers that are polled."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_push_is_published_between_connect_and_end(published: Published) -> No
     assert published.payloads == [b"a"]
 
 
-def test_a_supplier_is_asked_again_and_again(published: Published) -> None:
+def test_a_supplier_is_polled_continuously(published: Published) -> None:
     supplier = Supplier(supplied("t", b"a"), supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: supplier.asked > 5)
@@ -67,7 +67,7 @@ def test_a_supplier_is_asked_again_and_again(published: Published) -> None:
 
 
 @pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
-def test_a_supplier_that_fails_now_and_then_is_asked_on(published: Published, error: EventError) -> None:
+def test_a_supplier_that_fails_sometimes_is_polled_further(published: Published, error: EventError) -> None:
     supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
@@ -77,13 +77,13 @@ def test_a_supplier_that_fails_now_and_then_is_asked_on(published: Published, er
 
 
 @pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
-def test_a_supplier_that_fails_too_often_is_given_up(published: Published, error: EventError) -> None:
+def test_a_supplier_is_disconnected_after_max_failures(published: Published, error: EventError) -> None:
     published.polled(Supplier(*[error] * 9))
     eventually(lambda: published.reasons)
     assert published.reasons == [f"4 failures in a row ({error})"]
 
 
-def test_a_supplier_that_is_gone_is_given_up_at_once(published: Published) -> None:
+def test_a_supplier_that_is_gone_is_disconnected_immediately(published: Published) -> None:
     supplier = Supplier(ClientGone("gone"), supplied("t", b"a"))
     published.polled(supplier)
     eventually(lambda: published.reasons == ["gone"])

@@ -89,7 +89,7 @@ def is_settled(proxy: ProxySupplier) -> bool:
 
 
 @pytest.mark.parametrize("takes_batches", [False, True])
-def test_events_come_in_order_by_the_thread_or_in_line(channel: Channel, takes_batches: bool) -> None:
+def test_events_arrive_in_order_from_the_thread_and_inline(channel: Channel, takes_batches: bool) -> None:
     consumer = Consumer(takes_batches)
     proxy = push_supplier_of(channel, consumer)
     for number in range(50):
@@ -102,7 +102,7 @@ def test_events_come_in_order_by_the_thread_or_in_line(channel: Channel, takes_b
 
 
 @pytest.mark.parametrize("takes_batches", [False, True])
-def test_in_line_a_supplier_has_delivered_when_it_returns(channel: Channel, takes_batches: bool) -> None:
+def test_inline_delivery_has_ended_when_the_supplier_returns(channel: Channel, takes_batches: bool) -> None:
     consumer = Consumer(takes_batches)
     gap_s = 0.0 if takes_batches else 60.0  # plain consumers are called also during a flood
     proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(max_flood_gap_s=gap_s))
@@ -146,7 +146,7 @@ def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel) ->
     assert callers == ["to 1"] * 5
 
 
-def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Channel) -> None:
+def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
 
@@ -169,13 +169,13 @@ def test_several_suppliers_at_once_call_a_consumer_one_after_another(channel: Ch
 @pytest.mark.parametrize(
     ("error", "is_delivered", "account"),
     [
-        (NotDelivered("no way"), True, Totals(received=3, delivered=3)),
+        (NotDelivered("not reachable"), True, Totals(received=3, delivered=3)),
         (Unconfirmed("no answer"), False, Totals(received=3, delivered=3, unconfirmed=1)),
         (Refused("no"), False, Totals(received=3, delivered=2, discarded=1)),
     ],
 )
 @pytest.mark.parametrize("in_line", [False, True])
-def test_each_failure_costs_what_it_must(
+def test_each_failure_is_counted_as_what_it_is(
     channel: Channel, error: EventError, is_delivered: bool, account: Totals, in_line: bool
 ) -> None:
     consumer = Consumer()
@@ -194,7 +194,7 @@ def test_each_failure_costs_what_it_must(
 
 
 @pytest.mark.parametrize("name", ["", "durable"])
-def test_of_a_client_that_is_gone_no_event_is_called_delivered(channel: Channel, name: str) -> None:
+def test_no_event_counts_as_delivered_to_a_client_that_is_gone(channel: Channel, name: str) -> None:
     lost = LostClients()
     consumer = Consumer(answer=failing(ClientGone("gone")))
     left: list[Totals] = []
@@ -218,27 +218,24 @@ def test_of_a_client_that_is_gone_no_event_is_called_delivered(channel: Channel,
     assert received(second) == [1, 2]
 
 
-def test_a_consumer_that_never_answers_is_given_up_after_bounded_failures(channel: Channel) -> None:
+@pytest.mark.parametrize(
+    ("error", "answers_probes", "reason"),
+    [(Unconfirmed("no answer"), False, "4 failures in a row"), (NotDelivered("stuck"), True, "stuck")],
+)
+def test_a_consumer_that_accepts_no_events_is_disconnected_after_max_failures(
+    channel: Channel, error: EventError, answers_probes: bool, reason: str
+) -> None:
     lost = LostClients()
-    consumer = Consumer(answer=failing(*[Unconfirmed("no answer")] * 99))
-    consumer.is_there = lambda: False
+    consumer = Consumer(answer=failing(*[error] * 99))
+    consumer.is_there = lambda: answers_probes
     proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: lost.reasons)
-    assert lost.reasons == ["4 failures in a row"]
+    assert lost.reasons == [reason]
     assert is_balanced(totals(proxy))
 
 
-def test_a_consumer_that_answers_but_never_takes_events_is_given_up_as_well(channel: Channel) -> None:
-    lost = LostClients()
-    consumer = Consumer(answer=failing(*[NotDelivered("stuck")] * 99))
-    push_supplier_of(channel, consumer, on_client_lost=lost)
-    publish(channel, 1)
-    eventually(lambda: lost.reasons)
-    assert lost.reasons == ["stuck"]
-
-
-def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel) -> None:
+def test_failures_never_end_a_durable_subscription(channel: Channel) -> None:
     lost = LostClients()
     consumer = Consumer()
     asked = []
@@ -247,7 +244,7 @@ def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel)
         asked.append(time.monotonic())
         return len(asked) > 10
 
-    consumer.answer, consumer.is_there = failing(NotDelivered("no way")), is_there
+    consumer.answer, consumer.is_there = failing(NotDelivered("not reachable")), is_there
     proxy = push_supplier_of(channel, consumer, name="durable", on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: received(consumer) == [1])
@@ -256,7 +253,7 @@ def test_a_durable_subscription_is_never_given_up_for_failures(channel: Channel)
     assert proxy.failures == 0
 
 
-def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: Channel) -> None:
+def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel: Channel) -> None:
     is_stalled = threading.Event()
     is_stalled.set()
 
@@ -279,7 +276,7 @@ def test_a_stalled_consumer_loses_exactly_the_oldest_and_delays_nobody(channel: 
     assert totals(first) == Totals(received=25, delivered=10, discarded=15)
 
 
-def test_suspended_events_wait_and_come_in_order(channel: Channel) -> None:
+def test_events_wait_in_order_while_delivery_is_suspended(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
     publish(channel, 0)
@@ -294,20 +291,7 @@ def test_suspended_events_wait_and_come_in_order(channel: Channel) -> None:
     assert received(consumer) == [0, 1, 2]
 
 
-def test_where_a_queue_is_full_the_lowest_priority_goes_first(channel: Channel) -> None:
-    consumer = Consumer()
-    proxy = push_supplier_of(channel, consumer, QueuePolicy(3))
-    with channel.lock:
-        proxy.suspend()
-    for number, priority in enumerate([0, 5, 0, 5, 0, 5]):
-        publish(channel, number, priority=priority)
-    with channel.lock:
-        proxy.resume()
-    eventually(lambda: is_settled(proxy))
-    assert received(consumer) == [1, 3, 5]
-
-
-def test_what_expires_while_it_waits_is_not_delivered(channel: Channel) -> None:
+def test_an_event_that_expires_in_the_queue_is_not_delivered(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
     with channel.lock:
@@ -322,7 +306,7 @@ def test_what_expires_while_it_waits_is_not_delivered(channel: Channel) -> None:
     assert totals(proxy) == Totals(received=2, delivered=1, expired=1)
 
 
-def test_a_supplier_waits_for_room_and_loses_nothing(channel: Channel) -> None:
+def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer, QueuePolicy(5, OverflowRule.BLOCK_SUPPLIER, 10.0))
     with channel.lock:
@@ -339,7 +323,7 @@ def test_a_supplier_waits_for_room_and_loses_nothing(channel: Channel) -> None:
     assert received(consumer) == list(range(12))
 
 
-def test_a_supplier_waits_no_longer_than_the_limit_then_the_newest_go(channel: Channel) -> None:
+def test_after_the_block_limit_the_newest_events_are_discarded(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer, QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.01))
     with channel.lock:
@@ -352,7 +336,7 @@ def test_a_supplier_waits_no_longer_than_the_limit_then_the_newest_go(channel: C
     assert received(consumer) == [0, 1]
 
 
-def test_a_conjunction_reaches_who_takes_batches_at_once_and_others_one_by_one(channel: Channel) -> None:
+def test_a_conjunction_is_delivered_together_or_to_plain_consumers_one_by_one(channel: Channel) -> None:
     batches, plain = Consumer(), Consumer(takes_batches=False)
     proxies = [push_supplier_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
     publish(channel, 1, type="a")
@@ -367,7 +351,7 @@ def test_a_conjunction_reaches_who_takes_batches_at_once_and_others_one_by_one(c
     assert received(plain) == [1, 3]
 
 
-def test_a_conjunction_that_stays_keeps_what_waits_in_it(channel: Channel) -> None:
+def test_a_conjunction_keeps_its_waiting_events_when_the_subscription_changes(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer, wanted=(*BOTH, *wanting("x")))
     publish(channel, 1, type="a")
@@ -387,7 +371,7 @@ def test_a_conjunction_that_stays_keeps_what_waits_in_it(channel: Channel) -> No
     assert totals(proxy) == Totals(received=3, delivered=2, discarded=1)
 
 
-def test_an_end_discards_what_waits_and_calls_nobody_any_more(channel: Channel) -> None:
+def test_an_ended_proxy_discards_its_queue_and_calls_no_client(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
     publish(channel, 0)
@@ -402,7 +386,7 @@ def test_an_end_discards_what_waits_and_calls_nobody_any_more(channel: Channel) 
     assert received(consumer) == [0]
 
 
-FAILURES = st.sampled_from([NotDelivered("no way"), Unconfirmed("no answer"), Refused("no"), None, None])
+FAILURES = st.sampled_from([NotDelivered("not reachable"), Unconfirmed("no answer"), Refused("no"), None, None])
 
 
 @given(
@@ -415,10 +399,10 @@ FAILURES = st.sampled_from([NotDelivered("no way"), Unconfirmed("no answer"), Re
 @settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
-def test_accounts_are_exact_at_every_moment_whatever_fails(
+def test_accounts_are_exact_whatever_fails(
     channel: Channel,
     failures: list[EventError | None],
-    said_: list[tuple[int, int, bool]],
+    published: list[tuple[int, int, bool]],
     size: int,
     rule: OverflowRule,
     takes_batches: bool,
@@ -430,9 +414,9 @@ def test_accounts_are_exact_at_every_moment_whatever_fails(
             raise failure
 
     consumer = Consumer(takes_batches, answer)
-    proxy = push_supplier_of(channel, consumer, QueuePolicy(size, rule), (*ALL, *BOTH), name="never given up")
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(size, rule), (*ALL, *BOTH), name="durable")
     number = 0
-    for count, priority, pauses in said_:
+    for count, priority, pauses in published:
         publish(channel, *range(number, number + count), type="ab"[number % 2], priority=priority)
         number += count
         assert is_balanced(totals(proxy))
@@ -462,7 +446,7 @@ def pull_supplier_of(
     return proxy
 
 
-def test_pulled_events_come_one_by_one_and_then_none(channel: Channel) -> None:
+def test_pull_returns_one_event_at_a_time_and_then_none(channel: Channel) -> None:
     proxy = pull_supplier_of(channel, wanted=(*ALL, *BOTH))
     publish(channel, 1, 2, type="a")
     publish(channel, 3, type="b")
@@ -475,7 +459,7 @@ def test_pulled_events_come_one_by_one_and_then_none(channel: Channel) -> None:
     assert totals(proxy) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
 
 
-def test_all_who_wait_for_events_get_one_each_of_a_run(channel: Channel) -> None:
+def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
     proxy = pull_supplier_of(channel)
     pulled: list[int] = []
 
@@ -494,7 +478,7 @@ def test_all_who_wait_for_events_get_one_each_of_a_run(channel: Channel) -> None
     assert sorted(pulled) == [1, 2, 3, 4]
 
 
-def test_who_waits_is_woken_by_the_end(channel: Channel) -> None:
+def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
     proxy = pull_supplier_of(channel)
     woken: list[type[BaseException] | None] = []
 
@@ -513,24 +497,12 @@ def test_who_waits_is_woken_by_the_end(channel: Channel) -> None:
     assert woken == [ProxyGone]
 
 
-def test_who_waits_is_sent_away_by_the_end_of_the_process(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    answers: list[object] = []
-    thread = threading.Thread(target=lambda: answers.append(proxy.pull(30.0)))
-    thread.start()
-    time.sleep(0.05)
-    with channel.lock:
-        proxy.release()
-    thread.join(5)
-    assert answers == [None]
-
-
-def test_before_a_client_is_connected_there_is_nothing_to_pull(channel: Channel) -> None:
+def test_pull_before_connect_is_refused(channel: Channel) -> None:
     with pytest.raises(Disconnected):
         ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
 
 
-def test_a_pull_does_not_return_with_what_has_expired(channel: Channel) -> None:
+def test_pull_does_not_return_expired_events(channel: Channel) -> None:
     proxy = pull_supplier_of(channel)
     publish(channel, 1, expiry=0.01)
     time.sleep(0.02)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
@@ -97,18 +97,7 @@ TestQueueBesideModel = QueueBesideModel.TestCase
 TestQueueBesideModel.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
 
 
-@given(st.integers(1, 50), st.lists(st.integers(1, 20), min_size=1, max_size=10))
-def test_of_n_and_k_events_exactly_the_oldest_k_are_lost(size: int, batches: list[int]) -> None:
-    queue, number, lost = EventQueue(QueuePolicy(size)), 1, 0
-    for count in batches:
-        lost += queue.put(events(number, count))
-        number += count
-    total = sum(batches)
-    assert lost == max(0, total - size)
-    assert numbers(queue.take(total, NOW)[0]) == list(range(lost + 1, total + 1))
-
-
-def test_what_is_put_back_into_a_full_queue_is_the_oldest() -> None:
+def test_items_put_back_into_a_full_queue_are_the_oldest() -> None:
     queue = EventQueue(QueuePolicy(4))
     queue.put(events(1, 4))
     taken, _ = queue.take(2, NOW)
@@ -117,7 +106,7 @@ def test_what_is_put_back_into_a_full_queue_is_the_oldest() -> None:
     assert numbers(queue.take(9, NOW)[0]) == [3, 4, 5, 6]
 
 
-def test_a_conjunction_comes_alone_and_goes_as_a_whole() -> None:
+def test_a_conjunction_is_taken_alone_and_discarded_as_a_whole() -> None:
     queue = EventQueue(QueuePolicy(5))
     queue.put(events(1))
     queue.put(CorrelatedEvents(0, [events(2), events(3)]))
@@ -128,7 +117,7 @@ def test_a_conjunction_comes_alone_and_goes_as_a_whole() -> None:
     assert len(queue) == 4  # the first one went, with both of its events
 
 
-def test_bytes_limit_what_is_taken_but_not_the_first_item() -> None:
+def test_max_bytes_does_not_limit_the_first_item() -> None:
     queue = EventQueue(QueuePolicy(10))
     for number in (1, 2, 3):
         batch = events(number)
@@ -159,7 +148,7 @@ def test_the_oldest_time_is_that_of_the_next_event() -> None:
         ("blockLimit", QueuePolicy(block_limit=math.nan)),
     ],
 )
-def test_a_queue_that_can_not_be_made_names_its_field(field: str, policy: QueuePolicy) -> None:
+def test_an_invalid_policy_names_its_field(field: str, policy: QueuePolicy) -> None:
     with pytest.raises(InvalidQueue) as refused:
         policy.checked()
     assert refused.value.field == field

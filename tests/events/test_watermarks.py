@@ -12,7 +12,7 @@ from robocorba.events import watermarks
 from robocorba.events.watermarks import Watermarks
 
 
-def test_a_successor_knows_what_a_killed_process_knew(tmp_path: Path) -> None:
+def test_the_numbers_of_a_killed_process_are_restored(tmp_path: Path) -> None:
     killed = Watermarks(tmp_path / "seen")
     killed.raise_to("lab", 7)
     killed.raise_to("hall", 2**63)
