@@ -9,20 +9,20 @@ plain events by their content.
 from __future__ import annotations
 
 import logging
-import random
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
+from robocorba.backoff import Backoff
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.clients import ConsumerPort
 from robocorba.events.event import EventBatch
-from robocorba.events.policies import Backoff, DeliveryPolicy, LinkPolicy
+from robocorba.events.policies import DeliveryPolicy, LinkPolicy
 from robocorba.events.proxy import Proxy
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.queue import QueuePolicy
@@ -35,7 +35,7 @@ MAX_ECHOES = 10_000
 #: Interval between checks that the foreign channel answers [s].
 CHECK_INTERVAL_S = 1.0
 #: Pauses between connection attempts.
-BACKOFF = Backoff(0.05, 1.0)
+BACKOFF = Backoff(0.05, 1.0, jitter=0.5)
 
 _log = logging.getLogger(__name__)
 
@@ -180,17 +180,17 @@ class ForeignLink:
         self._lost.set()
 
     def _maintain_link(self) -> None:
-        pause = BACKOFF.first_s
+        failures = 0
         while not self._ended.is_set():
             try:
                 self._lost.clear()
                 self._port = port = self._attach(self._echoes, self.receive)
             except NotReachable as error:
                 self._set_problem(str(error))
-                self._ended.wait(pause * random.uniform(0.5, 1.0))
-                pause = min(2 * pause, BACKOFF.max_s)
+                failures += 1
+                self._ended.wait(BACKOFF.pause_s(failures))
                 continue
-            pause = BACKOFF.first_s
+            failures = 0
             with self._channel.lock:
                 self.proxy.connect(port.consumer)
             self.connections += 1

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-
-@dataclass(frozen=True)
-class Backoff:
-    """Pauses between attempts [s]: each failure doubles the pause, up to the longest."""
-
-    first_s: float
-    max_s: float
-
-    def pause_s(self, failures: int) -> float:
-        """Pause after this many failures in a row [s]."""
-        return min(self.first_s * 2.0 ** min(max(failures - 1, 0), 10), self.max_s)
+from robocorba.backoff import Backoff
 
 
 @dataclass(frozen=True)
@@ -26,7 +16,7 @@ class DeliveryPolicy:
     #: Timeout of a probe of a stalled consumer [s].
     probe_timeout_s: float = 1.0
     #: Pauses between the probes of a stalled consumer.
-    backoff: Backoff = Backoff(0.05, 1.0)
+    backoff: Backoff = field(default=Backoff(0.05, 1.0))
     #: A consumer is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
     max_failures: int = 20
     #: Pause after a stall [s]: the call that timed out ends, so that the next event cannot overtake it.
@@ -44,11 +34,11 @@ class PollingPolicy:
     """How a proxy polls a supplier."""
 
     #: Intervals between polls while the supplier has no events.
-    intervals: Backoff = Backoff(0.001, 0.01)
+    intervals: Backoff = field(default=Backoff(0.001, 0.01))
     #: Timeout of a poll [s].
     call_timeout_s: float = 2.0
     #: Pauses after failed polls.
-    backoff: Backoff = Backoff(0.05, 1.0)
+    backoff: Backoff = field(default=Backoff(0.05, 1.0))
     #: A supplier is disconnected after this many failures in a row.
     max_failures: int = 20
 
@@ -60,8 +50,8 @@ class ProxyPolicy:
     max_proxies: int = 10_000
     #: At max_proxies, a proxy consumer without a known client makes room if it was unused for this time [s].
     unused_s: float = 3600.0
-    delivery: DeliveryPolicy = DeliveryPolicy()
-    polling: PollingPolicy = PollingPolicy()
+    delivery: DeliveryPolicy = field(default=DeliveryPolicy())
+    polling: PollingPolicy = field(default=PollingPolicy())
 
 
 @dataclass(frozen=True)
@@ -79,6 +69,6 @@ class LinkPolicy:
     #: Maximum interval at which the feed's thread checks for work [s].
     recheck_s: float = 1.0
     #: Pauses between the gateway's attempts to join the feed.
-    backoff: Backoff = Backoff(0.05, 0.5)
+    backoff: Backoff = field(default=Backoff(0.05, 0.5))
     #: Longest of these pauses while the peer answers, but refuses [s].
     refused_pause_s: float = 5.0

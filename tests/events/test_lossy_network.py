@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from robocorba.events.policies import Backoff, LinkPolicy
+from robocorba.backoff import Backoff
+from robocorba.events.policies import LinkPolicy
 from robocorba.testing.processes import eventually
 from tests.events.network import Consumer, Network, Weather
 from tests.events.samples import is_balanced

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from robocorba.backoff import Backoff
 from robocorba.errors.events import (
     AlreadyConnected,
     ClientGone,
@@ -24,7 +25,7 @@ from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.federation import Advertisement
-from robocorba.events.policies import Backoff, PollingPolicy, ProxyPolicy
+from robocorba.events.policies import PollingPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyKind, ProxyState
 from robocorba.events.proxy_consumer import ProxyConsumer

@@ -6,10 +6,11 @@ import threading
 
 import pytest
 
+from robocorba.backoff import Backoff
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events.account import Account
 from robocorba.events.event import EventBatch
-from robocorba.events.policies import Backoff, PollingPolicy
+from robocorba.events.policies import PollingPolicy
 from robocorba.events.proxy import ProxyState
 from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
 from robocorba.testing.processes import eventually

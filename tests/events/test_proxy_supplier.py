@@ -12,11 +12,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from robocorba.backoff import Backoff
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents
-from robocorba.events.policies import Backoff, DeliveryPolicy
+from robocorba.events.policies import DeliveryPolicy
 from robocorba.events.proxy import ProxyState
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from robocorba.events.policies import Backoff, DeliveryPolicy, PollingPolicy, ProxyPolicy
+from robocorba.backoff import Backoff
+from robocorba.events.policies import DeliveryPolicy, PollingPolicy, ProxyPolicy
 from robocorba.servers import event_channel
 
 BACKOFF = Backoff(0.05, 0.2)
