@@ -46,4 +46,4 @@ class ClientFinder(Protocol):
     """Finds the clients of a restarted channel by their references."""
 
     def find(self, kind: str, reference: str) -> ClientPort:
-        """The client of a proxy of this kind (a value of proxies.ProxyKind)."""
+        """The client of a proxy of this kind (a value of proxy.ProxyKind)."""

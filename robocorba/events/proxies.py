@@ -179,7 +179,7 @@ class Proxies:
             with self._channel.lock:
                 self._channel.is_destroyed = True
         with ThreadPoolExecutor(DISCONNECT_THREADS) as callers:
-            list(callers.map(self._remove_if_there, everything))
+            list(callers.map(self._remove_if_present, everything))
         self._update_routes()
 
     def check_not_destroyed(self) -> None:
@@ -296,7 +296,7 @@ class Proxies:
         if proxy.client:
             proxy.client.disconnect()
 
-    def _remove_if_there(self, proxy: Proxy) -> None:
+    def _remove_if_present(self, proxy: Proxy) -> None:
         with contextlib.suppress(ProxyGone):  # it was removed meanwhile
             self._remove(proxy)
 

@@ -51,13 +51,13 @@ def is_balanced(totals: Totals) -> bool:
 
 
 class Consumer:
-    """A consumer; `answer` may raise instead of taking what it is given, and `is_there` may raise or be False."""
+    """A consumer; `answer` may raise instead of taking what it is given, and `is_alive` may raise or be False."""
 
     def __init__(self, takes_batches: bool = True, answer: Callable[[Sequence[QueueItem]], None] | None = None) -> None:
         self.takes_batches = takes_batches
         self.reference = self.address = f"consumer {next(_references)}"
         self.answer = answer or (lambda items: None)
-        self.is_there: Callable[[], bool] = lambda: True
+        self.is_alive: Callable[[], bool] = lambda: True
         self.items: list[QueueItem] = []
         self.disconnections = 0
         self.overlaps = 0
@@ -74,7 +74,7 @@ class Consumer:
             self._busy.release()
 
     def answers(self, limit_s: float) -> bool:
-        return self.is_there()
+        return self.is_alive()
 
     def disconnect(self) -> None:
         self.disconnections += 1

@@ -228,7 +228,7 @@ def test_a_consumer_that_accepts_no_events_is_disconnected_after_max_failures(
 ) -> None:
     lost = LostClients()
     consumer = Consumer(answer=failing(*[error] * 99))
-    consumer.is_there = lambda: answers_probes
+    consumer.is_alive = lambda: answers_probes
     proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: lost.reasons)
@@ -241,11 +241,11 @@ def test_failures_never_end_a_durable_subscription(channel: Channel) -> None:
     consumer = Consumer()
     asked = []
 
-    def is_there() -> bool:
+    def is_alive() -> bool:
         asked.append(time.monotonic())
         return len(asked) > 10
 
-    consumer.answer, consumer.is_there = failing(NotDelivered("not reachable")), is_there
+    consumer.answer, consumer.is_alive = failing(NotDelivered("not reachable")), is_alive
     proxy = push_supplier_of(channel, consumer, name="durable", on_client_lost=lost)
     publish(channel, 1)
     eventually(lambda: received(consumer) == [1])
@@ -263,7 +263,7 @@ def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel:
             raise NotDelivered("asleep")
 
     asleep, awake = Consumer(answer=answer), Consumer()
-    asleep.is_there = lambda: not is_stalled.is_set()
+    asleep.is_alive = lambda: not is_stalled.is_set()
     first = push_supplier_of(channel, asleep, QueuePolicy(10), delivery=replace(IMPATIENT, max_failures=10**9))
     second = push_supplier_of(channel, awake)
     for number in range(25):
