@@ -37,7 +37,7 @@ RoboCorbaError
 │   ├── InvalidChoice         an administrator set an invalid value
 │   ├── InvalidMission, StaleMission, UnknownMission
 │   ├── InvalidPicture        a field of a request for a floor's picture is invalid
-│   ├── VideoError, StateDamaged   a film can't be written; a recording can't be read
+│   ├── VideoError, InvalidRecording   a film can't be written; a recording can't be read
 │   ├── UpdateMismatch             a floor update does not continue the known version
 │   └── SimulationBusy        the call was not executed for lack of time
 ├── RobotError

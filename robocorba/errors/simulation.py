@@ -124,7 +124,7 @@ class UpdateMismatch(SimulationError):
         super().__init__(f"an update of {floor} begins at version {since}; the copy is at version {version}")
 
 
-class StateDamaged(SimulationError):
+class InvalidRecording(SimulationError):
     """The recording `path` cannot be used; `reason` explains."""
 
     def __init__(self, path: str, reason: str) -> None:

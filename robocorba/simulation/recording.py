@@ -29,7 +29,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from robocorba import __version__
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import StateDamaged, UpdateMismatch
+from robocorba.errors.simulation import InvalidRecording, UpdateMismatch
 from robocorba.maps import native
 from robocorba.maps.model import Building
 from robocorba.spatial.floor_format import dumps, loads
@@ -97,7 +97,7 @@ class _Message(NamedTuple):
 class Recorder:
     """Context manager that writes a recording; an existing file is kept unless `overwrite`.
 
-    Raises StateDamaged if the file can't be written."""
+    Raises InvalidRecording if the file can't be written."""
 
     def __init__(self, path: Path, building: Building, overwrite: bool = False) -> None:
         self.path = path
@@ -143,7 +143,7 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         with _writing(self.path), self._file:
-            if not isinstance(error, StateDamaged):  # readers find nothing after a truncated chunk
+            if not isinstance(error, InvalidRecording):  # readers find nothing after a truncated chunk
                 self._writer.finish()
             self.size = self._file.tell()
 
@@ -153,13 +153,13 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise StateDamaged(str(path), error.strerror or str(error)) from None
+        raise InvalidRecording(str(path), error.strerror or str(error)) from None
 
 
 class Recording:
     """A recording as far as it was written when this object is created.
 
-    floors: recorded floors. began: POSIX time of the first update [s]. Raises StateDamaged for any other file."""
+    floors: recorded floors. began: POSIX time of the first update [s]. Raises InvalidRecording for any other file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -172,14 +172,14 @@ class Recording:
         with self._reading():
             self._size = path.stat().st_size
             if not self._size:
-                raise StateDamaged(str(path), "empty, nothing has been recorded yet")
+                raise InvalidRecording(str(path), "empty, nothing has been recorded yet")
             for record in self._records():
                 if isinstance(record, Attachment) and record.name == MAP:
                     document = gzip.decompress(record.data)
                 elif isinstance(record, _Message):
                     self._note(record)
             if document is None:
-                raise StateDamaged(str(path), "contains no map")
+                raise InvalidRecording(str(path), "contains no map")
             self.building = native.loads(document, MAP)
 
     def __iter__(self) -> Iterator[tuple[float, FloorUpdate]]:
@@ -188,7 +188,7 @@ class Recording:
     def updates(self, floors: Collection[str] = ()) -> Iterator[tuple[float, FloorUpdate]]:
         """Updates of the given floors, by default all, in recorded order, each with its time after `began` [s].
 
-        Raises UnknownFloor, StateDamaged."""
+        Raises UnknownFloor, InvalidRecording."""
         for floor in floors:
             if floor not in self.floors:
                 raise UnknownFloor("recording", floor, self.floors)
@@ -198,7 +198,7 @@ class Recording:
                     yield record.log_time / NS - self.began, loads(record.data)
 
     def moments(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
-        """Floors by name, sampled every `every_s` and at the end. Raises UnknownFloor, StateDamaged.
+        """Floors by name, sampled every `every_s` and at the end. Raises UnknownFloor, InvalidRecording.
 
         Yields the same views each time; the next step changes them."""
         views = self._views(floors)
@@ -211,7 +211,7 @@ class Recording:
         yield self.duration_s, views
 
     def at(self, at_s: float, floors: Collection[str] = ()) -> dict[str, FloorView]:
-        """Floors by name at a time after `began` [s]. Raises UnknownFloor, StateDamaged."""
+        """Floors by name at a time after `began` [s]. Raises UnknownFloor, InvalidRecording."""
         views = self._views(floors)
         for updated_at_s, update in self.updates(floors):
             if updated_at_s > at_s:
@@ -239,7 +239,7 @@ class Recording:
         channels: dict[int, Channel] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
-                raise StateDamaged(str(self.path), "not a recording of RoboCorba, but another MCAP file")
+                raise InvalidRecording(str(self.path), "not a recording of RoboCorba, but another MCAP file")
             if opcode == Opcode.ATTACHMENT:
                 yield Attachment.read(stream)
             if opcode == Opcode.CHUNK:
@@ -255,7 +255,7 @@ class Recording:
         """Opcode and content of each record, up to the end of the data or the last complete record."""
         with open(self.path, "rb") as file:
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise StateDamaged(str(self.path), "not an MCAP file")
+                raise InvalidRecording(str(self.path), "not an MCAP file")
             while self._size - file.tell() >= _PREFIX.size:
                 opcode, length = _PREFIX.unpack(file.read(_PREFIX.size))
                 if opcode == Opcode.DATA_END:
@@ -266,7 +266,7 @@ class Recording:
                 yield opcode, ReadDataStream(BytesIO(file.read(length)))
             file.seek(self._size - len(MCAP0_MAGIC))
             if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
-                raise StateDamaged(str(self.path), "damaged: the file has an end mark, but its records do not reach it")
+                raise InvalidRecording(str(self.path), "damaged: the file has an end mark, but its records do not reach it")
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
@@ -278,4 +278,4 @@ class Recording:
             reason = f"damaged ({error or type(error).__name__})"
         else:
             return
-        raise StateDamaged(str(self.path), reason) from None
+        raise InvalidRecording(str(self.path), reason) from None

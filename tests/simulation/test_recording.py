@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import StateDamaged
+from robocorba.errors.simulation import InvalidRecording
 from robocorba.maps.model import Building, Floor, FloorMap
 from robocorba.simulation.recording import CHUNK_S, MAP, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
 from robocorba.spatial.elevator_state import Doors, ElevatorState
@@ -160,20 +160,20 @@ def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
 
 def test_what_is_there_stays(tmp_path: Path) -> None:
     written = record(tmp_path / "a.mcap", 3)
-    with pytest.raises(StateDamaged, match="File exists"):
+    with pytest.raises(InvalidRecording, match="File exists"):
         Recorder(tmp_path / "a.mcap", two_floors())
     assert_prefix(tmp_path / "a.mcap", written)
 
 
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:
-    with pytest.raises(StateDamaged, match="No such file"):
+    with pytest.raises(InvalidRecording, match="No such file"):
         Recorder(tmp_path / "no" / "a.mcap", two_floors())
-    with pytest.raises(StateDamaged, match="Is a directory"):
+    with pytest.raises(InvalidRecording, match="Is a directory"):
         Recorder(tmp_path, two_floors(), overwrite=True)
 
 
 def test_a_full_disk_is_told_and_keeps_what_is_there() -> None:
-    with pytest.raises(StateDamaged, match="No space left"), Recorder(Path("/dev/full"), Building("b"), overwrite=True):
+    with pytest.raises(InvalidRecording, match="No space left"), Recorder(Path("/dev/full"), Building("b"), overwrite=True):
         pass
 
 
@@ -237,14 +237,14 @@ def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[Fl
         os.truncate(file, length)
         try:
             counts.append(assert_prefix(file, written).count)
-        except StateDamaged:
+        except InvalidRecording:
             break
     assert counts == sorted(counts, reverse=True)
     assert len(set(counts)) >= 4
     assert (counts[0], counts[-1]) == (12, 0)
     for shorter in range(length):
         os.truncate(file, shorter)
-        with pytest.raises(StateDamaged):
+        with pytest.raises(InvalidRecording):
             Recording(file)
 
 
@@ -260,7 +260,7 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
         found = Recording(tmp_path / "a.mcap")
         read = list(found.updates())
         views = list(found.moments(0.05))
-    except StateDamaged:
+    except InvalidRecording:
         return
     assert found.building == SMALL
     assert views
@@ -272,28 +272,28 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
 def test_any_other_file_is_told(tmp_path: Path, data: bytes) -> None:
     for content in (data, b"\x89MCAP0\r\n" + data):
         (tmp_path / "a.mcap").write_bytes(content)
-        with pytest.raises(StateDamaged):
+        with pytest.raises(InvalidRecording):
             Recording(tmp_path / "a.mcap")
 
 
 def test_other_files_are_told_apart(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
-    with pytest.raises(StateDamaged, match="No such file"):
+    with pytest.raises(InvalidRecording, match="No such file"):
         Recording(file)
-    with pytest.raises(StateDamaged, match="Is a directory"):
+    with pytest.raises(InvalidRecording, match="Is a directory"):
         Recording(tmp_path)
     file.write_text("robocorba: 1")
-    with pytest.raises(StateDamaged, match="not an MCAP file"):
+    with pytest.raises(InvalidRecording, match="not an MCAP file"):
         Recording(file)
     writer = Writer(str(file))
     writer.start("ros2")
     writer.finish()
-    with pytest.raises(StateDamaged, match="not a recording"):
+    with pytest.raises(InvalidRecording, match="not a recording"):
         Recording(file)
     writer = Writer(str(file))
     writer.start(PROFILE)
     writer.finish()
-    with pytest.raises(StateDamaged, match="no map"):
+    with pytest.raises(InvalidRecording, match="no map"):
         Recording(file)
 
 
@@ -301,5 +301,5 @@ def test_what_can_not_be_followed_is_told(tmp_path: Path) -> None:
     for strange in (moved("L1", 3, 1.0), moved("L1", 2, 1.0)._replace(since=0)):
         with Recorder(tmp_path / "a.mcap", two_floors(), overwrite=True) as recorder:
             recorder.write(strange, BEGAN)
-        with pytest.raises(StateDamaged, match="damaged"):
+        with pytest.raises(InvalidRecording, match="damaged"):
             Recording(tmp_path / "a.mcap").at(0.0)

@@ -20,7 +20,7 @@ from robocorba.commands.scene import System, as_json
 from robocorba.commands.watch import Camera, film
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import InvalidPicture, StateDamaged
+from robocorba.errors.simulation import InvalidPicture, InvalidRecording
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
@@ -81,7 +81,7 @@ def updates_in(path: Path) -> int:
     """Updates recorded so far; 0 before the recorder has written the head of its file."""
     try:
         return Recording(path).count
-    except StateDamaged:
+    except InvalidRecording:
         return 0
 
 
