@@ -75,7 +75,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
     stop = Stop()
     began = time.monotonic()
     with Live(auto_refresh=False) as live:
-        for at_s, views in recording.moments(SHOW_INTERVAL_S * speed, floors):
+        for at_s, views in recording.sampled(SHOW_INTERVAL_S * speed, floors):
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
@@ -105,7 +105,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
     stop, draw = Stop(), painting(recording, width_px)
     size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
     with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:
-        for at_s, views in recording.moments(speed / fps, [floor]):
+        for at_s, views in recording.sampled(speed / fps, [floor]):
             video.add(draw(at_s, views[floor]))
             bar(at_s, f"{video.count} pictures")
             if stop.wait(0.0):

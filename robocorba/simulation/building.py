@@ -107,7 +107,7 @@ class SimulatedBuilding:
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
         #: State of the elevators after the last step, by name.
-        self.moments: Mapping[str, ElevatorState] = {}
+        self.elevator_states: Mapping[str, ElevatorState] = {}
         #: Rides after the last step, by robot.
         self.rides: Mapping[str, RideStatus] = {}
         #: Movable objects by name: the object on the map, and its current floor.
@@ -288,16 +288,16 @@ class SimulatedBuilding:
         """State of the elevators that serve a floor, by name. Thread-safe."""
         served = self.building.elevators
         return {
-            name: state for name, state in self.moments.items() if name in served and floor in served[name].floors()
+            name: state for name, state in self.elevator_states.items() if name in served and floor in served[name].floors()
         }
 
     def _update_elevator_states(self) -> None:
         """Replace both maps as a whole, for readers in other threads; skip this while all elevators stay idle."""
         idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
-        if len(self.moments) == len(self.cabins) == len(idle) and idle == self._idle:
+        if len(self.elevator_states) == len(self.cabins) == len(idle) and idle == self._idle:
             return
         self._idle = idle
-        self.moments = {name: cabin.state() for name, cabin in self.cabins.items()}
+        self.elevator_states = {name: cabin.state() for name, cabin in self.cabins.items()}
         self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
 
     def _count_collision(self, body: str, other: str) -> None:

@@ -69,7 +69,7 @@ class OmniDatabase:
 
     def elevators(self) -> dict[str, ElevatorState]:
         """State of all elevators, by name."""
-        return dict(self._building.moments)
+        return dict(self._building.elevator_states)
 
     # ---- scans ----
 

@@ -36,12 +36,12 @@ from robocorba.spatial.floor_format import dumps, loads
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
 PROFILE = "x-robocorba"
-MAP = "building.yaml.gz"
-TOPIC = "floor/"
+MAP_ATTACHMENT = "building.yaml.gz"
+TOPIC_PREFIX = "floor/"
 ENCODING = "msgpack"
 #: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
-NS = 1_000_000_000
+NS_PER_S = 1_000_000_000
 
 SCHEMA = b"""// RoboCorba::FloorUpdate of omni_database.idl in msgpack: a struct is a map from the names of its members,
 // an enumerator its number, counted from 0.
@@ -88,7 +88,7 @@ _DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeE
 _PREFIX = struct.Struct("<BQ")
 
 
-class _Message(NamedTuple):
+class _RecordedUpdate(NamedTuple):
     floor: str
     log_time: int
     data: bytes
@@ -110,7 +110,7 @@ class Recorder:
             self._file = BufferedWriter(FileIO(path, "wb" if overwrite else "xb"))
             self._writer = Writer(self._file)
             self._writer.start(PROFILE, f"robocorba {__version__}")
-            self._writer.add_attachment(0, 0, MAP, "application/gzip", document)
+            self._writer.add_attachment(0, 0, MAP_ATTACHMENT, "application/gzip", document)
             self._schema = self._writer.register_schema("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
         self.flush()
 
@@ -118,7 +118,7 @@ class Recorder:
         """Add an update received at POSIX time `at_s` [s]."""
         with _writing(self.path):
             self._writer.add_message(
-                self._channel(update.floor), round(at_s * NS), dumps(update), round(update.time * NS), self.count
+                self._channel(update.floor), round(at_s * NS_PER_S), dumps(update), round(update.time * NS_PER_S), self.count
             )
         self.count += 1
         if not 0.0 <= at_s - self._flushed_at < CHUNK_S:
@@ -133,7 +133,7 @@ class Recorder:
 
     def _channel(self, floor: str) -> int:
         if floor not in self._channels:
-            self._channels[floor] = self._writer.register_channel(f"{TOPIC}{floor}", ENCODING, self._schema)
+            self._channels[floor] = self._writer.register_channel(f"{TOPIC_PREFIX}{floor}", ENCODING, self._schema)
         return self._channels[floor]
 
     def __enter__(self) -> Recorder:
@@ -174,13 +174,13 @@ class Recording:
             if not self._size:
                 raise InvalidRecording(str(path), "empty, nothing has been recorded yet")
             for record in self._records():
-                if isinstance(record, Attachment) and record.name == MAP:
+                if isinstance(record, Attachment) and record.name == MAP_ATTACHMENT:
                     document = gzip.decompress(record.data)
-                elif isinstance(record, _Message):
-                    self._note(record)
+                elif isinstance(record, _RecordedUpdate):
+                    self._count(record)
             if document is None:
                 raise InvalidRecording(str(path), "contains no map")
-            self.building = native.loads(document, MAP)
+            self.building = native.loads(document, MAP_ATTACHMENT)
 
     def __iter__(self) -> Iterator[tuple[float, FloorUpdate]]:
         return self.updates()
@@ -194,10 +194,10 @@ class Recording:
                 raise UnknownFloor("recording", floor, self.floors)
         with self._reading():
             for record in self._records():
-                if isinstance(record, _Message) and (not floors or record.floor in floors):
-                    yield record.log_time / NS - self.began, loads(record.data)
+                if isinstance(record, _RecordedUpdate) and (not floors or record.floor in floors):
+                    yield record.log_time / NS_PER_S - self.began, loads(record.data)
 
-    def moments(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
+    def sampled(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
         """Floors by name, sampled every `every_s` and at the end. Raises UnknownFloor, InvalidRecording.
 
         Yields the same views each time; the next step changes them."""
@@ -226,8 +226,8 @@ class Recording:
         with self._reading():
             views[update.floor].apply(update)
 
-    def _note(self, message: _Message) -> None:
-        at_s = message.log_time / NS
+    def _count(self, message: _RecordedUpdate) -> None:
+        at_s = message.log_time / NS_PER_S
         if not self.count:
             self.began = at_s
         if message.floor not in self.floors:
@@ -235,7 +235,7 @@ class Recording:
         self.count += 1
         self.duration_s = at_s - self.began
 
-    def _records(self) -> Iterator[Attachment | _Message]:
+    def _records(self) -> Iterator[Attachment | _RecordedUpdate]:
         channels: dict[int, Channel] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
@@ -248,8 +248,8 @@ class Recording:
                         channels[record.id] = record
                     elif isinstance(record, Message):
                         channel = channels[record.channel_id]
-                        if channel.message_encoding == ENCODING and channel.topic.startswith(TOPIC):
-                            yield _Message(channel.topic.removeprefix(TOPIC), record.log_time, record.data)
+                        if channel.message_encoding == ENCODING and channel.topic.startswith(TOPIC_PREFIX):
+                            yield _RecordedUpdate(channel.topic.removeprefix(TOPIC_PREFIX), record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:
         """Opcode and content of each record, up to the end of the data or the last complete record."""

@@ -94,7 +94,7 @@ def _scenes() -> list[Place]:
         assert place.world.floors["L2"].pose("object/plate")[0] > 2.1
     scenes[3].world.add(robot("caller", "L2", 5.0, 2.0))
     scenes[3].world.call_elevator("caller", "E1", "L1")
-    while scenes[3].world.moments["E1"].doors is not Doors.OPEN:
+    while scenes[3].world.elevator_states["E1"].doors is not Doors.OPEN:
         scenes[3].run(0.1)
     return scenes
 
@@ -106,7 +106,7 @@ def test_open_doors_are_no_obstacle() -> None:
     opening = crowd()
     opening.world.add(robot("caller", "L2", 5.0, 2.0))
     opening.world.call_elevator("caller", "E1", "L1")
-    while opening.world.moments["E1"].doors is not Doors.OPENING:
+    while opening.world.elevator_states["E1"].doors is not Doors.OPENING:
         opening.run(0.02)
     for place, floor, is_open in (
         (SCENES[0], "L2", False),

@@ -20,7 +20,7 @@ from mcap.writer import Writer
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.maps.model import Building, Floor, FloorMap
-from robocorba.simulation.recording import CHUNK_S, MAP, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
+from robocorba.simulation.recording import CHUNK_S, MAP_ATTACHMENT, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.testing.buildings import two_floors
@@ -118,7 +118,7 @@ def test_any_mcap_tool_can_read_it(tmp_path: Path) -> None:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == PROFILE
         (attachment,) = reader.iter_attachments()
-        assert (attachment.name, attachment.media_type) == (MAP, "application/gzip")
+        assert (attachment.name, attachment.media_type) == (MAP_ATTACHMENT, "application/gzip")
         messages = list(reader.iter_messages(topics=["floor/L2"]))
     assert len(messages) == 40
     schema, channel, message = messages[1]
@@ -145,7 +145,7 @@ def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
     found = Recording(tmp_path / "a.mcap")
     assert {update.floor for _, update in found.updates(["L2"])} == {"L2"}
     times = []
-    for at_s, views in found.moments(0.5):
+    for at_s, views in found.sampled(0.5):
         times.append(at_s)
         for view in views.values():
             assert view.motion(1)["x"] == pytest.approx(0.1 * view.version)
@@ -259,7 +259,7 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
     try:
         found = Recording(tmp_path / "a.mcap")
         read = list(found.updates())
-        views = list(found.moments(0.05))
+        views = list(found.sampled(0.05))
     except InvalidRecording:
         return
     assert found.building == SMALL

@@ -178,7 +178,7 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
     assert found.building == two_floors()
     assert found.floors == ["L1", "L2"]
     ways: dict[str, set[float]] = {"A": set(), "B": set()}
-    for _, views in found.moments(0.2):
+    for _, views in found.sampled(0.2):
         for view in views.values():
             for body in view.bodies.values():
                 if body.name in ways:
