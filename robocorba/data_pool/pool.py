@@ -37,7 +37,7 @@ MapOf = Callable[[str], Building]
 class DataPool:
     """The data pool of the robot called `own_name`, which begins on `floor`. It is empty before the first `follow`.
 
-    One thread calls `follow` periodically, another `follow_map`; these and `go_to` block on the source. Readers on any
+    One thread calls `follow` periodically, another `follow_map`; these and `change_floor` block on the source. Readers on any
     thread never block. clock: returns the time [s]."""
 
     def __init__(
@@ -72,7 +72,7 @@ class DataPool:
         if self._snapshot.is_known:
             self._here.look_at_map()
 
-    def go_to(self, floor: str) -> bool:
+    def change_floor(self, floor: str) -> bool:
         """Load the floor that the robot has changed to, and drop the previous one. One thread at a time.
 
         Returns whether the floor is loaded. If the source does not answer, it is not, and `follow` retries. Raises

@@ -77,7 +77,7 @@ class ScanResult(NamedTuple):
 
 
 class VirtualSensor:
-    """One thread updates it (`know`, `follow`); scans are thread-safe. `clock` returns the time [s]."""
+    """One thread updates it (`set_map`, `follow`); scans are thread-safe. `clock` returns the time [s]."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -94,7 +94,7 @@ class VirtualSensor:
         """Names of the robots on all floors."""
         return {name for floor in self._floors.values() for name in floor.numbers}
 
-    def know(self, building: Building) -> None:
+    def set_map(self, building: Building) -> None:
         """Take over a map; forget floors that it does not have."""
         for name in [name for name in self._floors if name not in building.floors]:
             del self._floors[name]

@@ -93,7 +93,7 @@ def test_a_robot_changes_floors_with_the_elevator() -> None:
         if pool.floor != world.pose("A").floor:
             pool.follow()
             assert pool.robot("A") is None
-            assert pool.go_to(world.pose("A").floor)
+            assert pool.change_floor(world.pose("A").floor)
         pool.follow()
         assert same(pool, place)
         assert pool.robot("A")
@@ -109,7 +109,7 @@ def test_a_floor_that_is_not_there() -> None:
     pool.follow()
     before = pool.snapshot()
     with pytest.raises(UnknownFloor, match="L9"):
-        pool.go_to("L9")
+        pool.change_floor("L9")
     assert pool.snapshot() is before
     nowhere = place.pool("L9")
     nowhere.follow()
@@ -120,7 +120,7 @@ def test_a_floor_that_is_not_there() -> None:
 def test_the_floor_changes_while_the_one_before_is_asked_for() -> None:
     place = Place()
     pool = place.pool("L1")
-    place.meanwhile = lambda: pool.go_to("L2")
+    place.meanwhile = lambda: pool.change_floor("L2")
     pool.follow()
     assert pool.floor == "L2"
     assert same(pool, place)
@@ -172,21 +172,21 @@ def test_the_floor_can_change_while_the_source_is_away() -> None:
     pool = place.pool("L1")
     pool.follow()
     place.is_away = True
-    assert not pool.go_to("L2")
+    assert not pool.change_floor("L2")
     assert (pool.floor, pool.lag_s, pool.snapshot().bodies.all) == ("L2", math.inf, ())
     assert "away" in pool.problem
     pool.follow()
-    assert not pool.go_to("L2")
+    assert not pool.change_floor("L2")
     place.is_away = False
     pool.follow()
     assert same(pool, place)
     place.is_editor_away = True
-    assert not pool.go_to("L1")
+    assert not pool.change_floor("L1")
     assert "editor" in pool.problem
     place.is_editor_away = False
     pool.follow()
     assert same(pool, place)
-    assert pool.go_to("L1")
+    assert pool.change_floor("L1")
 
 
 def test_another_process_with_the_same_floor() -> None:
@@ -293,10 +293,10 @@ def test_the_memory_is_that_of_one_floor() -> None:
     pool, sizes = place.pool("L1"), []
     for turn in range(20):
         before = weakref.ref(pool.snapshot())
-        pool.go_to("L2")
+        pool.change_floor("L2")
         gc.collect(0)
         assert before() is None
-        pool.go_to("L1")
+        pool.change_floor("L1")
         for number in range(4):
             place.world.robots[f"L1-{number}"].command(0.2, 0.0, 1.0, 0.5)
         place.run(0.1)
@@ -344,7 +344,7 @@ def test_readers_never_see_two_floors_at_once() -> None:
     for thread in threads:
         thread.start()
     for turn in range(60):
-        pool.go_to(("L2", "L1")[turn % 2])
+        pool.change_floor(("L2", "L1")[turn % 2])
     is_over.set()
     for thread in threads:
         thread.join(10.0)
@@ -400,7 +400,7 @@ def test_after_whatever_happened_the_pool_equals_the_database(acts: list[tuple[s
             pool.follow()
             assert pool.snapshot() is known if place.is_away else same(pool, place)
         elif act == "go" and floor != known.floor:
-            assert pool.go_to(floor) != place.is_away
+            assert pool.change_floor(floor) != place.is_away
             assert not pool.snapshot().is_known if place.is_away else same(pool, place)
         assert not pool.snapshot().is_known or pool.snapshot().walls.floor == pool.floor  # type: ignore[union-attr]
     place.is_away = place.is_editor_away = False

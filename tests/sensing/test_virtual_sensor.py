@@ -30,7 +30,7 @@ class Following:
         self.world = SimulatedBuilding(tower())
         self.database = OmniDatabase(self.world)
         self.sensor = VirtualSensor(self.clock)
-        self.sensor.know(self.world.building)
+        self.sensor.set_map(self.world.building)
 
     def follow(self) -> None:
         self.world.refresh()
@@ -87,7 +87,7 @@ def test_walls_objects_and_doors_that_come_and_go_are_seen(place: Following) -> 
     place.follow()
     assert place.ahead(5.0, 3.0, math.pi / 2) == pytest.approx(3.0)  # it is open, and the cabin's wall is seen
     assert place.ahead(5.0, 3.0, math.pi / 2, floor="L2") == pytest.approx(1.0)
-    place.sensor.know(place.world.building.with_element("L1", Wall("W2", (4.0, 2.5), (6.0, 2.5))))
+    place.sensor.set_map(place.world.building.with_element("L1", Wall("W2", (4.0, 2.5), (6.0, 2.5))))
     assert place.ahead(5.0, 2.0, math.pi / 2) == pytest.approx(0.5)
 
 
@@ -135,7 +135,7 @@ def test_what_is_too_old_is_not_told(place: Following) -> None:
     with pytest.raises(SensorBehind):
         place.ahead(6.0, 2.0, 0.0)
     fresh = VirtualSensor(place.clock)
-    fresh.know(tower())
+    fresh.set_map(tower())
     with pytest.raises(SensorBehind):
         fresh.scan("L1", np.zeros((1, 3)), Mount(), AHEAD)
     with pytest.raises(UnknownFloor):

@@ -98,14 +98,14 @@ def test_another_floor_with_the_walls_of_that_one(place: Place) -> None:
     place.log_on("below", *HALL)
     place.log_on("above", *HALL, floor="L3")
     with following(place, "L1") as pool:
-        assert pool.go_to("L3")
+        assert pool.change_floor("L3")
         assert known(pool) == bodies(place, "L3")
         assert pool.robot("above")
         assert not pool.robot("below")
         walls = pool.snapshot().walls
         assert walls and walls.floor == "L3"
         with pytest.raises(UnknownFloor, match="L9"):
-            pool.go_to("L9")
+            pool.change_floor("L9")
         assert pool.floor == "L3"
 
 
