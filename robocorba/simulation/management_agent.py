@@ -73,7 +73,7 @@ class ManagementAgent:
         self.building = SimulatedBuilding(building)
         self.database = OmniDatabase(self.building)
         self.database.map_version = map_version
-        self.sensors = LoadBalance(time.monotonic)
+        self.load_balance = LoadBalance(time.monotonic)
         self.loop = SimulationLoop(self.step, self._housekeeping)
         self.loop.configure(choices.pace, choices.paused)
         self.sessions: dict[str, Session] = {}
@@ -214,7 +214,7 @@ class ManagementAgent:
 
     def _open(self, client: RobotClient) -> Session:
         robot = self.building.robots[client.name]
-        self.sensors.assign(client.name)
+        self.load_balance.assign(client.name)
         session = Session(client, robot, self.building, self._do_durably, self._end)
         self.sessions[client.key] = session
         return session
@@ -232,7 +232,7 @@ class ManagementAgent:
 
     def _forget(self, client: RobotClient) -> None:
         self.registry.remove(client)
-        self.sensors.release(client.name)
+        self.load_balance.release(client.name)
         self.database.forget_scans(client.name)
         self._session_ended(self.sessions.pop(client.key))
 

@@ -1,4 +1,4 @@
-"""Which virtual sensor process senses for which robot."""
+"""Assignment of robots to virtual sensor servers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def busy(share: float) -> Load:
 
 
 def handed(balance: LoadBalance, *robots: str) -> list[str]:
-    return [sensor.name if (sensor := balance.assign(robot)) else "" for robot in robots]
+    return [server.name if (server := balance.assign(robot)) else "" for robot in robots]
 
 
 def test_robots_go_to_the_least_busy_process(balance: LoadBalance) -> None:
@@ -66,7 +66,7 @@ def test_robots_of_a_process_that_died_are_handed_others(balance: LoadBalance, c
     assert set(after.values()) == {"S1", "S3"}
     assert all(after[robot] == name for robot, name in before.items() if name != "S2")
     assert abs(Counter(after.values())["S1"] - 15) <= 1
-    assert [sensor.name for sensor in balance.sensors] == ["S1", "S3"]
+    assert [server.name for server in balance.servers] == ["S1", "S3"]
 
 
 def test_robots_move_to_a_process_that_has_less_to_do(balance: LoadBalance) -> None:
