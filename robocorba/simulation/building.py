@@ -20,7 +20,7 @@ from robocorba.maps.movable import landing_doors, movables, outline, standing
 from robocorba.simulation.elevator import Cabin, Phase, RideStatus
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
-from robocorba.simulation.reservations import Reservations, Wanted
+from robocorba.simulation.reservations import AreaRequest, Reservations
 from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
@@ -244,7 +244,7 @@ class SimulatedBuilding:
                 cabin.cancel(name)
         self._update_elevator_states()
 
-    def reserve(self, name: str, wanted: Wanted) -> None:
+    def reserve(self, name: str, wanted: AreaRequest) -> None:
         """Request areas for a robot. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
         self._robot(name)
         self.reservations.reserve(name, wanted)

@@ -29,7 +29,7 @@ MAX_LIMIT_S = 600.0
 EDGE_M = 0.001
 
 
-class Wanted(NamedTuple):
+class AreaRequest(NamedTuple):
     """A request for areas. limit_s: duration of the grant [s]. shapes: union of its areas, by floor."""
 
     areas: tuple[FloorArea, ...]
@@ -49,30 +49,30 @@ class Reservation(NamedTuple):
     left_s: float
 
 
-class Request:
+class QueuedRequest:
     """A robot's request. ahead: owners of the requests that it waits for."""
 
-    def __init__(self, owner: str, wanted: Wanted) -> None:
+    def __init__(self, owner: str, wanted: AreaRequest) -> None:
         self.owner = owner
         self.areas, self.limit_s, self.shapes = wanted
         self.ahead: set[str] = set()
         self.granted_at: float | None = None
         #: Latest time at which it is granted [s].
-        self.granted_by = 0.0
+        self.latest_grant = 0.0
 
-    def overlaps(self, other: Request) -> bool:
+    def overlaps(self, other: QueuedRequest) -> bool:
         return any(shape.intersects(other.shapes[name]) for name, shape in self.shapes.items() if name in other.shapes)
 
     @property
-    def ends_by(self) -> float:
+    def latest_end(self) -> float:
         """Latest time at which its grant ends [s]."""
-        return (self.granted_by if self.granted_at is None else self.granted_at) + self.limit_s
+        return (self.latest_grant if self.granted_at is None else self.granted_at) + self.limit_s
 
     def status_at(self, now: float) -> Reservation:
         """Status at a time [s]. Thread-safe."""
         granted_at = self.granted_at
         if granted_at is None:
-            return Reservation(False, len(self.ahead), max(0.0, self.granted_by - now), self.limit_s)
+            return Reservation(False, len(self.ahead), max(0.0, self.latest_grant - now), self.limit_s)
         return Reservation(True, 0, 0.0, max(0.0, granted_at + self.limit_s - now))
 
 
@@ -82,18 +82,18 @@ class Reservations:
     def __init__(self, now: float = 0.0) -> None:
         self.now = now
         #: By owner, first request first.
-        self.requests: dict[str, Request] = {}
+        self.requests: dict[str, QueuedRequest] = {}
 
-    def reserve(self, owner: str, wanted: Wanted) -> Request:
-        """Request areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
+    def reserve(self, owner: str, wanted: AreaRequest) -> QueuedRequest:
+        """QueuedRequest areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
         if owner in self.requests:
             raise InvalidReservation("robot", f"{owner} has a reservation already")
         if len(self.requests) >= MAX_REQUESTS:
             raise ReservationsFull(MAX_REQUESTS)
-        request = Request(owner, wanted)
+        request = QueuedRequest(owner, wanted)
         request.ahead = {other.owner for other in self.requests.values() if request.overlaps(other)}
         self.requests[owner] = request
-        self._settle()
+        self._grant()
         return request
 
     def keep(self, owner: str, kept: Sequence[FloorArea]) -> None:
@@ -115,14 +115,14 @@ class Reservations:
         for other in self.requests.values():
             if owner in other.ahead and not other.overlaps(request):
                 other.ahead.discard(owner)
-        self._settle()
+        self._grant()
 
     def release(self, owner: str) -> None:
         """End an owner's request, if any."""
         if self.requests.pop(owner, None):
             for other in self.requests.values():
                 other.ahead.discard(owner)
-            self._settle()
+            self._grant()
 
     def find(self, owner: str, now: float) -> Reservation | None:
         """Status of an owner's request at a time [s]; None without a request. Thread-safe."""
@@ -134,12 +134,12 @@ class Reservations:
         found = self.find(owner, self.now)
         return found.longest_wait_s if found else 0.0
 
-    def advance(self, now: float) -> list[Request]:
+    def advance(self, now: float) -> list[QueuedRequest]:
         """Advance to a time [s]; return the requests whose grant expired."""
         ended = []
-        while over := [r for r in self.requests.values() if r.granted_at is not None and r.ends_by <= now]:
-            first = min(over, key=lambda request: request.ends_by)
-            self.now = first.ends_by  # waiting requests are granted at this time
+        while over := [r for r in self.requests.values() if r.granted_at is not None and r.latest_end <= now]:
+            first = min(over, key=lambda request: request.latest_end)
+            self.now = first.latest_end  # waiting requests are granted at this time
             self.release(first.owner)
             ended.append(first)
         self.now = now
@@ -157,27 +157,27 @@ class Reservations:
         self.now = now
         for record in records:
             if record.owner in owners:
-                wanted = Wanted(record.areas, record.limit_s, _shapes(record.areas))
+                wanted = AreaRequest(record.areas, record.limit_s, _shapes(record.areas))
                 self.reserve(record.owner, wanted)
                 if record.granted_at is not None:
                     self.requests[record.owner].granted_at = record.granted_at
 
-    def _settle(self) -> None:
+    def _grant(self) -> None:
         """Grant requests that wait for none, and compute the latest grant of the others, in order of arrival."""
         for request in self.requests.values():
             if request.granted_at is None:
-                request.granted_by = max((self.requests[other].ends_by for other in request.ahead), default=self.now)
+                request.latest_grant = max((self.requests[other].latest_end for other in request.ahead), default=self.now)
                 if not request.ahead:
                     request.granted_at = self.now
 
 
-def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors: Collection[str]) -> Wanted:
+def area_request(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors: Collection[str]) -> AreaRequest:
     """Validate a request for areas on these floors; the grant lasts `limit_s` of simulated time.
 
     Raises InvalidReservation, UnknownFloor."""
     if not 0.0 < limit_s <= MAX_LIMIT_S:  # also refuses NaN
         raise InvalidReservation("limit", f"{limit_s} s is not above 0 and at most {MAX_LIMIT_S:g} s")
-    asked = kept_of(areas)
+    asked = canonical_areas(areas)
     if not asked:
         raise InvalidReservation("areas", "a request needs at least one area")
     for i, (floor, polygon) in enumerate(asked):
@@ -186,10 +186,10 @@ def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors:
         check_polygon(f"areas[{i}].polygon", polygon, InvalidReservation)
         if shapely.Polygon(polygon).buffer(-EDGE_M).is_empty:
             raise InvalidReservation(f"areas[{i}].polygon", f"is nowhere wider than {2 * EDGE_M:g} m")
-    return Wanted(asked, limit_s, _shapes(asked))
+    return AreaRequest(asked, limit_s, _shapes(asked))
 
 
-def kept_of(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
+def canonical_areas(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
     """Areas in canonical form. Raises InvalidReservation for too many areas or corners."""
     check_sizes([polygon for _, polygon in areas])
     return tuple((floor, tuple((float(x), float(y)) for x, y in polygon)) for floor, polygon in areas)

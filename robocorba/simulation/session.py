@@ -10,7 +10,7 @@ from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import SimulatedBuilding, SimulatedRobot
 from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import RobotClient
-from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
+from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
 from robocorba.spatial.floor_state import RobotMotion
 
 
@@ -89,7 +89,7 @@ class Session:
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
         self.client.renew_lease(time.monotonic())
-        wanted = wanted_of(areas, limit_s, self._building.building.floors)
+        wanted = area_request(areas, limit_s, self._building.building.floors)
         self._do(lambda: self._building.reserve(self.name, wanted))
 
     def reservation(self) -> Reservation | None:
@@ -99,7 +99,7 @@ class Session:
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         """Release all areas but these. Raises InvalidReservation, SimulationBusy, ServiceError."""
-        kept = kept_of(areas)
+        kept = canonical_areas(areas)
         self._do(lambda: self._building.reservations.keep(self.name, kept))
 
     def release_areas(self) -> None:

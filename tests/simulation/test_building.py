@@ -15,7 +15,7 @@ from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.elevator import Phase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
-from robocorba.simulation.reservations import wanted_of
+from robocorba.simulation.reservations import area_request
 from robocorba.simulation.world_record import WorldRecord
 from robocorba.spatial.floor_state import Pose
 from tests.simulation.places import robot, tower
@@ -141,7 +141,7 @@ def test_a_party_does_not_leave_while_somebody_else_stands_in_the_cabin(world: S
 def test_areas_of_who_is_gone_or_late_are_free(world: SimulatedBuilding) -> None:
     for number, name in enumerate("ABC"):
         enter(world, name, "L1", 1.0 + 2 * number, 9.0)
-        passage = wanted_of([("L1", ((0, 0), (1, 0), (1, 1)))], 1.0, world.floors)
+        passage = area_request([("L1", ((0, 0), (1, 0), (1, 1)))], 1.0, world.floors)
         world.reserve(name, passage)
     world.remove("A")
     assert world.reservations.find("B", world.time) == (True, 0, 0.0, 1.0)

@@ -15,7 +15,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidReservation, ReservationsFull
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation import reservations
-from robocorba.simulation.reservations import Reservations, Wanted, wanted_of
+from robocorba.simulation.reservations import AreaRequest, Reservations, area_request
 from robocorba.simulation.world_record import ReservationRecord
 from robocorba.spatial.pose import XY
 
@@ -26,8 +26,8 @@ def box(x: float, y: float, width: float = 1.0, height: float = 1.0, floor: str 
     return floor, ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
 
 
-def wanted(*areas: FloorArea, limit_s: float = 60.0) -> Wanted:
-    return wanted_of(areas, limit_s, FLOORS)
+def wanted(*areas: FloorArea, limit_s: float = 60.0) -> AreaRequest:
+    return area_request(areas, limit_s, FLOORS)
 
 
 def granted(kept: Reservations) -> set[str]:
@@ -143,7 +143,7 @@ def test_all_goes_on_after_a_restart() -> None:
 )
 def test_what_can_not_be_is_refused_by_name(field: str, areas: Sequence[FloorArea], limit_s: float) -> None:
     with pytest.raises(InvalidReservation) as refused:
-        wanted_of(areas, limit_s, FLOORS)
+        area_request(areas, limit_s, FLOORS)
     assert refused.value.field == field
 
 
