@@ -21,7 +21,7 @@ from robocorba.simulation.registry import Description, Registry, RobotClient
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
-from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
+from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
 
 #: Default limit of logged-on robots.
@@ -68,14 +68,14 @@ class ManagementAgent:
         session_ended: Callable[[Session], None] = lambda session: None,
     ) -> None:
         self._store, self._publish, self._session_ended = store, publish, session_ended
-        choices = store.choices() or Choices(DEFAULT_LIMIT)
-        self.registry = Registry(choices.limit, time.monotonic)
+        settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
+        self.registry = Registry(settings.limit, time.monotonic)
         self.building = SimulatedBuilding(building)
         self.database = OmniDatabase(self.building)
         self.database.map_version = map_version
         self.load_balance = LoadBalance(time.monotonic)
         self.loop = SimulationLoop(self.step, self._housekeeping)
-        self.loop.configure(choices.pace, choices.paused)
+        self.loop.configure(settings.pace, settings.paused)
         self.sessions: dict[str, Session] = {}
         self.collisions = 0
         self._event_count = self._counted_events = 0
@@ -149,14 +149,14 @@ class ManagementAgent:
         if pace is not None:
             check_pace(pace)
 
-        def change() -> Choices:
+        def change() -> AdministratorSettings:
             self.registry.limit = self.registry.limit if limit is None else limit
             self.loop.configure(
                 self.loop.pace if pace is None else pace, self.loop.is_paused if is_paused is None else is_paused
             )
-            return Choices(self.registry.limit, self.loop.pace, self.loop.is_paused)
+            return AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
 
-        self._store.save_choices(self.loop.do(change))
+        self._store.save_settings(self.loop.do(change))
 
     # ---- the map ----
 

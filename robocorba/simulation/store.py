@@ -47,7 +47,7 @@ class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
         return Description(self.name, Pose(*self.pose), self.radius_m, self.mass_kg, Limits(*self.limits))
 
 
-class Choices(msgspec.Struct, frozen=True):
+class AdministratorSettings(msgspec.Struct, frozen=True):
     """Settings of the administrator. limit: robots at most. pace: simulated seconds per second."""
 
     limit: int
@@ -88,12 +88,12 @@ class SimulationStore(RecordFile):
     def save_world(self, world: WorldRecord) -> None:
         self.save("world", "", world)
 
-    def choices(self) -> Choices | None:
+    def settings(self) -> AdministratorSettings | None:
         """The settings; None if an administrator never changed them."""
-        return next(iter(self.all("choices", Choices)), None)
+        return next(iter(self.all("choices", AdministratorSettings)), None)
 
-    def save_choices(self, choices: Choices) -> None:
-        self.save("choices", "", choices)
+    def save_settings(self, settings: AdministratorSettings) -> None:
+        self.save("choices", "", settings)
 
     def secret(self) -> str:
         """The administrators' secret, created once for each file."""

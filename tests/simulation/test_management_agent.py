@@ -152,14 +152,14 @@ def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
     waiter.reserve([PASSAGE], 200.0)
     # Nothing is closed: its thread goes on, but what it keeps from now on goes into a file of its own.
     kept = store.world()
-    clients, choices = store.clients(), store.choices()
+    clients, settings = store.clients(), store.settings()
     killed.close()
     store.clear()
     for client in clients:
         store.save_client(client)
-    assert kept is not None and choices is not None
+    assert kept is not None and settings is not None
     store.save_world(kept)
-    store.save_choices(choices)
+    store.save_settings(settings)
 
     again = ManagementAgent(tower(), 7, store)
     assert (again.state.limit, again.state.pace) == (5, 2.0)

@@ -8,7 +8,7 @@ import pytest
 
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
-from robocorba.simulation.store import MAX_DOCUMENT, Choices, ClientRecord, Mission, SimulationStore
+from robocorba.simulation.store import MAX_DOCUMENT, AdministratorSettings, ClientRecord, Mission, SimulationStore
 from robocorba.simulation.world_record import CabinRecord, ReservationRecord, RideRecord, RobotRecord, WorldRecord
 from tests.simulation.places import robot
 
@@ -23,18 +23,18 @@ def test_everything_is_there_again(tmp_path: Path) -> None:
     )
     about = robot("A")
     with SimulationStore(tmp_path / "file") as store:
-        assert (store.world(), store.clients(), store.choices()) == (None, [], None)
+        assert (store.world(), store.clients(), store.settings()) == (None, [], None)
         secret = store.secret()
         store.save_client(ClientRecord.of("key", 12.5, about))
         store.save_client(ClientRecord.of("other", 13.5, robot("B")))
         store.forget_client("other")
         store.save_world(world)
-        store.save_choices(Choices(5, 0.0, True))
+        store.save_settings(AdministratorSettings(5, 0.0, True))
         assert store.put_mission(Mission("M", 0, b"plan")) == 1
     with SimulationStore(tmp_path / "file") as store:
         assert store.world() == world
         assert [(record.key, record.since, record.description) for record in store.clients()] == [("key", 12.5, about)]
-        assert store.choices() == Choices(5, 0.0, True)
+        assert store.settings() == AdministratorSettings(5, 0.0, True)
         assert store.missions() == [Mission("M", 1, b"plan")]
         assert store.secret() == secret
         with pytest.raises(AlreadyRunning):
