@@ -125,9 +125,9 @@ class UpdateMismatch(SimulationError):
 
 
 class InvalidRecording(SimulationError):
-    """The recording `path` cannot be used; `reason` explains."""
+    """The recording `path` cannot be read or written; `reason` explains."""
 
-    def __init__(self, path: str, reason: str) -> None:
+    def __init__(self, path: object, reason: str) -> None:
         self.path, self.reason = path, reason
         super().__init__(f"{path}: {reason}")
 

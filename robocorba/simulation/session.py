@@ -15,20 +15,20 @@ from robocorba.spatial.floor_state import RobotMotion
 
 
 class Session:
-    """Thread-safe. Every call raises SessionExpired once the robot is logged off.
+    """What a logged-on robot can do. Thread-safe. Every call raises SessionExpired once the robot is logged off.
 
-    do: applies a change to the building, and returns when it is on disk."""
+    do_durably: applies a change to the building, and returns when it is on disk."""
 
     def __init__(
         self,
         client: RobotClient,
         robot: SimulatedRobot,
         building: SimulatedBuilding,
-        do: Callable[[Callable[[], None]], None],
+        do_durably: Callable[[Callable[[], None]], None],
         log_off: Callable[[RobotClient], None],
     ) -> None:
         self.client, self.robot = client, robot
-        self._building, self._do_durably, self._log_off = building, do, log_off
+        self._building, self._do_durably, self._log_off = building, do_durably, log_off
 
     @property
     def name(self) -> str:

@@ -508,22 +508,20 @@ def test_a_layer_is_drawn_once_and_stays_clean(drawn: list[tuple[str, int]]) -> 
     assert drawn[1:] == [("L2", WIDTH), ("L1", 400)]
 
 
-def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch: pytest.MonkeyPatch) -> None:
-    painter = FloorPainter(scene())
+def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]]) -> None:
     sizes = {
         width: math.prod(Shown(view_of(), width=width, painter=FloorPainter(scene())).image.size)
         for width in (300, 301, 302)
     }
-    monkeypatch.setattr(picture, "MAX_CACHED_PX", sum(sizes.values()) - 1)
+    painter = FloorPainter(scene(), max_cached_px=sum(sizes.values()) - 1)
     drawn.clear()
     for width in (300, 301, 300, 302, 300, 302, 301):
         Shown(view_of(), width=width, painter=painter)
     assert [width for _, width in drawn] == [300, 301, 302, 301]
 
 
-def test_a_layer_that_is_larger_than_all_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "MAX_CACHED_PX", 1)
-    painter = FloorPainter(scene())
+def test_a_layer_larger_than_the_cache_is_drawn() -> None:
+    painter = FloorPainter(scene(), max_cached_px=1)
     assert Shown(view_of(), painter=painter).png == Shown(view_of(), painter=painter).png
 
 

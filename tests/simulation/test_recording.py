@@ -173,7 +173,10 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_told_and_keeps_what_is_there() -> None:
-    with pytest.raises(InvalidRecording, match="No space left"), Recorder(Path("/dev/full"), Building("b"), overwrite=True):
+    with (
+        pytest.raises(InvalidRecording, match="No space left"),
+        Recorder(Path("/dev/full"), Building("b"), overwrite=True),
+    ):
         pass
 
 
