@@ -1,4 +1,4 @@
-"""The state of a floor at one moment, for the 3D view and programs."""
+"""The state of a floor at one time, for the 3D view and programs."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class FloorSnapshot:
         """Other robots whose rims are within `range_m` of a point (x, y) [m], nearest first.
 
         Raises InvalidPoint, InvalidRequest."""
-        _check_place(x, y)
+        _check_point(x, y)
         if not range_m >= 0.0:  # also refuses NaN
             raise InvalidRequest("range_m", f"{range_m} is not 0 or more")
         rows = self.bodies.others
@@ -121,11 +121,10 @@ class FloorSnapshot:
 
     def nearest_non_robot(self, x: float, y: float) -> NearestObstacle | None:
         """As nearest_obstacle, without robots. Raises InvalidPoint."""
-        _check_place(x, y)
+        _check_point(x, y)
         fixed = self.walls.nearest(x, y, self.elevators) if self.walls else None
-        found = [fixed] if fixed else []
         limit_m = fixed.distance_m if fixed else math.inf
-        return min([*found, *self._nearer_objects(x, y, limit_m)], default=None)
+        return min(self._nearer_objects(x, y, limit_m), default=fixed)
 
     def _nearest_robot(self, x: float, y: float) -> NearestObstacle | None:
         rows = self.bodies.others
@@ -138,18 +137,18 @@ class FloorSnapshot:
             return NearestObstacle(0.0, x, y, self.bodies.all[row].name)
         share = radius_m / (radius_m + distance_m)
         center_x, center_y = float(motion["x"]), float(motion["y"])
-        at = center_x + share * (x - center_x), center_y + share * (y - center_y)
-        return NearestObstacle(distance_m, *at, self.bodies.all[row].name)
+        rim = center_x + share * (x - center_x), center_y + share * (y - center_y)
+        return NearestObstacle(distance_m, *rim, self.bodies.all[row].name)
 
     def _nearer_objects(self, x: float, y: float, limit_m: float) -> Iterator[NearestObstacle]:
         """Movable objects nearer than `limit_m`, each nearer than the one before."""
-        rows, place = self.bodies.objects, Point(x, y)
+        rows, point = self.bodies.objects, Point(x, y)
         distances_m = self._distances_m(rows, x, y)
         for i in np.argsort(distances_m):
             if distances_m[i] >= limit_m:  # its circle and those of all remaining objects are too far away
                 return
             entity = self._entity(rows[i])
-            near = nearest_of(place, shapely.polygons(entity.corners), entity.name)
+            near = nearest_of(point, shapely.polygons(entity.corners), entity.name)
             if near.distance_m < limit_m:
                 limit_m = near.distance_m
                 yield near
@@ -170,7 +169,7 @@ class FloorSnapshot:
         )
 
 
-def _check_place(x: float, y: float) -> None:
+def _check_point(x: float, y: float) -> None:
     for name, value in (("x", x), ("y", y)):
         if not math.isfinite(value):
             raise InvalidPoint("place", name, f"{value} is not a finite number")
