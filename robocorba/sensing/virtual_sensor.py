@@ -22,8 +22,8 @@ from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, standing
 from robocorba.sensing.casting import ObstacleGrids, cast
 from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
-from robocorba.sensing.floor_obstacles import NO_ROBOT, FloorObstacles, border_segments
 from robocorba.sensing.noise import Noise
+from robocorba.sensing.visible_obstacles import NO_ROBOT, VisibleObstacles, border_segments
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
 from robocorba.spatial.grids import Floats, Longs, column_of, row_of
@@ -183,7 +183,7 @@ class _SensedFloor:
 
     def __init__(self, name: str, building: Building) -> None:
         self.view = FloorView(name)
-        self.obstacles = FloorObstacles()
+        self.obstacles = VisibleObstacles()
         #: When the latest update was requested [s]: the copy is at least as new. -inf before the first one.
         self.valid_at = float("-inf")
         self.numbers: dict[str, int] = {}

@@ -1,7 +1,7 @@
 """Line segments in a uniform grid: a query examines only the cells it touches.
 
 Walls and objects become segments; planning queries distances to them, sensing casts rays at them. Robots are discs in
-the same kind of grid (sensing/floor_obstacles.py).
+the same kind of grid (sensing/visible_obstacles.py).
 """
 
 from __future__ import annotations

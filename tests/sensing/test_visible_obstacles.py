@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.sensing import InvalidScan
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
-from robocorba.sensing.floor_obstacles import FloorObstacles, border_segments
+from robocorba.sensing.visible_obstacles import VisibleObstacles, border_segments
 from robocorba.spatial.grids import Floats
 
 coordinate = st.floats(-20, 20).map(lambda value: round(value, 2))
@@ -79,7 +79,7 @@ def agrees(
 @pytest.mark.parametrize("others", [[], [LineString([(0, -1), (-0.5, 0)])]])
 def test_a_ray_along_a_line_meets_its_near_end(others: list[BaseGeometry]) -> None:
     blocking, fan = [LineString([(-1, 0), (-2, 0)]), *others], Fan(math.pi, 1.0, 1, 2.0)
-    found = FloorObstacles(blocking).scan(np.array([(0.0, 0.0, 0.0)]), fan)[0]
+    found = VisibleObstacles(blocking).scan(np.array([(0.0, 0.0, 0.0)]), fan)[0]
     assert agrees(float(found[0]), blocking, (0.0, 0.0, 0.0), math.pi, fan)
 
 
@@ -95,7 +95,7 @@ def test_what_the_reference_takes_for_wrong() -> None:
 def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
     standing: list[BaseGeometry], moved: list[BaseGeometry], places: list[tuple[float, float, float]], fan: Fan
 ) -> None:
-    obstacles = FloorObstacles(standing)
+    obstacles = VisibleObstacles(standing)
     obstacles.set_moving(np.empty((0, 4)), border_segments(moved))
     found = obstacles.scan(np.array(places), fan)
     assert found.shape == (len(places), fan.count)
@@ -112,12 +112,12 @@ def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
 def test_robots_are_discs_and_do_not_see_themselves(
     robots: list[tuple[float, float, float, int]], places: list[tuple[float, float, float]], fan: Fan, me: int
 ) -> None:
-    obstacles = FloorObstacles([LineString([(-15, -15), (15, 14)])])
+    obstacles = VisibleObstacles([LineString([(-15, -15), (15, 14)])])
     obstacles.set_moving(np.array(robots).reshape(-1, 4))
     found = obstacles.scan(np.array(places), fan, [me] * len(places))
     others = [robot for robot in robots if robot[3] != me]
     for (x, y, heading), distances in zip(places, found, strict=True):
-        alone = FloorObstacles([LineString([(-15, -15), (15, 14)])]).scan(np.array([(x, y, heading)]), fan)[0]
+        alone = VisibleObstacles([LineString([(-15, -15), (15, 14)])]).scan(np.array([(x, y, heading)]), fan)[0]
         for angle, distance, expected in zip(fan.angles, distances, alone, strict=True):
             for cx, cy, radius, _ in others:
                 dx, dy = cx - x, cy - y
@@ -131,7 +131,7 @@ def test_robots_are_discs_and_do_not_see_themselves(
 
 
 def test_a_room_is_seen_in_all_directions() -> None:
-    obstacles = FloorObstacles([shapely.box(-2, -3, 4, 5)])
+    obstacles = VisibleObstacles([shapely.box(-2, -3, 4, 5)])
     found = obstacles.scan(np.array([(0.0, 0.0, math.pi / 2)]), Fan(0.0, math.pi / 2, 4, 50.0))[0]
     assert found == pytest.approx([5.0, 2.0, 3.0, 4.0])
 
@@ -139,38 +139,38 @@ def test_a_room_is_seen_in_all_directions() -> None:
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_a_fan_of_half_a_turn_sees_what_stands_right_beside_it(heading: float) -> None:
     side = 900.0
-    obstacles = FloorObstacles([shapely.box(-side, -side, side, side)])
+    obstacles = VisibleObstacles([shapely.box(-side, -side, side, side)])
     found = obstacles.scan(np.array([(0.0, 0.0, heading)]), Fan(-math.pi / 2, math.pi / 179, 180, 1000.0))[0]
     assert found[[0, -1]] == pytest.approx(side)
     assert found.max() == 1000.0
 
 
 def test_a_wall_seen_from_its_end_stops_the_ray_along_it() -> None:
-    obstacles = FloorObstacles([LineString([(2, 0), (5, 0)])])
+    obstacles = VisibleObstacles([LineString([(2, 0), (5, 0)])])
     assert obstacles.scan(np.zeros((1, 3)), Fan(0.0, 1.0, 1, 10.0))[0, 0] == pytest.approx(2.0)
     assert obstacles.scan(np.zeros((1, 3)), Fan(0.1, 1.0, 1, 10.0))[0, 0] == 10.0
 
 
 def test_what_is_behind_a_wall_is_not_seen() -> None:
     behind = [LineString([(x, -50), (x, 50)]) for x in np.arange(3, 40, 0.5)]
-    obstacles = FloorObstacles([LineString([(2, -100), (2, 100)]), *behind])
+    obstacles = VisibleObstacles([LineString([(2, -100), (2, 100)]), *behind])
     found = obstacles.scan(np.zeros((1, 3)), Fan(-1.0, 0.01, 201, 30.0))[0]
     assert found == pytest.approx(2 / np.cos(-1.0 + 0.01 * np.arange(201)))
 
 
 def test_everything_may_move_far_beyond_the_walls() -> None:
-    obstacles = FloorObstacles([shapely.box(0, 0, 10, 10)])
+    obstacles = VisibleObstacles([shapely.box(0, 0, 10, 10)])
     obstacles.set_moving(np.array([(500.0, 300.0, 0.5, 1)]), border_segments([shapely.box(-400, 0, -399, 1)]))
     found = obstacles.scan(np.array([(497.0, 300.0, 0.0), (-402.0, 0.5, 0.0), (5.0, 5.0, 0.0)]), Fan(0.0, 1.0, 1, 20.0))
     assert found[:, 0] == pytest.approx([2.5, 2.0, 5.0])
 
 
 def test_a_floor_with_nothing_on_it_is_open() -> None:
-    assert np.all(FloorObstacles().scan(np.array([(1.0, 2.0, 3.0)]), LASER) == LASER.range_m)
+    assert np.all(VisibleObstacles().scan(np.array([(1.0, 2.0, 3.0)]), LASER) == LASER.range_m)
 
 
 def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
-    obstacles = FloorObstacles()
+    obstacles = VisibleObstacles()
     obstacles.set_moving(np.array([(0.5, 0.0, 0.1, 1)]), border_segments([shapely.box(0.8, -1, 1, 1)]))
     obstacles.set_moving(np.array([(0.0, 0.5, 0.1, 1)]))
     found = obstacles.scan(np.zeros((1, 3)), PROXIMITY)[0]

@@ -33,8 +33,8 @@ MARGIN_M = 5.0
 NO_ROBOT = -1
 
 
-class FloorObstacles:
-    """Static obstacles of a floor, and its moving ones: robots (discs), movable objects and doors (segments).
+class VisibleObstacles:
+    """What sensors see on a floor: static obstacles, and moving ones: robots (discs), movable objects and doors (segments).
 
     An update replaces `grids` as a whole; a running scan continues with the previous ones."""
 
