@@ -13,9 +13,8 @@ from functools import partial
 from types import MappingProxyType
 from typing import Protocol
 
-from robocorba.data_pool.entities import FloorEntity
-from robocorba.data_pool.snapshot import NO_BODIES, NO_ELEVATORS, NO_MOTIONS, FloorBodies, FloorSnapshot, NearbyRobot
-from robocorba.data_pool.walls import NearestObstacle, Walls
+from robocorba.data_pool.snapshot import NO_BODIES, NO_ELEVATORS, NO_MOTIONS, FloorBodies, FloorSnapshot
+from robocorba.data_pool.walls import Walls
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UpdateMismatch
@@ -111,38 +110,8 @@ class DataPool:
         """The latest snapshot. Readers that need several consistent answers use one snapshot for all of them."""
         return self._snapshot
 
-    # The methods below read the latest snapshot. They raise NotReachable until the floor is loaded.
-
-    def nearest_obstacle(self, x: float, y: float) -> NearestObstacle | None:
-        """As FloorSnapshot.nearest_obstacle."""
-        return self._known().nearest_obstacle(x, y)
-
-    def nearest_non_robot(self, x: float, y: float) -> NearestObstacle | None:
-        """As FloorSnapshot.nearest_non_robot."""
-        return self._known().nearest_non_robot(x, y)
-
-    def robots_near(self, x: float, y: float, range_m: float) -> list[NearbyRobot]:
-        """As FloorSnapshot.robots_near."""
-        return self._known().robots_near(x, y, range_m)
-
-    def robot(self, name: str) -> FloorEntity | None:
-        """The robot of this name; None if it is not on this floor."""
-        return self._known().robot(name)
-
-    def object(self, name: str) -> FloorEntity | None:
-        """The object of this name; None if it is not on this floor."""
-        return self._known().object(name)
-
-    def objects(self, pattern: str = "*") -> list[FloorEntity]:
-        """As FloorSnapshot.objects."""
-        return self._known().objects(pattern)
-
-    @property
-    def elevators(self) -> Mapping[str, ElevatorState]:
-        """Elevators that serve the floor, by name."""
-        return self._known().elevators
-
-    def _known(self) -> FloorSnapshot:
+    def loaded_snapshot(self) -> FloorSnapshot:
+        """The latest snapshot. Raises NotReachable until the floor is loaded."""
         snapshot, problem = self._snapshot, self.problem
         if not snapshot.is_known:
             raise NotReachable(f"floor {snapshot.floor} is not loaded: {problem}")

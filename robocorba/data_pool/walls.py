@@ -17,7 +17,7 @@ from robocorba.maps.movable import landing_doors, movables
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 
-class NearestObstacle(NamedTuple):
+class NearbyObstacle(NamedTuple):
     """The obstacle nearest to a point: its distance, 0 inside it, its nearest point (x, y) [m], and its name.
 
     The name is that of a wall, a door, an object or a robot; of the elevator for a shaft and landing doors; of the
@@ -58,7 +58,7 @@ class Walls:
         """Whether this floor has the same plan in `building`. Raises UnknownFloor."""
         return self._plan == _plan_of(building, self.floor)
 
-    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> NearestObstacle | None:
+    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> NearbyObstacle | None:
         """The fixed obstacle nearest to a point (x, y) [m]; None on an empty floor.
 
         Landing doors are obstacles until the elevator's doors are open here."""
@@ -76,10 +76,10 @@ class Walls:
         return bool(state and state.floor == self.floor and state.doors is Doors.OPEN)
 
 
-def nearest_of(point: Point, shape: BaseGeometry, name: str) -> NearestObstacle:
+def nearest_of(point: Point, shape: BaseGeometry, name: str) -> NearbyObstacle:
     """The distance of a shape from a point, and the shape's nearest point."""
     (x, y), _ = shapely.get_coordinates(shapely.shortest_line(shape, point)).tolist()
-    return NearestObstacle(float(shapely.distance(shape, point)), x, y, name)
+    return NearbyObstacle(float(shapely.distance(shape, point)), x, y, name)
 
 
 def _plan_of(building: Building, floor: str) -> tuple[GeometricalMap, Floor, tuple[Elevator, ...]]:

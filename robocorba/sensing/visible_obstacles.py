@@ -34,7 +34,7 @@ NO_ROBOT = -1
 
 
 class VisibleObstacles:
-    """What sensors see on a floor: static obstacles, and moving ones: robots (discs), movable objects and doors (segments).
+    """What sensors see on a floor: static obstacles, robots (discs), movable objects and doors (segments).
 
     An update replaces `grids` as a whole; a running scan continues with the previous ones."""
 
