@@ -1,8 +1,7 @@
 """An elevator: robots call it, board, ride and alight; one session for each ride.
 
 The cabin serves the oldest call, then the next one. En route it also stops for rides in the same direction that still
-fit in. So every wait is bounded; `longest_wait` computes the bound. A robot that does not board or alight in time loses
-its session, and the doors close.
+fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded.
 
 Robots that ride together call as a party, and ride without others. The party's position in the queue is that of its
 first call. The other members may call while the doors are open for it; the doors stay open until all are inside or the
@@ -234,15 +233,6 @@ class Cabin:
             rides[session.robot] = RideStatus(session.phase, *trip, ahead if is_waiting else 0)
             ahead += is_waiting
         return rides
-
-    def longest_wait(self, ahead: int) -> float:
-        """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
-        span = max(self.heights.values()) - min(self.heights.values())
-        stops = len(self.heights) + 1
-        # Robots alight, then board; the last one to start boarding still has its full limit.
-        stop_s = 2 * self.elevator.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
-        # Each earlier call may lead once: a round trip over the full height with a stop at every floor.
-        return (ahead + 1) * 2 * (travel_time(self.elevator, span) * stops + stops * stop_s)
 
     def _phase_end(self) -> float:
         """Time at which the current phase ends; the current time if the cabin is free to start another."""

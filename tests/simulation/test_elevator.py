@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
 from robocorba.planning.elevators import ride, travel_time, travelled
-from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_CALLS, Cabin, Phase, fits
+from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_CALLS, OPEN_LIMIT_S, Cabin, Phase, fits
 from robocorba.spatial.elevator_state import Doors
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
@@ -290,6 +290,16 @@ calls = st.lists(
 )
 
 
+def longest_wait(lift: Cabin, ahead: int) -> float:
+    """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
+    span = max(HEIGHTS.values()) - min(HEIGHTS.values())
+    stops = len(HEIGHTS) + 1
+    # Robots alight, then board; the last one to start boarding still has its full limit.
+    stop_s = 2 * LIFT.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
+    # Each earlier call may be the oldest one once: a round trip over the full height with a stop at every floor.
+    return (ahead + 1) * 2 * (travel_time(LIFT, span) * stops + stops * stop_s)
+
+
 class Behaving:
     """Robots that call a lift, and then do what they do, each as it is told; what has to hold is looked at."""
 
@@ -301,7 +311,7 @@ class Behaving:
 
     def call(self, does: str, *arguments: Any) -> None:
         name = f"R{len(self.does)}"
-        bound = self.lift.now + self.lift.longest_wait(len(self.lift.sessions))
+        bound = self.lift.now + longest_wait(self.lift, len(self.lift.sessions))
         try:
             self.lift.call(name, *arguments)
         except InvalidRide:  # its party has left
