@@ -35,18 +35,18 @@ def crowd(floor: str = "L2") -> Place:
 def all_obstacles(place: Place, floor: str) -> dict[str, list[BaseGeometry]]:
     """Shapes of all obstacles except robots, by name."""
     building, physics = place.world.building, place.world.floors[floor]
-    movable = {thing.name for thing, _ in place.world.objects.values()}
+    movable = {item.name for item, _ in place.world.objects.values()}
     found: dict[str, list[BaseGeometry]] = {}
     for item in obstacles(building, floor):
         if item.kind != "object" or item.name not in movable:
             found.setdefault(item.name, []).append(item.geometry)
-    for name, moment in place.world.elevator_states_on(floor).items():
-        if moment.floor != floor or moment.doors is not Doors.OPEN:
+    for name, state in place.world.elevator_states_on(floor).items():
+        if state.floor != floor or state.doors is not Doors.OPEN:
             found.setdefault(name, []).append(landing_doors(building, name, floor))
-    for name, (thing, on) in place.world.objects.items():
-        if on == floor:
+    for name, (item, object_floor) in place.world.objects.items():
+        if object_floor == floor:
             x, y, heading = physics.pose(f"object/{name}")
-            turned = shapely.affinity.rotate(outline(thing), heading, (0, 0), use_radians=True)
+            turned = shapely.affinity.rotate(outline(item), heading, (0, 0), use_radians=True)
             found.setdefault(name, []).append(shapely.affinity.translate(turned, x, y))
     return found
 
@@ -68,7 +68,7 @@ coordinates = st.floats(-2.0, 12.0)
 
 @settings(max_examples=150, deadline=None)
 @given(coordinates, coordinates, st.integers(0, 3))
-def test_the_nearest_is_what_shapely_says(x: float, y: float, moved: int) -> None:
+def test_the_nearest_obstacle_agrees_with_shapely(x: float, y: float, moved: int) -> None:
     place = SCENES[moved]
     pool = place.pool("L2")
     pool.follow()
@@ -76,7 +76,7 @@ def test_the_nearest_is_what_shapely_says(x: float, y: float, moved: int) -> Non
 
 
 def _scenes() -> list[Place]:
-    """As it begins, while robots push things about, and with the elevator's doors open."""
+    """Before any motion, while robots push objects, and with the elevator's doors open."""
     scenes = [crowd() for _ in range(4)]
     for number, place in enumerate(scenes[1:3], 1):
         place.world.add(Description("pusher", Pose("L2", 0.9, 4.0, 0.0), 0.2))
@@ -113,7 +113,7 @@ def test_open_doors_are_no_obstacle() -> None:
         assert before_door.distance_m == pytest.approx(math.hypot(0.5, 0.1) if is_open else 0.1, abs=1e-5)
 
 
-def test_within_something_it_is_there() -> None:
+def test_inside_an_object_the_distance_is_0() -> None:
     place = crowd("L1")
     pool = place.pool("L1")
     pool.follow()
@@ -140,14 +140,14 @@ def test_a_wall_far_away_is_found() -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(coordinates, coordinates, st.floats(0.0, 8.0), st.sampled_from(["", "R1"]))
-def test_robots_near(x: float, y: float, range_m: float, oneself: str) -> None:
+def test_robots_near(x: float, y: float, range_m: float, own_name: str) -> None:
     place = SCENES[1]
-    pool = place.pool("L2", oneself)
+    pool = place.pool("L2", own_name)
     pool.follow()
     beside = {}
     for one in place.world.robots.values():
         at = place.world.pose(one.name)
-        if one.name != oneself:
+        if one.name != own_name:
             beside[one.name] = math.dist((x, y), (at.x, at.y)) - one.description.radius_m
     assume(all(abs(away - range_m) > 1e-9 for away in beside.values()))
     found = pool.snapshot().robots_near(x, y, range_m)
@@ -157,7 +157,7 @@ def test_robots_near(x: float, y: float, range_m: float, oneself: str) -> None:
     assert [near.distance_m for near in found] == sorted(near.distance_m for near in found)
 
 
-def test_places_that_are_none() -> None:
+def test_invalid_points_are_refused() -> None:
     pool = SCENES[0].pool("L2")
     pool.follow()
     for x, y, field in ((math.nan, 0.0, "x"), (0.0, math.inf, "y")):

@@ -1,4 +1,4 @@
-"""The data pool follows one floor of a real Omni database: exactly, over changes of floors, and over losses."""
+"""The data pool follows one floor of an Omni database exactly, also after changes of floors and failed requests."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ def test_a_floor_is_loaded_and_followed() -> None:
     assert first.time < pool.snapshot().time
 
 
-def test_things_by_name() -> None:
+def test_robots_and_objects_by_name() -> None:
     place = Place()
     place.world.add(robot("A"))
     place.world.refresh()
     pool = place.pool()
     pool.follow()
-    assert [(thing.name, thing.is_movable) for thing in pool.snapshot().objects()] == [
+    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
         ("S1", False),
         ("T1", True),
     ]
-    assert [thing.name for thing in pool.snapshot().objects("T*")] == ["T1"]
+    assert [item.name for item in pool.snapshot().objects("T*")] == ["T1"]
     assert pool.snapshot().objects("t?") == []
     table, shelf = pool.snapshot().object("T1"), pool.snapshot().object("S1")
     assert table and shelf
@@ -102,11 +102,11 @@ def test_a_robot_changes_floors_with_the_elevator() -> None:
         assert pool.snapshot().robot("A")
     assert pool.floor == "L1"
     assert pool.snapshot().robot("B")
-    assert [thing.name for thing in pool.snapshot().objects()] == ["S1", "T1"]
+    assert [item.name for item in pool.snapshot().objects()] == ["S1", "T1"]
     assert pool.snapshot().elevators["E1"].floor == "L1"
 
 
-def test_a_floor_that_is_not_there() -> None:
+def test_an_unknown_floor_is_refused() -> None:
     place = Place()
     pool = place.pool()
     pool.follow()
@@ -120,7 +120,7 @@ def test_a_floor_that_is_not_there() -> None:
     assert nowhere.lag_s == math.inf
 
 
-def test_the_floor_changes_while_the_one_before_is_asked_for() -> None:
+def test_the_floor_changes_during_a_request() -> None:
     place = Place()
     pool = place.pool("L1")
     place.meanwhile = lambda: pool.change_floor("L2")
@@ -129,10 +129,10 @@ def test_the_floor_changes_while_the_one_before_is_asked_for() -> None:
     assert same(pool, place)
 
 
-# ---- a source that is away ----
+# ---- a source that does not answer ----
 
 
-def test_while_the_source_is_away_the_lag_grows() -> None:
+def test_the_lag_grows_while_the_source_does_not_answer() -> None:
     place = Place()
     world, pool = place.world, place.pool()
     world.add(robot("A"))
@@ -162,7 +162,7 @@ def test_while_the_source_is_away_the_lag_grows() -> None:
     assert same(pool, place)
 
 
-def test_the_floor_can_change_while_the_source_is_away() -> None:
+def test_the_floor_can_change_while_the_source_does_not_answer() -> None:
     place = Place()
     pool = place.pool("L1")
     pool.follow()
@@ -184,7 +184,7 @@ def test_the_floor_can_change_while_the_source_is_away() -> None:
     assert pool.change_floor("L1")
 
 
-def test_another_process_with_the_same_floor() -> None:
+def test_another_process_serves_the_floor() -> None:
     place = Place()
     pool = place.pool()
     pool.follow()
@@ -202,7 +202,7 @@ def test_another_process_with_the_same_floor() -> None:
     assert same(pool, place)
 
 
-def test_what_does_not_fit_begins_anew() -> None:
+def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
     place = Place()
     place.world.add(robot("A"))
     place.world.refresh()
@@ -256,7 +256,7 @@ def test_edits_of_this_floor_are_followed() -> None:
     place.world.update(place.world.building.with_element("L1", MapObject("S1", shelf.shape, shelf.at, movable=True)))
     pool.follow_map()
     pool.follow()
-    assert [(thing.name, thing.is_movable) for thing in pool.snapshot().objects()] == [
+    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
         ("S1", True),
         ("T1", True),
     ]
@@ -269,7 +269,7 @@ def test_edits_of_this_floor_are_followed() -> None:
 
 
 def reachable(pool: DataPool, place: Place) -> list[Any]:
-    """All that a pool holds, but for its source."""
+    """All Python objects that a pool refers to, except its source."""
     seen = {id(place), id(place.clock)}
     found: list[Any] = []
     waiting: list[Any] = [pool]
@@ -327,7 +327,7 @@ def test_readers_never_see_two_floors_at_once() -> None:
         while not is_over.wait(0.0005):
             snapshot = pool.snapshot()
             floors_seen.add(snapshot.floor)
-            names = {thing.name[:2] for thing in snapshot.robots}
+            names = {item.name[:2] for item in snapshot.robots}
             near = snapshot.robots_near(5.0, 1.5, 0.1)
             if names != {snapshot.floor} or snapshot.walls is None or snapshot.walls.floor != snapshot.floor:
                 wrong.append((snapshot.floor, names))
@@ -353,7 +353,7 @@ def test_readers_never_see_two_floors_at_once() -> None:
     assert same(pool, place)
 
 
-# ---- whatever happens ----
+# ---- any events ----
 
 acts = st.lists(
     st.tuples(
@@ -367,7 +367,7 @@ acts = st.lists(
 
 @hypothesis.settings(max_examples=80, deadline=None)
 @hypothesis.given(acts)
-def test_after_whatever_happened_the_pool_equals_the_database(acts: list[tuple[str, str, int]]) -> None:
+def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str, int]]) -> None:
     place = Place()
     world, pool = place.world, place.pool("L1", "A")
     for act, name, number in acts:
@@ -406,6 +406,6 @@ def test_after_whatever_happened_the_pool_equals_the_database(acts: list[tuple[s
     pool.follow()
     assert same(pool, place)
     assert pool.problem == ""
-    assert {thing.name for thing in pool.snapshot().robots} == {
+    assert {item.name for item in pool.snapshot().robots} == {
         one.name for one in world.robots.values() if one.floor == pool.floor
     }

@@ -1,4 +1,4 @@
-"""Scans against shapely, which cuts one ray after the other with everything there is."""
+"""Scans compared with shapely, which intersects each ray with all obstacles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ fans = st.builds(
 
 
 def reference(blocking: list[BaseGeometry], pose: tuple[float, float, float], fan: Fan) -> Floats:
-    """The nearest point of anything that each ray meets."""
+    """Distance of each ray to the nearest obstacle, by shapely."""
     x, y, heading = pose
     everything = shapely.union_all([s.boundary if isinstance(s, Polygon) else s for s in blocking])
     found = np.full(fan.count, fan.range_m)
@@ -53,11 +53,10 @@ def reference(blocking: list[BaseGeometry], pose: tuple[float, float, float], fa
 def agrees(
     found: float, blocking: list[BaseGeometry], pose: tuple[float, float, float], angle: float, fan: Fan
 ) -> bool:
-    """Whether a distance is right for this ray or one beside it: what just passes a corner may or may not meet it.
+    """Whether a distance is right for this ray or one beside it: a ray that touches a corner may or may not meet it.
 
-    A ray along a line meets it where the line begins, which rounding hides from an exact cut: then something must
-    stand at that distance, and nothing before it that both rays beside this one meet as well.
-    """
+    A ray along a line meets it where the line begins, which rounding hides from an exact intersection: then an obstacle
+    must be at that distance, and none before it that both rays beside this one meet as well."""
     turns = (0.0, 1e-7, -1e-7)
     for turn in turns:
         (expected,) = reference(blocking, (*pose[:2], pose[2] + angle + turn), Fan(0.0, 1.0, 1, fan.range_m))
@@ -83,7 +82,7 @@ def test_a_ray_along_a_line_meets_its_near_end(others: list[BaseGeometry]) -> No
     assert agrees(float(found[0]), blocking, (0.0, 0.0, 0.0), math.pi, fan)
 
 
-def test_what_the_reference_takes_for_wrong() -> None:
+def test_the_reference_rejects_wrong_distances() -> None:
     wall, fan = [LineString([(1, -1), (1, 1)]), LineString([(2, -1), (2, 1)])], Fan(0.0, 1.0, 1, 5.0)
     here = (0.0, 0.0, 0.0)
     assert agrees(1.0, wall, here, 0.0, fan)
@@ -92,7 +91,7 @@ def test_what_the_reference_takes_for_wrong() -> None:
 
 @settings(deadline=None, max_examples=150)
 @given(lines, boxes, poses, fans)
-def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
+def test_distances_to_segments_agree_with_shapely(
     standing: list[BaseGeometry], moved: list[BaseGeometry], places: list[tuple[float, float, float]], fan: Fan
 ) -> None:
     obstacles = VisibleObstacles(standing)
@@ -102,7 +101,7 @@ def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
     blocking = standing + moved
     for pose, distances in zip(places, found, strict=True):
         if blocking and shapely.union_all(blocking).distance(Point(pose[:2])) < 1e-6:
-            continue  # whoever stands on a line sees either side
+            continue  # a sensor on a line sees either side
         for angle, distance in zip(fan.angles, distances, strict=True):
             assert agrees(distance, blocking, pose, angle, fan), (pose, angle, distance)
 
@@ -137,7 +136,7 @@ def test_a_room_is_seen_in_all_directions() -> None:
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
-def test_a_fan_of_half_a_turn_sees_what_stands_right_beside_it(heading: float) -> None:
+def test_a_fan_of_half_a_turn_sees_walls_beside_it(heading: float) -> None:
     side = 900.0
     obstacles = VisibleObstacles([shapely.box(-side, -side, side, side)])
     found = obstacles.scan(np.array([(0.0, 0.0, heading)]), Fan(-math.pi / 2, math.pi / 179, 180, 1000.0))[0]
@@ -158,7 +157,7 @@ def test_what_is_behind_a_wall_is_not_seen() -> None:
     assert found == pytest.approx(2 / np.cos(-1.0 + 0.01 * np.arange(201)))
 
 
-def test_everything_may_move_far_beyond_the_walls() -> None:
+def test_bodies_can_move_far_beyond_the_walls() -> None:
     obstacles = VisibleObstacles([shapely.box(0, 0, 10, 10)])
     obstacles.set_moving(np.array([(500.0, 300.0, 0.5, 1)]), border_segments([shapely.box(-400, 0, -399, 1)]))
     found = obstacles.scan(np.array([(497.0, 300.0, 0.0), (-402.0, 0.5, 0.0), (5.0, 5.0, 0.0)]), Fan(0.0, 1.0, 1, 20.0))
@@ -169,7 +168,7 @@ def test_a_floor_with_nothing_on_it_is_open() -> None:
     assert np.all(VisibleObstacles().scan(np.array([(1.0, 2.0, 3.0)]), LASER) == LASER.range_m)
 
 
-def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
+def test_robots_are_replaced_and_segments_kept() -> None:
     obstacles = VisibleObstacles()
     obstacles.set_moving(np.array([(0.5, 0.0, 0.1, 1)]), border_segments([shapely.box(0.8, -1, 1, 1)]))
     obstacles.set_moving(np.array([(0.0, 0.5, 0.1, 1)]))
@@ -195,7 +194,7 @@ def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
         ("range", (0.0, 1.0, 1, math.inf)),
     ],
 )
-def test_a_fan_that_can_not_be_names_the_field(field: str, fan: tuple[float, float, int, float]) -> None:
+def test_an_invalid_fan_names_the_field(field: str, fan: tuple[float, float, int, float]) -> None:
     with pytest.raises(InvalidScan) as refused:
         Fan(*fan)
     assert refused.value.field == field

@@ -1,4 +1,4 @@
-"""The 2D simulator's pictures: the right colour at the right place, now and not before, whatever is in a view."""
+"""Pictures of the 2D simulator: colours at points of the floor, caching of layers, any content of a view."""
 
 from __future__ import annotations
 
@@ -132,12 +132,12 @@ class Shown:
         return tuple(self.rgb[row, column].tolist())
 
     def is_about(self, x: float, y: float, colour: str | Sequence[float]) -> bool:
-        """What stands has its colour but for a few steps."""
+        """Whether the colour is the given one within a few steps, as in the quantized static layer."""
         wanted = ImageColor.getrgb(colour) if isinstance(colour, str) else colour
         return bool(np.abs(np.subtract(self.at(x, y), wanted)).max() <= 8)
 
     def count(self, colour: str, rows: slice = slice(0, -FOOT_PX)) -> int:
-        """Pixels of just this colour; by default in all rows but the legend's."""
+        """Number of pixels of exactly this colour; by default without the legend's rows."""
         return int((self.rgb[rows] == ImageColor.getrgb(colour)).all(axis=2).sum())
 
 
@@ -155,11 +155,11 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, int]]]:
     yield found
 
 
-# ---- what stands ----
+# ---- static parts ----
 
 
 @pytest.mark.parametrize("width", [200, 801, 1200])
-def test_what_stands_is_where_the_map_says(width: int) -> None:
+def test_static_parts_are_where_the_map_has_them(width: int) -> None:
     shown = Shown(view_of(E1=standing("L1")), width=width)
     assert (shown.image.format, shown.image.mode) == ("PNG", "P")
     assert shown.image.size == drawing.draw_floor(scene(), "L1", width_px=width).size
@@ -178,7 +178,7 @@ def test_roads_are_left_out() -> None:
     assert shown.is_about(3.0, 6.0, GROUND)
 
 
-def test_a_movable_line_stands() -> None:
+def test_a_movable_line_is_drawn_as_static() -> None:
     """It has no mass: the simulation does not move it."""
     assert Shown(view_of()).is_about(9.1, 2.0, MOVABLE)
 
@@ -186,7 +186,7 @@ def test_a_movable_line_stands() -> None:
 # ---- objects ----
 
 
-def test_an_object_is_where_it_is_now() -> None:
+def test_an_object_is_drawn_at_its_current_pose() -> None:
     nowhere, moved = Shown(view_of()), Shown(view_of(cart(10.0, 5.0)))
     assert nowhere.is_about(6.8, 2.0, GROUND)
     assert nowhere.is_about(10.8, 5.0, GROUND)
@@ -255,7 +255,7 @@ def test_a_robot_covers_an_object() -> None:
     )
 
 
-def test_names_stand_below_robots() -> None:
+def test_names_are_below_robots() -> None:
     named = Shown(view_of(robot(8.0, 5.0, name="HHHH")))
     bare = Shown(view_of(robot(8.0, 5.0, name="")))
     rows, columns = np.nonzero((named.rgb != bare.rgb).any(axis=2))
@@ -335,7 +335,7 @@ def test_fans_over_one_another_light_once() -> None:
     assert two.at(9.0, 6.5) == two.at(7.0, 6.5) == two.at(9.0, 4.0) != two.at(7.0, 4.0)
 
 
-def test_what_moves_is_not_lit() -> None:
+def test_moving_parts_are_not_lit() -> None:
     lasers = [fan(9.0, 4.0, math.pi / 2), fan(15.0, 3.0, 0.0)]
     shown = Shown(view_of(cart(10.0, 6.0), robot(8.0, 6.0)), lasers)
     assert shown.at(16.3, 2.3) == ImageColor.getrgb(CLOSED_SHAFT)
@@ -391,7 +391,7 @@ def test_a_ray_without_an_end_keeps_its_way() -> None:
 # ---- elevators ----
 
 
-def test_a_cabin_stands_out_where_it_is() -> None:
+def test_a_cabin_has_its_own_colour() -> None:
     corner = (16.3, 2.3)
     assert Shown(view_of(E1=standing("L1"))).is_about(*corner, CABIN)
     for elsewhere in (standing("L2"), ElevatorState(5.0, "", Doors.CLOSED, 0.0, (), ())):
@@ -401,7 +401,7 @@ def test_a_cabin_stands_out_where_it_is() -> None:
     assert Shown(view_of(E1=standing("L1"), E9=standing("L1"))).is_about(*corner, CABIN)
 
 
-def test_a_shaft_says_where_its_cabin_is() -> None:
+def test_a_shaft_shows_where_its_cabin_is() -> None:
     moments = [
         standing("L2"),
         ElevatorState(8.0, "", Doors.CLOSED, 0.0, (), ()),
@@ -440,24 +440,24 @@ def test_doors_open_from_the_middle() -> None:
     assert elsewhere.is_about(*middle, DOOR), "its doors are open on another floor"
 
 
-def test_a_share_that_cannot_be() -> None:
+def test_an_opening_outside_0_to_1_is_limited() -> None:
     shut, wide = (Shown(view_of(E1=standing("L1", share))).png for share in (0.0, 1.0))
     assert Shown(view_of(E1=standing("L1", math.nan))).png == shut
     assert Shown(view_of(E1=standing("L1", -3.0))).png == shut
     assert Shown(view_of(E1=standing("L1", 7.0))).png == wide
 
 
-# ---- what is not there ----
+# ---- nothing to draw, and invalid requests ----
 
 
-def test_a_floor_with_nobody_on_it() -> None:
+def test_an_empty_floor() -> None:
     shown = Shown(view_of(floor="L2"))
     assert shown.count(ROBOT) == 0
     assert shown.is_about(8.0, 5.0, GROUND)
     assert shown.is_about(3.2, 3.2, FIXED), "only the one on L1 can be moved"
 
 
-def test_what_is_far_away_or_nowhere_is_not_drawn(recwarn: pytest.WarningsRecorder) -> None:
+def test_bodies_far_away_or_without_a_pose_are_not_drawn(recwarn: pytest.WarningsRecorder) -> None:
     nobody = Shown(view_of()).png
     places = [(-50.0, 5.0), (8.0, 500.0), (1e6, 1e6), (-1e308, 1e308), (math.nan, 5.0), (8.0, math.inf)]
     for x, y in places:
@@ -471,7 +471,7 @@ def test_a_robot_at_the_edge_is_drawn_as_far_as_it_is_in() -> None:
     assert 0 < shown.count(ROBOT) < Shown(view_of(robot(8.0, 5.0))).count(ROBOT)
 
 
-def test_what_cannot_be_drawn() -> None:
+def test_invalid_requests_are_refused() -> None:
     with pytest.raises(UnknownFloor, match="L1, L2"):
         PAINTER.png(view_of(floor="L9"), (), WIDTH)
     for width in (-1, 0, 199, 4097, 2**32 - 1):
@@ -481,7 +481,7 @@ def test_what_cannot_be_drawn() -> None:
     assert Shown(view_of(), width=4096).image.width == 4096
 
 
-def test_a_building_without_anything() -> None:
+def test_an_empty_building() -> None:
     empty = Building("empty", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
     png = FloorPainter(empty).png(view_of(robot(0.0, 0.0, radius=5.0)), [fan(0.0, 0.0, 0.0)], 300, "empty")
     assert Image.open(io.BytesIO(png)).width == 300
@@ -536,7 +536,7 @@ def test_threads_draw_at_the_same_time(drawn: list[tuple[str, int]]) -> None:
     assert pictures == [draw(which) for which in asked]
 
 
-# ---- anything ----
+# ---- any view ----
 
 finite = st.one_of(st.floats(-30.0, 30.0), st.floats(allow_nan=False, allow_infinity=False))
 single = st.floats(width=32, allow_nan=False, allow_infinity=False)

@@ -1,4 +1,4 @@
-"""Recordings: what was written is read again, also when the recorder was killed or the file is damaged."""
+"""Recordings: written updates are read again, also after a kill of the recorder or damage to the file."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def same(one: FloorUpdate, other: FloorUpdate) -> bool:
 
 
 def moved(floor: str, version: int, x: float) -> FloorUpdate:
-    """An update by which the robot A of a floor comes, version 1, or moves."""
+    """An update that adds (version 1) or moves the robot A of a floor."""
     came = [Body(1, BodyKind.ROBOT, "A", 0.4, (), 127.0)] if version == 1 else []
     rows = np.array([(1, 1.0, 0.0, 0.0, x, 2.0, 0.0)], MOTION)
     return FloorUpdate(floor, version - 1, version, 0.05 * version, 1, came, [], rows, {})
 
 
 def record(path: Path, count: int = 100, building: Building | None = None, every_s: float = 0.05) -> list[FloorUpdate]:
-    """A robot moves on each floor."""
+    """Record a robot that moves on each floor; return the updates."""
     building = building or two_floors()
     written = [moved(floor, version, 0.1 * version) for version in range(1, count + 1) for floor in building.floors]
     with Recorder(path, building) as recorder:
@@ -75,7 +75,7 @@ def record(path: Path, count: int = 100, building: Building | None = None, every
 
 
 def assert_prefix(path: Path, written: Sequence[FloorUpdate]) -> Recording:
-    """It holds what was written, in order, perhaps without the last ones."""
+    """Check that a file holds the written updates in order, perhaps without the last ones."""
     found = Recording(path)
     read = [update for _, update in found]
     assert len(read) == found.count <= len(written)
@@ -158,21 +158,21 @@ def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
         next(found.updates(["L1", "L3"]))
 
 
-def test_what_is_there_stays(tmp_path: Path) -> None:
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     written = record(tmp_path / "a.mcap", 3)
     with pytest.raises(InvalidRecording, match="File exists"):
         Recorder(tmp_path / "a.mcap", two_floors())
     assert_prefix(tmp_path / "a.mcap", written)
 
 
-def test_where_nothing_can_be_written(tmp_path: Path) -> None:
+def test_unusable_paths_are_reported(tmp_path: Path) -> None:
     with pytest.raises(InvalidRecording, match="No such file"):
         Recorder(tmp_path / "no" / "a.mcap", two_floors())
     with pytest.raises(InvalidRecording, match="Is a directory"):
         Recorder(tmp_path, two_floors(), overwrite=True)
 
 
-def test_a_full_disk_is_told_and_keeps_what_is_there() -> None:
+def test_a_full_disk_is_reported() -> None:
     with (
         pytest.raises(InvalidRecording, match="No space left"),
         Recorder(Path("/dev/full"), Building("b"), overwrite=True),
@@ -194,7 +194,7 @@ def test_it_can_be_read_while_it_is_recorded(tmp_path: Path) -> None:
         assert Recording(tmp_path / "a.mcap").count == 101
 
 
-def test_what_a_killed_recorder_wrote_can_be_read(tmp_path: Path) -> None:
+def test_the_file_of_a_killed_recorder_can_be_read(tmp_path: Path) -> None:
     program = """
 import os, sys
 from pathlib import Path
@@ -231,7 +231,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Floo
     return path.read_bytes(), written
 
 
-def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path) -> None:
+def test_a_truncated_file_is_read_up_to_its_end(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path) -> None:
     data, written = recorded
     file = tmp_path / "a.mcap"
     file.write_bytes(data)
@@ -253,7 +253,9 @@ def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[Fl
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=300)
 @given(draw=st.data())
-def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject) -> None:
+def test_a_damaged_byte_is_reported(
+    recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject
+) -> None:
     data, written = recorded
     damaged = bytearray(data)
     for place in draw.draw(st.lists(st.integers(0, len(data) - 1), min_size=1, max_size=3)):
@@ -272,14 +274,14 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.binary())
-def test_any_other_file_is_told(tmp_path: Path, data: bytes) -> None:
+def test_any_other_file_is_refused(tmp_path: Path, data: bytes) -> None:
     for content in (data, b"\x89MCAP0\r\n" + data):
         (tmp_path / "a.mcap").write_bytes(content)
         with pytest.raises(InvalidRecording):
             Recording(tmp_path / "a.mcap")
 
 
-def test_other_files_are_told_apart(tmp_path: Path) -> None:
+def test_the_error_names_the_kind_of_file(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
     with pytest.raises(InvalidRecording, match="No such file"):
         Recording(file)
@@ -300,7 +302,7 @@ def test_other_files_are_told_apart(tmp_path: Path) -> None:
         Recording(file)
 
 
-def test_what_can_not_be_followed_is_told(tmp_path: Path) -> None:
+def test_updates_that_do_not_fit_are_reported(tmp_path: Path) -> None:
     for strange in (moved("L1", 3, 1.0), moved("L1", 2, 1.0)._replace(since=0)):
         with Recorder(tmp_path / "a.mcap", two_floors(), overwrite=True) as recorder:
             recorder.write(strange, BEGAN)
