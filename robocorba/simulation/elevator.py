@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -45,24 +46,22 @@ class Phase(Enum):
 _INSIDE = (Phase.RIDING, Phase.ALIGHTING)
 
 
+@dataclass(eq=False)
 class RideSession:
-    """Session of one robot, from call to alighting. party: name of a party of `size` robots, empty for a lone robot."""
+    """Session of one robot, from call to alighting.
 
-    def __init__(
-        self,
-        robot: str,
-        origin: str,
-        destination: str,
-        radius_m: float,
-        called_at: float,
-        party: str = "",
-        size: int = 1,
-    ) -> None:
-        self.robot, self.origin, self.destination = robot, origin, destination
-        self.radius_m, self.called_at = radius_m, called_at
-        self.party, self.size = party, size
-        self.phase = Phase.WAITING
-        self.since = called_at
+    called_at: simulated time [s]. party: name of a party of `size` robots, empty for a lone robot. since: simulated
+    time at which boarding or alighting began [s]."""
+
+    robot: str
+    origin: str
+    destination: str
+    radius_m: float
+    called_at: float
+    party: str = ""
+    size: int = 1
+    phase: Phase = Phase.WAITING
+    since: float = 0.0
 
     def enter_phase(self, phase: Phase, now: float) -> None:
         self.phase, self.since = phase, now

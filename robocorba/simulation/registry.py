@@ -55,18 +55,6 @@ class RobotClient:
 
     key: secret that authorizes a caller to act as this robot. since: POSIX time of the log-on [s]."""
 
-    __slots__ = (
-        "_calls",
-        "_counted_at",
-        "call_rate",
-        "description",
-        "is_logged_off",
-        "key",
-        "last_call_at",
-        "latency_s",
-        "since",
-    )
-
     def __init__(self, description: Description, key: str, since: float, now: float) -> None:
         self.description, self.key, self.since = description, key, since
         self.last_call_at = now

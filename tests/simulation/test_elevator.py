@@ -33,6 +33,12 @@ def until(lift: Cabin, robot: str, phase: Phase, limit_s: float = 300.0) -> floa
     return lift.now - began
 
 
+def pass_time(lift: Cabin, seconds: float) -> None:
+    end = lift.now + seconds
+    while lift.now < end - 1e-9:
+        lift.advance(STEP_S)
+
+
 def test_a_ride_from_call_to_end() -> None:
     lift = cabin()
     lift.call("A", "L3", "L1", 0.4)
@@ -43,8 +49,7 @@ def test_a_ride_from_call_to_end() -> None:
     until(lift, "A", Phase.ALIGHTING)
     assert (lift.floor, lift.doors) == ("L1", Doors.OPEN)
     lift.leave("A")
-    for _ in range(100):
-        lift.advance(STEP_S)
+    pass_time(lift, 10.0)
     assert lift.doors is Doors.CLOSED
     assert not lift.sessions
     assert not lift.ended
@@ -63,8 +68,7 @@ def test_a_ride_takes_as_long_as_planned() -> None:
             lift.enter("X")
             until(lift, "X", Phase.ALIGHTING)
             lift.leave("X")
-            for _ in range(100):
-                lift.advance(STEP_S)
+            pass_time(lift, 10.0)
         lift.call("A", "L2", "L5", 0.4)
         waits.append(until(lift, "A", Phase.BOARDING))
         lift.enter("A")
@@ -126,8 +130,7 @@ def test_a_robot_that_does_not_board_or_alight_loses_its_ride() -> None:
     until(lift, "C", Phase.BOARDING)
     assert lift.ended[1:] == [("B", f"did not drive out within {BOARDING_LIMIT_S:g} s")]
     lift.cancel("C")
-    for _ in range(100):
-        lift.advance(STEP_S)
+    pass_time(lift, 10.0)
     assert lift.doors is Doors.CLOSED
 
 
@@ -136,12 +139,6 @@ def test_a_robot_that_does_not_board_or_alight_loses_its_ride() -> None:
 
 def phases(lift: Cabin, robots: str) -> list[Phase]:
     return [lift.sessions[name].phase for name in robots]
-
-
-def pass_time(lift: Cabin, seconds: float) -> None:
-    end = lift.now + seconds
-    while lift.now < end - 1e-9:
-        lift.advance(STEP_S)
 
 
 def test_a_party_rides_without_others() -> None:
