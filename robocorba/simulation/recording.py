@@ -193,9 +193,6 @@ class Recording:
                 raise InvalidRecording(path, "contains no map")
             self.building = native.loads(document, MAP_ATTACHMENT)
 
-    def __iter__(self) -> Iterator[tuple[float, FloorUpdate]]:
-        return self.updates()
-
     def updates(self, floors: Collection[str] = ()) -> Iterator[tuple[float, FloorUpdate]]:
         """Updates of the given floors, by default all, in recorded order, each with its time after `began` [s].
 

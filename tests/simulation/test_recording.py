@@ -77,7 +77,7 @@ def record(path: Path, count: int = 100, building: Building | None = None, every
 def assert_prefix(path: Path, written: Sequence[FloorUpdate]) -> Recording:
     """Check that a file holds the written updates in order, perhaps without the last ones."""
     found = Recording(path)
-    read = [update for _, update in found]
+    read = [update for _, update in found.updates()]
     assert len(read) == found.count <= len(written)
     assert all(map(same, read, written))
     return found
@@ -104,7 +104,7 @@ def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple
     assert found.is_complete
     assert found.building == two_floors()
     assert found.floors == list(dict.fromkeys(update.floor for update, _ in steps))
-    read = list(found)
+    read = list(found.updates())
     assert len(read) == found.count == len(steps)
     assert all(same(update, written) for (_, update), (written, _) in zip(read, steps, strict=True))
     assert [at for at, _ in read] == pytest.approx([at - found.began for at in times], abs=1e-6)
@@ -190,7 +190,7 @@ def test_it_can_be_read_while_it_is_recorded(tmp_path: Path) -> None:
         assert 100 - CHUNK_S / 0.05 <= found.count <= 100
         recorder.write(moved("L1", 101, 0.0), BEGAN + 6.0)
         recorder.flush()
-        assert len(list(found)) == found.count
+        assert len(list(found.updates())) == found.count
         assert Recording(tmp_path / "a.mcap").count == 101
 
 
