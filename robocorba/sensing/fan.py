@@ -13,7 +13,7 @@ from robocorba.spatial.grids import Floats
 
 #: Maximum number of rays of a fan.
 MAX_RAYS = 8192
-#: Longest range of a sensor [m].
+#: Maximum range of a sensor [m].
 MAX_RANGE_M = 1000.0
 
 

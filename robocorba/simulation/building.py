@@ -26,8 +26,7 @@ from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
 
-#: Mass of a movable object per area of its outline [kg/m^2]. Maps hold no masses; with this one,
-#: three robots lift a table of up to 1.33 m^2.
+#: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
 KG_PER_SQUARE_METRE = 9.0
 #: Maximum distance of a grip point from the robot's centre [m].
 MAX_REACH_M = 1.0
@@ -217,9 +216,8 @@ class SimulatedBuilding:
             raise CannotGrip(object_name, f"{point} is {distance_m:.2f} m away; hands reach {MAX_REACH_M:g} m")
         gap_m = robot.physics.distance(_object_body(object_name), at)
         if gap_m > MAX_GRIP_DISTANCE_M:
-            raise CannotGrip(
-                object_name, f"{point} is {gap_m:.2f} m off its outline, at most {MAX_GRIP_DISTANCE_M:g} m"
-            )
+            reason = f"{point} is {gap_m:.2f} m off its outline; at most {MAX_GRIP_DISTANCE_M:g} m"
+            raise CannotGrip(object_name, reason)
         robot.physics.grip(robot.body, _object_body(object_name), at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
 
     def release(self, name: str) -> None:

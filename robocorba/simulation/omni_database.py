@@ -139,10 +139,10 @@ class _FloorVersions:
         moved = write_motion(self._numbers, self._rows, self._moved_in, since, motions)
         return FloorUpdate(name, since, self.version, time_s, map_version, came, went, motions[:moved], elevators)
 
-    def _rebuild_rows(self, snapshot: FloorState, known: dict[str, Body], version: int) -> bool:
+    def _rebuild_rows(self, snapshot: FloorState, published: dict[str, Body], version: int) -> bool:
         """Rebuild the rows after bodies were added, removed or reordered; return True: there are changes."""
-        # `known` has neither the static body nor bodies that were just removed.
-        bodies = {name: body for name in snapshot.names if (body := known.get(name))}
+        # `published` has neither the static body nor bodies that were just removed.
+        bodies = {name: body for name in snapshot.names if (body := published.get(name))}
         kept = {name for name, body in bodies.items() if self._bodies.get(name) is body}
         snapshot_rows = np.array([snapshot.row_of[name] for name in bodies], np.int64)
         rows, moved_in = snapshot.rows[snapshot_rows], np.full(len(bodies), version)

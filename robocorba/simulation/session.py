@@ -89,8 +89,8 @@ class Session:
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
         self.client.renew_lease(time.monotonic())
-        wanted = area_request(areas, limit_s, self._building.building.floors)
-        self._do(lambda: self._building.reserve(self.name, wanted))
+        request = area_request(areas, limit_s, self._building.building.floors)
+        self._do(lambda: self._building.reserve(self.name, request))
 
     def reservation(self) -> Reservation | None:
         """Status of the request for areas; None if there is none or its grant has ended."""
