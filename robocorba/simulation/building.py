@@ -320,14 +320,15 @@ class SimulatedBuilding:
             if shaft.exterior.distance(centre) < session.radius_m:
                 continue  # partly inside
             if shaft.contains(centre):
-                is_excluded = session.party and self._has_stranger(name, cabin, session.party)
-                if session.phase is Phase.BOARDING and not is_excluded:
+                if session.phase is Phase.BOARDING and not self._has_stranger(name, cabin, session.party):
                     cabin.enter(session.robot)
             elif session.phase is Phase.ALIGHTING:
                 cabin.leave(session.robot)
 
     def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:
-        """Whether a robot that is not of the party is in the cabin."""
+        """Whether a robot that is not of the party is in the cabin; False without a party."""
+        if not party:
+            return False
         of_party = {_robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
         return any(body.startswith(_ROBOT) and body not in of_party for body in self._bodies_inside(name, cabin.floor))
 

@@ -108,12 +108,11 @@ class _FloorVersions:
         next_version = self.version + 1
         has_changed = False
         if snapshot is not self._snapshot:
-            is_same = self._snapshot is not None and snapshot.names is self._snapshot.names
-            has_changed = (
-                merge_motion(snapshot.rows, self._snapshot_rows, self._rows, self._moved_in, next_version)
-                if is_same
-                else self._rebuild_rows(snapshot, bodies, next_version)
-            )
+            if self._snapshot is not None and snapshot.names is self._snapshot.names:
+                has_changed = merge_motion(snapshot.rows, self._snapshot_rows, self._rows, self._moved_in, next_version)
+            else:
+                self._rebuild_rows(snapshot, bodies, next_version)
+                has_changed = True
             self._snapshot = snapshot
         for name, state in elevators.items():
             if name not in self._elevators or self._elevators[name][0] != state:
@@ -139,8 +138,8 @@ class _FloorVersions:
         moved = write_motion(self._numbers, self._rows, self._moved_in, since, motions)
         return FloorUpdate(name, since, self.version, time_s, map_version, came, went, motions[:moved], elevators)
 
-    def _rebuild_rows(self, snapshot: FloorState, published: dict[str, Body], version: int) -> bool:
-        """Rebuild the rows after bodies were added, removed or reordered; return True: there are changes."""
+    def _rebuild_rows(self, snapshot: FloorState, published: dict[str, Body], version: int) -> None:
+        """Rebuild the rows after bodies were added, removed or reordered."""
         # `published` has neither the static body nor bodies that were just removed.
         bodies = {name: body for name in snapshot.names if (body := published.get(name))}
         kept = {name for name, body in bodies.items() if self._bodies.get(name) is body}
@@ -157,7 +156,6 @@ class _FloorVersions:
         self._last_arrival = max(self._arrived_in.values(), default=version)
         self._bodies, self._snapshot_rows, self._rows, self._moved_in = bodies, snapshot_rows, rows, moved_in
         self._numbers = np.array([body.number for body in bodies.values()], np.int64)
-        return True
 
 
 @kernel
