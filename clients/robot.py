@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         def follow_floor() -> None:
             if (floor := session.latest.at.floor) != follower.pool.floor:
-                follower.pool.go_to(floor)
+                follower.pool.change_floor(floor)
 
         stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
         path = f"{ROBOTS}/{settings.name}"

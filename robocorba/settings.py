@@ -205,7 +205,7 @@ class SimulationSettings:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """Settings of a virtual sensor process: those of every server, and its name."""
+    """Settings of a virtual sensor server: those of every server, and its name."""
 
     server: ServerSettings
     name: str

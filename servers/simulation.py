@@ -47,7 +47,7 @@ class SimulationServer:
         self._orb, self._store, self._map = orb, store, remote_map
         self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._publish, self._session_ended)
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
-        self._sensors = RemoteSensors(self.agent.sensors)
+        self._sensors = RemoteSensors(self.agent.load_balance)
         self._monitor = Monitor(self.agent, remote_map.building)
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
 

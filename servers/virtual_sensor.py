@@ -38,7 +38,7 @@ class SensorServer:
         self._orb, self._name, self._path = orb, name, f"{SENSORS}/{name}"
         self._map, self._simulation = RemoteMap(orb), RemoteSimulation(orb)
         self._sensor = VirtualSensor()
-        self._sensor.know(self._map.building)
+        self._sensor.set_map(self._map.building)
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
         self._lock = threading.Lock()
@@ -108,7 +108,7 @@ class SensorServer:
         with contextlib.suppress(NotReachable):
             if self._map.follow():
                 with self._update_lock:
-                    self._sensor.know(self._map.building)
+                    self._sensor.set_map(self._map.building)
 
     def _report(self) -> None:
         latest = self._reports.collect()

@@ -42,7 +42,7 @@ def sigint() -> None:
 
 def compile_sensing() -> None:
     sensor = VirtualSensor()
-    sensor.know(two_floors())
+    sensor.set_map(two_floors())
     sensor.warm_up()
 
 

@@ -74,7 +74,7 @@ class Pools:
         time.sleep(max(0.0, begin - time.monotonic()))
         while time.monotonic() < begin + seconds:
             number += 1
-            is_known, ms = timed_ms(pool.go_to, floors[number % len(floors)])
+            is_known, ms = timed_ms(pool.change_floor, floors[number % len(floors)])
             snapshot = pool.snapshot()
             if not is_known or snapshot.floor != floors[number % len(floors)] or not snapshot.robots:
                 raise RuntimeError(f"{snapshot.floor}: {pool.problem}")
@@ -84,7 +84,7 @@ class Pools:
 
     def go_home(self, floor: str) -> dict[str, Any]:
         """Switch the first pool to this floor."""
-        self._followers[0].pool.go_to(floor)
+        self._followers[0].pool.change_floor(floor)
         return {}
 
     def memory(self) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class Wanderers:
 
     def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
         self._sensor = VirtualSensor()
-        self._sensor.know(building)
+        self._sensor.set_map(building)
         self._sensor.warm_up()
         self._names, self._spec, self._one_by_one = names, spec, one_by_one
         self._front = np.flatnonzero(np.cos(spec.fan.angles) > FRONT)

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from shapely import LineString
 
 from robocorba.sensing.fan import Fan
-from robocorba.sensing.sight import SensedScene
+from robocorba.sensing.visible_obstacles import VisibleObstacles
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import at_least, at_most, summarize
 
@@ -96,7 +96,7 @@ def main() -> int:
     marks = []
     for walls, side, least in FLOORS:
         obstacles, places = floor(walls, side), poses(SCANS, side)
-        scene, few = SensedScene(obstacles), places[:FEW]
+        scene, few = VisibleObstacles(obstacles), places[:FEW]
         methods: dict[str, tuple[Callable[[], Floats], int]] = {
             "ours": (lambda scene=scene, places=places: scene.scan(places, FULL), SCANS),  # type: ignore[misc]
             "pymunk": (by_pymunk(obstacles, few), FEW),

@@ -23,7 +23,7 @@ from robocorba.maps.model import Building
 from robocorba.maps.movable import movables, outline, standing
 from robocorba.maps.samples import load_sample
 from robocorba.sensing.fan import LASER
-from robocorba.sensing.sight import SensedScene
+from robocorba.sensing.visible_obstacles import VisibleObstacles
 from robocorba.simulation.picture import FloorPainter, ScanFan
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
@@ -48,7 +48,7 @@ def floor_states(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
     for number, (name, item) in enumerate(objects, ROBOTS):
         bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(item).exterior.coords), 20.0))
     places = np.array([(*item.at, item.heading) for _, item in objects])
-    scene = SensedScene(standing(building, FLOOR))
+    scene = VisibleObstacles(standing(building, FLOOR))
     found = []
     for time in range(STATES):
         motions = np.zeros(len(bodies), MOTION)

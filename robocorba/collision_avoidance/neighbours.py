@@ -70,11 +70,11 @@ class PoolNearby:
                 other.heading,
                 other.radius_m + deviation_m,
             )
-            for _, other in self._pool.robots_near(x, y, RANGE_M)
+            for _, other in self._pool.loaded_snapshot().robots_near(x, y, RANGE_M)
         ]
 
     def clearance_m(self, x: float, y: float) -> float:
-        near = self._pool.nearest_non_robot(x, y)
+        near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
         return near.distance_m if near else math.inf
 
     def movable_objects(self, held: str) -> TemporaryObstacles:

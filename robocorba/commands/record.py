@@ -50,7 +50,7 @@ def record(
 
 
 def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop) -> None:
-    """Record changes until stopped. Raises UnknownFloor, StateDamaged, NotReachable."""
+    """Record changes until stopped. Raises UnknownFloor, InvalidRecording, NotReachable."""
     absence = Absence(ABSENCE_LIMIT_S)
     began = time.time()
     written_at: dict[str, float] = {}

@@ -17,7 +17,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import SystemTables, as_tables, elevators, robots, show
 from robocorba.commands.waiting import Stop, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
-from robocorba.errors.simulation import StateDamaged
+from robocorba.errors.simulation import InvalidRecording
 from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import FloorView
@@ -44,7 +44,7 @@ def replay(
     with reporting("replay"):
         recording = Recording(file)
         if not recording.count:
-            raise StateDamaged(str(file), "contains no updates")
+            raise InvalidRecording(str(file), "contains no updates")
         at_s = math.inf if at is None else at
         if png:
             draw_one(recording, one_of(recording, floor or []), at_s, png, width)
@@ -71,11 +71,11 @@ def scene(views: Mapping[str, FloorView]) -> SystemTables:
 
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
-    """Play a recording as tables in the terminal. Raises UnknownFloor, StateDamaged."""
+    """Play a recording as tables in the terminal. Raises UnknownFloor, InvalidRecording."""
     stop = Stop()
     began = time.monotonic()
     with Live(auto_refresh=False) as live:
-        for at_s, views in recording.moments(SHOW_INTERVAL_S * speed, floors):
+        for at_s, views in recording.sampled(SHOW_INTERVAL_S * speed, floors):
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
@@ -85,7 +85,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
 
 
 def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
-    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, StateDamaged, InvalidSetting."""
+    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting."""
     picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
     try:
         file.write_bytes(picture)
@@ -97,7 +97,7 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
 def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
     """Convert a recording to a video, until stopped.
 
-    Raises UnknownFloor, InvalidPicture, StateDamaged, VideoError."""
+    Raises UnknownFloor, InvalidPicture, InvalidRecording, VideoError."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.video import VideoFile
@@ -105,7 +105,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
     stop, draw = Stop(), painting(recording, width_px)
     size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
     with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:
-        for at_s, views in recording.moments(speed / fps, [floor]):
+        for at_s, views in recording.sampled(speed / fps, [floor]):
             video.add(draw(at_s, views[floor]))
             bar(at_s, f"{video.count} pictures")
             if stop.wait(0.0):

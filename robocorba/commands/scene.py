@@ -179,7 +179,7 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("queue", "queue", _words),
     ),
     "sensor": (
-        ("sensor process", "name", _word),
+        ("sensor server", "name", _word),
         ("robots", "robots", str),
         ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
         ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),

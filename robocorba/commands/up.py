@@ -35,7 +35,7 @@ def up(
         str,
         typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
     ] = "main",
-    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor processes.")] = 1,
+    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
     start_limit: Annotated[float, typer.Option(metavar="S", help="Seconds for each process to answer a call.")] = 180.0,
 ) -> None:
     """Start the naming service and all servers, each as a process; print `ready` when all answer.

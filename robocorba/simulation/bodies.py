@@ -1,4 +1,4 @@
-"""Batched access to all moving bodies of a pymunk space, 30 times cheaper than one by one.
+"""Batched access to the moving bodies of a pymunk space, 30 times faster than one by one.
 
 `pymunk.batch` does the same, but allocates buffers in every call, which costs more than the call itself.
 """
@@ -25,7 +25,7 @@ class Bodies:
 
     #: Rows (n, 6) of x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s].
     state: Floats
-    #: Rows (n, 3) of velocity along x and y, turn, for `write`.
+    #: Rows (n, 3) of velocity along x and y [m/s], turn [rad/s], for `write`.
     velocities: Floats
 
     def __init__(self, space: pymunk.Space) -> None:
@@ -34,9 +34,9 @@ class Bodies:
 
     def rebuild(self) -> list[int]:
         """Allocate zeroed rows for the current bodies; return the ids of the bodies, row by row."""
-        found = Buffer()
-        get_space_bodies(self._space, BodyFields.BODY_ID, found)
-        ids: list[int] = np.frombuffer(found.int_buf(), np.uintp).tolist()
+        buffer = Buffer()
+        get_space_bodies(self._space, BodyFields.BODY_ID, buffer)
+        ids: list[int] = np.frombuffer(buffer.int_buf(), np.uintp).tolist()
         # One spare row, since pymunk reallocates before the last row is full.
         state, self.velocities = np.zeros((len(ids) + 1, 6)), np.zeros((len(ids), 3))
         self._reading, self._writing = _Batch(_STATE, state), _Batch(_MOTION, self.velocities)
@@ -46,7 +46,7 @@ class Bodies:
     def touching(self, arbiter: pymunk.Arbiter) -> list[int]:
         """Ids of the two bodies of an arbiter, without creating Python objects for them."""
         lib.cpArbiterGetBodies(arbiter._arbiter, self._first, self._second)
-        return [int(ffi.cast("uintptr_t", lib.cpBodyGetUserData(one[0]))) for one in (self._first, self._second)]
+        return [int(ffi.cast("uintptr_t", lib.cpBodyGetUserData(body[0]))) for body in (self._first, self._second)]
 
     def read(self) -> None:
         """Copy the state of all bodies to `state`."""

@@ -1,17 +1,18 @@
 """An elevator: robots call it, board, ride and alight; one session for each ride.
 
-The oldest call leads: the cabin serves it, then the next one. En route it also stops for rides in the same direction
-that still fit in. So every wait is bounded; `longest_wait` computes the bound. A robot that does not board or alight in
-time loses its session, and the doors close.
+The cabin serves the oldest call, then the next one. En route it also stops for rides in the same direction that still
+fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded.
 
-Robots that call as a party ride without others. The party's place in the queue is that of its first call. The other
-members may call while the doors are open for it; the doors stay open until all are inside or the limit expires.
+Robots that ride together call as a party, and ride without others. The party's position in the queue is that of its
+first call. The other members may call while the doors are open for it; the doors stay open until all are inside or the
+limit expires.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -21,13 +22,13 @@ from robocorba.planning.elevators import travel_time, travelled
 from robocorba.simulation.world_record import CabinRecord, RideRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 
-#: Time limit of a robot for boarding, and for alighting, while the doors are open [s].
+#: Time limit for boarding, and for alighting, while the doors are open [s].
 BOARDING_LIMIT_S = 15.0
-#: No robot starts boarding after the doors have been open for this time [s]: robots wait on other floors.
+#: No robot starts boarding after the doors have been open for this time [s], since robots wait on other floors.
 OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
-#: Sessions of an elevator at most.
+#: Maximum number of sessions of an elevator.
 MAX_CALLS = 200
-#: Characters of a party's name at most.
+#: Maximum length of a party's name [characters].
 MAX_PARTY_NAME = 200
 #: Rounding tolerance of heights and widths [m].
 _TOLERANCE_M = 1e-9
@@ -45,24 +46,22 @@ class Phase(Enum):
 _INSIDE = (Phase.RIDING, Phase.ALIGHTING)
 
 
+@dataclass(eq=False)
 class RideSession:
-    """Session of one robot, from call to alighting. party: name of a party of `size` robots, empty for a lone robot."""
+    """Session of one robot, from call to alighting.
 
-    def __init__(
-        self,
-        robot: str,
-        origin: str,
-        destination: str,
-        radius_m: float,
-        called_at: float,
-        party: str = "",
-        size: int = 1,
-    ) -> None:
-        self.robot, self.origin, self.destination = robot, origin, destination
-        self.radius_m, self.called_at = radius_m, called_at
-        self.party, self.size = party, size
-        self.phase = Phase.WAITING
-        self.since = called_at
+    called_at: simulated time [s]. party: name of a party of `size` robots, empty for a lone robot. since: simulated
+    time at which boarding or alighting began [s]."""
+
+    robot: str
+    origin: str
+    destination: str
+    radius_m: float
+    called_at: float
+    party: str = ""
+    size: int = 1
+    phase: Phase = Phase.WAITING
+    since: float = 0.0
 
     def enter_phase(self, phase: Phase, now: float) -> None:
         self.phase, self.since = phase, now
@@ -86,7 +85,7 @@ class Cabin:
         self.now = now
         self.doors = Doors.CLOSED
         self.floor = min(heights, key=lambda name: heights[name])
-        #: Destination floor; empty while the cabin is stopped.
+        #: Floor that the cabin travels to; empty while it is stopped.
         self._target = ""
         self._since = now
         #: Time at which a party began to board [s].
@@ -183,8 +182,8 @@ class Cabin:
         self.floor, self.now, self._since = record.floor, now, now
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
-                about = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
-                session = self.sessions[ride.robot] = RideSession(*about, ride.party, ride.size)
+                trip = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
+                session = self.sessions[ride.robot] = RideSession(*trip, ride.party, ride.size)
                 session.phase = Phase.RIDING if ride.inside else Phase.WAITING
         if any(self._is_incomplete(session) for session in self.sessions.values()):
             self._set_doors(Doors.OPENING)
@@ -198,11 +197,11 @@ class Cabin:
         if self.is_idle:
             self.now = end
         while self.now < end:
-            done = self._phase_end()
-            if done > end:
+            phase_end = self._phase_end()
+            if phase_end > end:
                 self.now = end
                 return
-            self.now = max(self.now, done)
+            self.now = max(self.now, phase_end)
             if not self._start_next_phase():
                 self.now = end
 
@@ -213,12 +212,12 @@ class Cabin:
 
     def state(self) -> ElevatorState:
         """Current state for publication."""
-        height, past = self.heights[self.floor], self.now - self._since
+        height, passed = self.heights[self.floor], self.now - self._since
         if self._target:
-            height += travelled(self.elevator, self.heights[self._target] - height, past)
+            height += travelled(self.elevator, self.heights[self._target] - height, passed)
         share = {Doors.CLOSED: 0.0, Doors.OPEN: 1.0}.get(self.doors)
         if share is None:
-            share = min(1.0, past / self.elevator.door_time) if self.elevator.door_time else 1.0
+            share = min(1.0, passed / self.elevator.door_time) if self.elevator.door_time else 1.0
             share = share if self.doors is Doors.OPENING else 1.0 - share
         inside = tuple(s.robot for s in self.sessions.values() if s.phase in _INSIDE)
         queue = tuple(s.robot for s in self.sessions.values() if s.phase is Phase.WAITING)
@@ -229,19 +228,10 @@ class Cabin:
         rides, ahead = {}, 0
         for session in self.sessions.values():
             is_waiting = session.phase is Phase.WAITING
-            place = (self.elevator.name, session.origin, session.destination, ahead if is_waiting else 0)
-            rides[session.robot] = RideStatus(session.phase, *place)
+            trip = (self.elevator.name, session.origin, session.destination)
+            rides[session.robot] = RideStatus(session.phase, *trip, ahead if is_waiting else 0)
             ahead += is_waiting
         return rides
-
-    def longest_wait(self, ahead: int) -> float:
-        """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
-        span = max(self.heights.values()) - min(self.heights.values())
-        stops = len(self.heights) + 1
-        # Robots alight, then board; the last one to start boarding still has its full limit.
-        at_a_stop = 2 * self.elevator.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
-        # Each earlier call may lead once: a round trip over the full height with a stop at every floor.
-        return (ahead + 1) * 2 * (travel_time(self.elevator, span) * stops + stops * at_a_stop)
 
     def _phase_end(self) -> float:
         """Time at which the current phase ends; the current time if the cabin is free to start another."""
@@ -290,7 +280,7 @@ class Cabin:
         return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.ALIGHTING)]
 
     def _start_alighting_and_boarding(self) -> bool:
-        """Let robots alight, then board; return whether the doors have to stay open."""
+        """Start alighting, and boarding once all have alighted; return whether the doors have to stay open."""
         for session in self.sessions.values():
             if session.phase is Phase.RIDING and session.destination == self.floor:
                 session.enter_phase(Phase.ALIGHTING, self.now)
@@ -305,12 +295,12 @@ class Cabin:
     def _next_to_board(self) -> list[RideSession]:
         """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first."""
         aboard = self._aboard()
-        leader = self._leader()
+        oldest = self._oldest()
         chosen: list[RideSession] = []
         for session in self.sessions.values():
             if session.phase is not Phase.WAITING or session.origin != self.floor:
                 continue
-            suits_trip = leader is None or session is leader or self._fits_leader_ride(session, leader)
+            suits_trip = oldest is None or session is oldest or self._lies_within(session, oldest)
             if suits_trip and self._has_room(session, aboard):
                 aboard.append(session)
                 chosen.append(session)
@@ -349,44 +339,46 @@ class Cabin:
         """Whether the doors stay open for members of a party that are still outside."""
         return self._is_party_in_time() and any(map(self._is_incomplete, self.sessions.values()))
 
-    def _leader(self) -> RideSession | None:
-        """The session that determines the destination: the oldest call of those inside, else of those waiting."""
+    def _oldest(self) -> RideSession | None:
+        """The session that determines the next stop: the oldest call of robots at the cabin, else of those waiting."""
         inside = [s for s in self.sessions.values() if s.phase is not Phase.WAITING]
         return min(inside or self.sessions.values(), key=lambda s: s.called_at, default=None)
 
-    def _fits_leader_ride(self, session: RideSession, leader: RideSession) -> bool:
-        """Whether a ride from this floor lies within the rest of the leader's ride, in its direction."""
-        if leader.phase is Phase.WAITING and leader.origin != self.floor:
+    def _lies_within(self, session: RideSession, oldest: RideSession) -> bool:
+        """Whether a ride from this floor lies within the rest of the oldest one, in its direction."""
+        if oldest.phase is Phase.WAITING and oldest.origin != self.floor:
             return False
-        here, there, to = (self.heights[name] for name in (self.floor, leader.destination, session.destination))
-        return (to - here) * (there - here) > 0 and abs(to - here) <= abs(there - here) + _TOLERANCE_M
+        here = self.heights[self.floor]
+        rest, trip = self.heights[oldest.destination] - here, self.heights[session.destination] - here
+        return trip * rest > 0 and abs(trip) <= abs(rest) + _TOLERANCE_M
 
     def _next_stop(self) -> str | None:
         """Next floor to stop at; the current floor if a robot boards here; None without sessions."""
-        leader = self._leader()
-        if leader is None:
+        oldest = self._oldest()
+        if oldest is None:
             return None
-        goal = leader.origin if leader.phase is Phase.WAITING else leader.destination
+        goal = oldest.origin if oldest.phase is Phase.WAITING else oldest.destination
         if goal == self.floor:
             return goal
-        here, there = self.heights[self.floor], self.heights[goal]
+        here = self.heights[self.floor]
+        trip = self.heights[goal] - here
         stops = {s.destination for s in self.sessions.values() if s.phase is Phase.RIDING} | {goal}
-        if leader.phase is not Phase.WAITING:
+        if oldest.phase is not Phase.WAITING:
             aboard = self._aboard()
             stops |= {
                 s.origin
                 for s in self.sessions.values()
                 if s.phase is Phase.WAITING
                 and self._has_room(s, aboard)
-                and (self.heights[s.destination] - self.heights[s.origin]) * (there - here) > 0
-                and abs(self.heights[s.destination] - here) <= abs(there - here) + _TOLERANCE_M
+                and (self.heights[s.destination] - self.heights[s.origin]) * trip > 0
+                and abs(self.heights[s.destination] - here) <= abs(trip) + _TOLERANCE_M
             }
         between = [
             floor
             for floor in stops
             if floor != self.floor
-            and (self.heights[floor] - here) * (there - here) >= 0
-            and abs(self.heights[floor] - here) <= abs(there - here) + _TOLERANCE_M
+            and (self.heights[floor] - here) * trip >= 0
+            and abs(self.heights[floor] - here) <= abs(trip) + _TOLERANCE_M
         ]
         return min(between, key=lambda floor: abs(self.heights[floor] - here))
 
@@ -394,5 +386,5 @@ class Cabin:
 def fits(elevator: Elevator, radii_m: list[float]) -> bool:
     """Whether robots of these radii fit into the cabin, each in a square as wide as the widest of them."""
     width = 2 * max(radii_m)
-    places = math.floor(elevator.size[0] / width + _TOLERANCE_M) * math.floor(elevator.size[1] / width + _TOLERANCE_M)
-    return len(radii_m) <= places
+    columns, rows = (math.floor(side / width + _TOLERANCE_M) for side in elevator.size)
+    return len(radii_m) <= columns * rows

@@ -1,4 +1,4 @@
-"""The communication management agent: robots log on and off, and simulated time runs."""
+"""The communication management agent: robots log on and off and get a sensor server; simulated time runs."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from robocorba.simulation.registry import Description, Registry, RobotClient
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
-from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
+from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
 
-#: Default limit of logged-on robots.
+#: Default maximum number of logged-on robots.
 DEFAULT_LIMIT = 300
 #: Highest limit that an administrator may set.
 MAX_ROBOTS = 10_000
-#: Interval between writes of all poses [s]; a kill may lose at most twice as much.
+#: Interval between writes of all poses [s]. A kill loses at most twice as much.
 WRITE_INTERVAL_S = 0.1
 #: Interval between checks of leases [s].
 LEASE_CHECK_INTERVAL_S = 0.1
@@ -64,18 +64,18 @@ class ManagementAgent:
         building: Building,
         map_version: int,
         store: SimulationStore,
-        publish: Callable[[SimulationEvent], None] = lambda happening: None,
+        publish: Callable[[SimulationEvent], None] = lambda event: None,
         session_ended: Callable[[Session], None] = lambda session: None,
     ) -> None:
         self._store, self._publish, self._session_ended = store, publish, session_ended
-        choices = store.choices() or Choices(DEFAULT_LIMIT)
-        self.registry = Registry(choices.limit, time.monotonic)
+        settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
+        self.registry = Registry(settings.limit, time.monotonic)
         self.building = SimulatedBuilding(building)
         self.database = OmniDatabase(self.building)
         self.database.map_version = map_version
-        self.sensors = LoadBalance(time.monotonic)
+        self.load_balance = LoadBalance(time.monotonic)
         self.loop = SimulationLoop(self.step, self._housekeeping)
-        self.loop.configure(choices.pace, choices.paused)
+        self.loop.configure(settings.pace, settings.paused)
         self.sessions: dict[str, Session] = {}
         self.collisions = 0
         self._event_count = self._counted_events = 0
@@ -137,10 +137,10 @@ class ManagementAgent:
 
     def step(self) -> None:
         """Advance by STEP_S. For use without `start` only: a started simulation advances in its own thread."""
-        for happening in self.building.step():
-            self.collisions += happening.kind == "collision"
+        for event in self.building.step():
+            self.collisions += event.kind == "collision"
             self._event_count += 1
-            self._publish(happening)
+            self._publish(event)
 
     def configure(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
         """Change settings and store them before returning. Raises InvalidChoice, SimulationBusy, ServiceError."""
@@ -149,19 +149,19 @@ class ManagementAgent:
         if pace is not None:
             check_pace(pace)
 
-        def change() -> Choices:
+        def change() -> AdministratorSettings:
             self.registry.limit = self.registry.limit if limit is None else limit
             self.loop.configure(
                 self.loop.pace if pace is None else pace, self.loop.is_paused if is_paused is None else is_paused
             )
-            return Choices(self.registry.limit, self.loop.pace, self.loop.is_paused)
+            return AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
 
-        self._store.save_choices(self.loop.do(change))
+        self._store.save_settings(self.loop.do(change))
 
     # ---- the map ----
 
     def follow_map(self, building: Building, version: int) -> None:
-        """Take over an edited map; robots on removed floors are logged off. Raises SimulationBusy."""
+        """Use an edited map; log off the robots on removed floors. Raises SimulationBusy."""
 
         def change() -> None:
             for name in self.building.update(building):
@@ -191,17 +191,21 @@ class ManagementAgent:
     # ---- internals, all in the simulation thread ----
 
     def _restore(self) -> None:
-        kept = self._store.clients()
+        records = self._store.clients()
         # A kill between a log-off and its write can leave two records of one name: the later one counts.
-        clients = {record.name: record for record in kept}
+        clients = {record.name: record for record in records}
         world = self._store.world() or self.building.record()
         # The world record may hold the pose of an earlier robot of the same name.
-        own = {name: robot for name, robot in world.robots.items() if _belongs_to(world, clients.get(name))}
-        world = msgspec.structs.replace(world, robots=own)
+        robots = {
+            name: robot
+            for name, robot in world.robots.items()
+            if name in clients and world.keys.get(name) == clients[name].key
+        }
+        world = msgspec.structs.replace(world, robots=robots)
         self.building.restore(world, [record.description for record in clients.values()])
-        for record in kept:
-            is_here = record.name in self.building.robots  # else its floor was removed from the map
-            if is_here and clients[record.name] is record:
+        for record in records:
+            is_restored = record.name in self.building.robots  # else its floor was removed from the map
+            if is_restored and clients[record.name] is record:
                 self._open(self.registry.restore(record.description, record.key, record.since))
             else:
                 self._store.forget_client(record.key)
@@ -214,7 +218,7 @@ class ManagementAgent:
 
     def _open(self, client: RobotClient) -> Session:
         robot = self.building.robots[client.name]
-        self.sensors.assign(client.name)
+        self.load_balance.assign(client.name)
         session = Session(client, robot, self.building, self._do_durably, self._end)
         self.sessions[client.key] = session
         return session
@@ -232,7 +236,7 @@ class ManagementAgent:
 
     def _forget(self, client: RobotClient) -> None:
         self.registry.remove(client)
-        self.sensors.release(client.name)
+        self.load_balance.release(client.name)
         self.database.forget_scans(client.name)
         self._session_ended(self.sessions.pop(client.key))
 
@@ -263,8 +267,3 @@ class ManagementAgent:
         if now - self._counted_at >= RATE_WINDOW_S:
             self._event_rate = (self._event_count - self._counted_events) / (now - self._counted_at)
             self._counted_events, self._counted_at = self._event_count, now
-
-
-def _belongs_to(world: WorldRecord, client: ClientRecord | None) -> bool:
-    """Whether the record of a robot's name belongs to this client."""
-    return client is not None and world.keys.get(client.name) == client.key

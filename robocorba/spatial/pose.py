@@ -1,4 +1,4 @@
-"""Points, poses and motion limits of a base: values that every package uses; this module imports none of them."""
+"""Points, poses and motion limits of a base: values that every package uses."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description, Pose
-from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
+from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
 from tests.data_pool.places import Place
 
 FLOOR = "L1"
@@ -182,13 +182,13 @@ class InStep:
         raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._world.reserve(self._robot.name, wanted_of(areas, limit_s, self._world.floors))
+        self._world.reserve(self._robot.name, area_request(areas, limit_s, self._world.floors))
 
     def reservation(self) -> Reservation | None:
         return self._world.reservations.find(self._robot.name, self._world.time)
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        self._world.reservations.keep(self._robot.name, kept_of(areas))
+        self._world.reservations.keep(self._robot.name, canonical_areas(areas))
 
     def release_areas(self) -> None:
         self._world.reservations.release(self._robot.name)

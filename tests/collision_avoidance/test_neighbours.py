@@ -17,7 +17,7 @@ def test_others_are_where_they_have_got_to() -> None:
         place.world.add(robot(name, y=y))
     place.world.robots["B"].command(0.5, 0.0, 0.0, 5.0)
     place.run(1.0)
-    pool = place.pool(oneself="A")
+    pool = place.pool(own_name="A")
     nearby = PoolNearby(pool, "A")
     with pytest.raises(NotReachable, match="has not been requested yet"):
         nearby.others(7.0, 1.0)
@@ -36,6 +36,6 @@ def test_others_are_where_they_have_got_to() -> None:
 def test_room_is_what_walls_and_objects_leave() -> None:
     place = Place()
     place.world.add(robot("B", x=7.0, y=2.0))
-    pool = place.pool(oneself="A")
+    pool = place.pool(own_name="A")
     pool.follow()
     assert PoolNearby(pool, "A").clearance_m(7.0, 1.0) == pytest.approx(1.0)  # the bounds of the floor, not B

@@ -29,7 +29,7 @@ def seen_by_a(*others_y: float) -> FloorSnapshot:
     place.world.add(robot("C", y=9.0))
     place.world.robots["C"].command(1.0, 0.0, 0.0, 5.0)
     place.run(1.0)
-    pool = place.pool(oneself="A")
+    pool = place.pool(own_name="A")
     pool.follow()
     return pool.snapshot()
 

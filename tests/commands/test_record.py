@@ -47,7 +47,7 @@ def update(since: int, version: int, floor: str = "L1") -> FloorUpdate:
 def recorded(path: Path, answers: Sequence[list[FloorUpdate] | NotReachable]) -> list[tuple[float, int]]:
     with Recorder(path / "a.mcap", two_floors()) as recorder:
         record.follow(Floors(answers), recorder, 0.0, Times(len(answers)))  # type: ignore[arg-type]
-    return [(round(at_s, 3), update.version) for at_s, update in Recording(path / "a.mcap")]
+    return [(round(at_s, 3), update.version) for at_s, update in Recording(path / "a.mcap").updates()]
 
 
 def test_what_changed_is_written(tmp_path: Path) -> None:

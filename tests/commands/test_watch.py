@@ -97,7 +97,7 @@ def test_a_scene_as_tables() -> None:
                 "queue": "",
             },
         ],
-        "sensor": [{"sensor process": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
+        "sensor": [{"sensor server": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
     }
     assert json.loads(json.dumps(scene._asdict()))["robots"][0]["callRate"] == 12.5
 

@@ -65,7 +65,7 @@ class Place:
         self.agent = ManagementAgent(self.building, 1, store)
         self.agent.start()
         self._sensor = VirtualSensor()
-        self._sensor.know(self.building)
+        self._sensor.set_map(self.building)
         self.planner = PathPlanner(self.building)
 
     def session(self, name: str = "A", at: Pose = Pose("L1", 7.0, 2.0, 0.0)) -> InProcessSession:  # noqa: B008

@@ -24,7 +24,7 @@ from robocorba.stubs import RoboCorba
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
 LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
-    *("VideoError", "StateDamaged", "UpdateMismatch", "NoRide"),
+    *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed", "MissionFailed"),
     *("NotDelivered", "Unconfirmed", "Refused", "ClientGone"),
 }

@@ -213,7 +213,7 @@ def check_recording(file: Path) -> None:
     recording = Recording(file)
     assert recording.is_complete and recording.floors == [FLOOR]
     seen: dict[str, list[tuple[float, float]]] = {GIVER: [], TAKER: []}
-    for _, views in recording.moments(0.1):
+    for _, views in recording.sampled(0.1):
         view = views[FLOOR]
         for number, body in view.bodies.items():
             if body.name in seen:

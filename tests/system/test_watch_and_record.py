@@ -20,7 +20,7 @@ from robocorba.commands.scene import System, as_json
 from robocorba.commands.watch import Camera, film
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import InvalidPicture, StateDamaged
+from robocorba.errors.simulation import InvalidPicture, InvalidRecording
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
@@ -81,7 +81,7 @@ def updates_in(path: Path) -> int:
     """Updates recorded so far; 0 before the recorder has written the head of its file."""
     try:
         return Recording(path).count
-    except StateDamaged:
+    except InvalidRecording:
         return 0
 
 
@@ -178,7 +178,7 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
     assert found.building == two_floors()
     assert found.floors == ["L1", "L2"]
     ways: dict[str, set[float]] = {"A": set(), "B": set()}
-    for _, views in found.moments(0.2):
+    for _, views in found.sampled(0.2):
         for view in views.values():
             for body in view.bodies.values():
                 if body.name in ways:

@@ -15,7 +15,7 @@ from robocorba.corba.conversion.maps import xy, xy_of
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import Phase, RideStatus
-from robocorba.simulation.load_balance import Load, SensorProcess
+from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, check_sizes
@@ -146,7 +146,7 @@ def load_of(struct: Any) -> Load:
     return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)
 
 
-def sensor_state(sensor: SensorProcess) -> Any:
+def sensor_state(sensor: SensorServer) -> Any:
     return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
 
 

@@ -35,7 +35,7 @@ _KINDS_OF_ALL_FLOORS = (ElementKind.FLOOR, ElementKind.ELEVATOR)
 class PoolFollower:
     """Keeps `pool` up to date with the running system from `start` to `close`; servers may restart meanwhile.
 
-    own_name: the robot's name in the simulation. Change floors with `pool.go_to`."""
+    own_name: the robot's name in the simulation. Change floors with `pool.change_floor`."""
 
     def __init__(self, orb: Orb, floor: str, own_name: str = "", interval_s: float = FOLLOW_S) -> None:
         self.pool = DataPool(RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemoteFloorMap(orb).of, floor, own_name)

@@ -1,4 +1,4 @@
-"""Scans against shapely, which cuts one ray after the other with everything there is."""
+"""Scans compared with shapely, which intersects each ray with all obstacles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.sensing import InvalidScan
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
-from robocorba.sensing.sight import SensedScene, lines_of
+from robocorba.sensing.visible_obstacles import VisibleObstacles, border_segments
 from robocorba.spatial.grids import Floats
 
 coordinate = st.floats(-20, 20).map(lambda value: round(value, 2))
@@ -38,7 +38,7 @@ fans = st.builds(
 
 
 def reference(blocking: list[BaseGeometry], pose: tuple[float, float, float], fan: Fan) -> Floats:
-    """The nearest point of anything that each ray meets."""
+    """Distance of each ray to the nearest obstacle, by shapely."""
     x, y, heading = pose
     everything = shapely.union_all([s.boundary if isinstance(s, Polygon) else s for s in blocking])
     found = np.full(fan.count, fan.range_m)
@@ -53,11 +53,10 @@ def reference(blocking: list[BaseGeometry], pose: tuple[float, float, float], fa
 def agrees(
     found: float, blocking: list[BaseGeometry], pose: tuple[float, float, float], angle: float, fan: Fan
 ) -> bool:
-    """Whether a distance is right for this ray or one beside it: what just passes a corner may or may not meet it.
+    """Whether a distance is right for this ray or one beside it: a ray that touches a corner may or may not meet it.
 
-    A ray along a line meets it where the line begins, which rounding hides from an exact cut: then something must
-    stand at that distance, and nothing before it that both rays beside this one meet as well.
-    """
+    A ray along a line meets it where the line begins, which rounding hides from an exact intersection: then an obstacle
+    must be at that distance, and none before it that both rays beside this one meet as well."""
     turns = (0.0, 1e-7, -1e-7)
     for turn in turns:
         (expected,) = reference(blocking, (*pose[:2], pose[2] + angle + turn), Fan(0.0, 1.0, 1, fan.range_m))
@@ -79,11 +78,11 @@ def agrees(
 @pytest.mark.parametrize("others", [[], [LineString([(0, -1), (-0.5, 0)])]])
 def test_a_ray_along_a_line_meets_its_near_end(others: list[BaseGeometry]) -> None:
     blocking, fan = [LineString([(-1, 0), (-2, 0)]), *others], Fan(math.pi, 1.0, 1, 2.0)
-    found = SensedScene(blocking).scan(np.array([(0.0, 0.0, 0.0)]), fan)[0]
+    found = VisibleObstacles(blocking).scan(np.array([(0.0, 0.0, 0.0)]), fan)[0]
     assert agrees(float(found[0]), blocking, (0.0, 0.0, 0.0), math.pi, fan)
 
 
-def test_what_the_reference_takes_for_wrong() -> None:
+def test_the_reference_rejects_wrong_distances() -> None:
     wall, fan = [LineString([(1, -1), (1, 1)]), LineString([(2, -1), (2, 1)])], Fan(0.0, 1.0, 1, 5.0)
     here = (0.0, 0.0, 0.0)
     assert agrees(1.0, wall, here, 0.0, fan)
@@ -92,17 +91,17 @@ def test_what_the_reference_takes_for_wrong() -> None:
 
 @settings(deadline=None, max_examples=150)
 @given(lines, boxes, poses, fans)
-def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
+def test_distances_to_segments_agree_with_shapely(
     standing: list[BaseGeometry], moved: list[BaseGeometry], places: list[tuple[float, float, float]], fan: Fan
 ) -> None:
-    sight = SensedScene(standing)
-    sight.move(np.empty((0, 4)), lines_of(moved))
-    found = sight.scan(np.array(places), fan)
+    obstacles = VisibleObstacles(standing)
+    obstacles.set_moving(np.empty((0, 4)), border_segments(moved))
+    found = obstacles.scan(np.array(places), fan)
     assert found.shape == (len(places), fan.count)
     blocking = standing + moved
     for pose, distances in zip(places, found, strict=True):
         if blocking and shapely.union_all(blocking).distance(Point(pose[:2])) < 1e-6:
-            continue  # whoever stands on a line sees either side
+            continue  # a sensor on a line sees either side
         for angle, distance in zip(fan.angles, distances, strict=True):
             assert agrees(distance, blocking, pose, angle, fan), (pose, angle, distance)
 
@@ -112,12 +111,12 @@ def test_what_stands_and_what_was_moved_is_where_shapely_has_it(
 def test_robots_are_discs_and_do_not_see_themselves(
     robots: list[tuple[float, float, float, int]], places: list[tuple[float, float, float]], fan: Fan, me: int
 ) -> None:
-    sight = SensedScene([LineString([(-15, -15), (15, 14)])])
-    sight.move(np.array(robots).reshape(-1, 4))
-    found = sight.scan(np.array(places), fan, [me] * len(places))
+    obstacles = VisibleObstacles([LineString([(-15, -15), (15, 14)])])
+    obstacles.set_moving(np.array(robots).reshape(-1, 4))
+    found = obstacles.scan(np.array(places), fan, [me] * len(places))
     others = [robot for robot in robots if robot[3] != me]
     for (x, y, heading), distances in zip(places, found, strict=True):
-        alone = SensedScene([LineString([(-15, -15), (15, 14)])]).scan(np.array([(x, y, heading)]), fan)[0]
+        alone = VisibleObstacles([LineString([(-15, -15), (15, 14)])]).scan(np.array([(x, y, heading)]), fan)[0]
         for angle, distance, expected in zip(fan.angles, distances, alone, strict=True):
             for cx, cy, radius, _ in others:
                 dx, dy = cx - x, cy - y
@@ -131,49 +130,49 @@ def test_robots_are_discs_and_do_not_see_themselves(
 
 
 def test_a_room_is_seen_in_all_directions() -> None:
-    sight = SensedScene([shapely.box(-2, -3, 4, 5)])
-    found = sight.scan(np.array([(0.0, 0.0, math.pi / 2)]), Fan(0.0, math.pi / 2, 4, 50.0))[0]
+    obstacles = VisibleObstacles([shapely.box(-2, -3, 4, 5)])
+    found = obstacles.scan(np.array([(0.0, 0.0, math.pi / 2)]), Fan(0.0, math.pi / 2, 4, 50.0))[0]
     assert found == pytest.approx([5.0, 2.0, 3.0, 4.0])
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
-def test_a_fan_of_half_a_turn_sees_what_stands_right_beside_it(heading: float) -> None:
+def test_a_fan_of_half_a_turn_sees_walls_beside_it(heading: float) -> None:
     side = 900.0
-    sight = SensedScene([shapely.box(-side, -side, side, side)])
-    found = sight.scan(np.array([(0.0, 0.0, heading)]), Fan(-math.pi / 2, math.pi / 179, 180, 1000.0))[0]
+    obstacles = VisibleObstacles([shapely.box(-side, -side, side, side)])
+    found = obstacles.scan(np.array([(0.0, 0.0, heading)]), Fan(-math.pi / 2, math.pi / 179, 180, 1000.0))[0]
     assert found[[0, -1]] == pytest.approx(side)
     assert found.max() == 1000.0
 
 
 def test_a_wall_seen_from_its_end_stops_the_ray_along_it() -> None:
-    sight = SensedScene([LineString([(2, 0), (5, 0)])])
-    assert sight.scan(np.zeros((1, 3)), Fan(0.0, 1.0, 1, 10.0))[0, 0] == pytest.approx(2.0)
-    assert sight.scan(np.zeros((1, 3)), Fan(0.1, 1.0, 1, 10.0))[0, 0] == 10.0
+    obstacles = VisibleObstacles([LineString([(2, 0), (5, 0)])])
+    assert obstacles.scan(np.zeros((1, 3)), Fan(0.0, 1.0, 1, 10.0))[0, 0] == pytest.approx(2.0)
+    assert obstacles.scan(np.zeros((1, 3)), Fan(0.1, 1.0, 1, 10.0))[0, 0] == 10.0
 
 
 def test_what_is_behind_a_wall_is_not_seen() -> None:
     behind = [LineString([(x, -50), (x, 50)]) for x in np.arange(3, 40, 0.5)]
-    sight = SensedScene([LineString([(2, -100), (2, 100)]), *behind])
-    found = sight.scan(np.zeros((1, 3)), Fan(-1.0, 0.01, 201, 30.0))[0]
+    obstacles = VisibleObstacles([LineString([(2, -100), (2, 100)]), *behind])
+    found = obstacles.scan(np.zeros((1, 3)), Fan(-1.0, 0.01, 201, 30.0))[0]
     assert found == pytest.approx(2 / np.cos(-1.0 + 0.01 * np.arange(201)))
 
 
-def test_everything_may_move_far_beyond_the_walls() -> None:
-    sight = SensedScene([shapely.box(0, 0, 10, 10)])
-    sight.move(np.array([(500.0, 300.0, 0.5, 1)]), lines_of([shapely.box(-400, 0, -399, 1)]))
-    found = sight.scan(np.array([(497.0, 300.0, 0.0), (-402.0, 0.5, 0.0), (5.0, 5.0, 0.0)]), Fan(0.0, 1.0, 1, 20.0))
+def test_bodies_can_move_far_beyond_the_walls() -> None:
+    obstacles = VisibleObstacles([shapely.box(0, 0, 10, 10)])
+    obstacles.set_moving(np.array([(500.0, 300.0, 0.5, 1)]), border_segments([shapely.box(-400, 0, -399, 1)]))
+    found = obstacles.scan(np.array([(497.0, 300.0, 0.0), (-402.0, 0.5, 0.0), (5.0, 5.0, 0.0)]), Fan(0.0, 1.0, 1, 20.0))
     assert found[:, 0] == pytest.approx([2.5, 2.0, 5.0])
 
 
 def test_a_floor_with_nothing_on_it_is_open() -> None:
-    assert np.all(SensedScene().scan(np.array([(1.0, 2.0, 3.0)]), LASER) == LASER.range_m)
+    assert np.all(VisibleObstacles().scan(np.array([(1.0, 2.0, 3.0)]), LASER) == LASER.range_m)
 
 
-def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
-    sight = SensedScene()
-    sight.move(np.array([(0.5, 0.0, 0.1, 1)]), lines_of([shapely.box(0.8, -1, 1, 1)]))
-    sight.move(np.array([(0.0, 0.5, 0.1, 1)]))
-    found = sight.scan(np.zeros((1, 3)), PROXIMITY)[0]
+def test_robots_are_replaced_and_segments_kept() -> None:
+    obstacles = VisibleObstacles()
+    obstacles.set_moving(np.array([(0.5, 0.0, 0.1, 1)]), border_segments([shapely.box(0.8, -1, 1, 1)]))
+    obstacles.set_moving(np.array([(0.0, 0.5, 0.1, 1)]))
+    found = obstacles.scan(np.zeros((1, 3)), PROXIMITY)[0]
     assert found[0] == pytest.approx(0.8)
     assert found[2] == pytest.approx(0.4)
 
@@ -195,7 +194,7 @@ def test_a_later_move_replaces_the_robots_and_keeps_the_objects() -> None:
         ("range", (0.0, 1.0, 1, math.inf)),
     ],
 )
-def test_a_fan_that_can_not_be_names_the_field(field: str, fan: tuple[float, float, int, float]) -> None:
+def test_an_invalid_fan_names_the_field(field: str, fan: tuple[float, float, int, float]) -> None:
     with pytest.raises(InvalidScan) as refused:
         Fan(*fan)
     assert refused.value.field == field

@@ -1,4 +1,4 @@
-"""The obstacles of a floor as seen by sensors: walls, objects and robots."""
+"""The obstacles of a floor that sensors see: walls, doors, objects and robots."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.kernels import kernel
-from robocorba.sensing.casting import Scene, cast
+from robocorba.sensing.casting import ObstacleGrids, cast
 from robocorba.sensing.fan import Fan
 from robocorba.spatial.grids import (
     Floats,
     Longs,
     build_grid,
-    cells_of,
+    cell_starts,
     column_of,
     frame_over,
     row_of,
     segments_of,
-    starts_of,
+    zero_counts,
 )
 
 #: Target average of static segments per grid cell.
@@ -29,92 +29,89 @@ STATIC_SEGMENTS_PER_CELL = 4.0
 MIN_CELL_M, MAX_CELL_M = 1.0, 8.0
 #: Margin of the grid around all obstacles [m]: the grid is rebuilt only for a body that moves beyond it.
 MARGIN_M = 5.0
-#: Carrier number of a sensor that no robot carries.
-NOBODY = -1
-NO_DISCS = np.empty((0, 4))
+#: Number in place of a robot's for a sensor that is not mounted on a robot.
+NO_ROBOT = -1
 
 
-class SensedScene:
-    """Static obstacles of a floor, as lines and polygons, and its moving bodies.
+class VisibleObstacles:
+    """What sensors see on a floor: static obstacles, robots (discs), movable objects and doors (segments).
 
-    An update replaces `scene` as a whole; a running scan continues with the previous one."""
+    An update replaces `grids` as a whole; a running scan continues with the previous ones."""
 
-    #: Current scene for scans.
-    scene: Scene
+    grids: ObstacleGrids
 
     def __init__(self, obstacles: Sequence[BaseGeometry] = ()) -> None:
-        self._standing = self._moving = np.empty((0, 4))
-        self._discs = NO_DISCS
-        self.set_obstacles(obstacles)
+        self._static = self._moving = self._discs = np.empty((0, 4))
+        self.set_static(obstacles)
 
-    def set_obstacles(self, obstacles: Sequence[BaseGeometry]) -> None:
-        """Replace the static obstacles."""
-        self._standing = lines_of(obstacles)
+    def set_static(self, obstacles: Sequence[BaseGeometry]) -> None:
+        """Replace the static obstacles: lines and polygons."""
+        self._static = border_segments(obstacles)
         self._rebuild()
 
-    def move(self, discs: Floats, segments: Floats | None = None) -> None:
+    def set_moving(self, discs: Floats, segments: Floats | None = None) -> None:
         """Replace the robots, discs (n, 4) of x, y, radius [m] and number, and the moving segments (n, 4) of x, y, x, y
         [m], which stay unchanged for None."""
         self._discs = np.ascontiguousarray(discs, float).reshape(-1, 4)
         if segments is not None:
             self._moving = np.ascontiguousarray(segments, float).reshape(-1, 4)
-        standing, moving = self.scene.standing, self.scene.moving
-        is_covered, start, items = sort_discs(self._discs, standing.frame)
+        static, moving = self.grids.static, self.grids.moving
+        is_covered, start, items = discs_by_cell(self._discs, static.frame)
         if segments is not None:
-            is_covered = is_covered and covers(standing.frame, self._moving)
-            moving = build_grid(self._moving, standing.frame)
+            is_covered = is_covered and covers(static.frame, self._moving)
+            moving = build_grid(self._moving, static.frame)
         if is_covered:
-            self.scene = Scene(standing, moving, self._discs, start, items)
+            self.grids = ObstacleGrids(static, moving, self._discs, start, items)
         else:
             self._rebuild()
 
-    def scan(self, poses: Floats, fan: Fan, owners: Sequence[int] | Longs | None = None) -> Floats:
-        """Exact distances (m, rays) [m], at most the fan's range.
+    def scan(self, poses: Floats, fan: Fan, own_robots: Sequence[int] | Longs | None = None) -> Floats:
+        """Distances without noise [m], shape (sensors, rays), at most the fan's range.
 
-        poses: (m, 3) of the sensors: x, y [m], heading [rad]. owners: numbers of the robots that carry them, which the
-        scans ignore."""
-        carriers = np.full(len(poses), NOBODY) if owners is None else np.asarray(owners, np.int64)
-        places = np.ascontiguousarray(poses, float).reshape(-1, 3)
+        poses: (sensors, 3) of x, y [m], heading [rad]. own_robots: numbers of the robots that the sensors are mounted
+        on, which the scans ignore."""
+        numbers = np.full(len(poses), NO_ROBOT) if own_robots is None else np.asarray(own_robots, np.int64)
+        sensors = np.ascontiguousarray(poses, float).reshape(-1, 3)
         rays = fan.rays
-        return cast(self.scene, places, carriers, *rays, fan.first_rad, fan.step_rad, fan.range_m)
+        return cast(self.grids, sensors, numbers, *rays, fan.first_rad, fan.step_rad, fan.range_m)
 
     def _rebuild(self) -> None:
         """Rebuild the grid around all obstacles."""
         x, y, radius, _ = self._discs.T
         boxes = np.column_stack([x - radius, y - radius, x + radius, y + radius])
-        corners = [self._standing, self._moving, boxes]
+        corners = [self._static, self._moving, boxes]
         everything = np.concatenate([part for part in corners if len(part)] or [np.zeros((1, 4))])
         low, high = everything.reshape(-1, 2).min(axis=0), everything.reshape(-1, 2).max(axis=0)
         frame = frame_over(np.array([[*(low - MARGIN_M), *(high + MARGIN_M)]]), self._cell_m(high - low))
-        _, start, items = sort_discs(self._discs, frame)
-        standing, moving = build_grid(self._standing, frame), build_grid(self._moving, frame)
-        self.scene = Scene(standing, moving, self._discs, start, items)
+        _, start, items = discs_by_cell(self._discs, frame)
+        static, moving = build_grid(self._static, frame), build_grid(self._moving, frame)
+        self.grids = ObstacleGrids(static, moving, self._discs, start, items)
 
     def _cell_m(self, extent: Floats) -> float:
         width, depth = np.maximum(extent, 1.0)
-        side = math.sqrt(STATIC_SEGMENTS_PER_CELL * width * depth / max(1, len(self._standing)))
+        side = math.sqrt(STATIC_SEGMENTS_PER_CELL * width * depth / max(1, len(self._static)))
         return min(max(side, MIN_CELL_M), MAX_CELL_M)
 
 
 @kernel
-def sort_discs(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
-    """Whether a frame covers all discs (n, 4) of x, y, radius, number, and start and items of a grid over them."""
-    count = cells_of(frame)
+def discs_by_cell(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
+    """Whether a frame covers all discs (n, 4) of x, y, radius, number; start and items of a grid over them."""
+    count = zero_counts(frame)
     x1, y1 = frame[0] + frame[3] * frame[2], frame[1] + frame[4] * frame[2]
     is_covered = True
     for disc in range(len(discs)):
         x, y, radius, _ = discs[disc]
         if x - radius < frame[0] or x + radius >= x1 or y - radius < frame[1] or y + radius >= y1:
             is_covered = False
-    _fill(discs, frame, count, np.empty(0, np.int64))
-    start = starts_of(count)
+    _fill_discs(discs, frame, count, np.empty(0, np.int64))
+    start = cell_starts(count)
     items = np.empty(start[-1], np.int64)
-    _fill(discs, frame, start[:-1].copy(), items)
+    _fill_discs(discs, frame, start[:-1].copy(), items)
     return is_covered, start, items
 
 
 @kernel
-def _fill(discs: Floats, frame: Floats, position: Longs, items: Longs) -> None:
+def _fill_discs(discs: Floats, frame: Floats, position: Longs, items: Longs) -> None:
     """Count the discs of each cell (items empty), or write them from `position` on."""
     columns = int(frame[3])
     for disc in range(len(discs)):
@@ -139,7 +136,7 @@ def covers(frame: Floats, segments: Floats) -> bool:
     return True
 
 
-def lines_of(shapes: Sequence[BaseGeometry]) -> Floats:
-    """Sides of shapes as segments (n, 4) of x, y, x, y [m]."""
+def border_segments(shapes: Sequence[BaseGeometry]) -> Floats:
+    """Lines and polygon borders as segments (n, 4) of x, y, x, y [m]; skips empty shapes."""
     kept = [shape for shape in shapes if not shape.is_empty]
     return np.ascontiguousarray(segments_of(np.array(kept, object))[0]) if kept else np.empty((0, 4))
