@@ -13,7 +13,7 @@ LABEL_SPACING = 0.025
 
 
 def draw(report: dict[str, Any], file: Path) -> None:
-    """Write a PNG file. report: of `record.as_json`."""
+    """Write a PNG file. report: of `MissionReport.as_json`."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robocorba.errors.robots import InvalidPlan
-from robocorba.missions.formation import Pose
+from robocorba.spatial.pose import Pose2D
 
 #: Limits of each carrier.
 SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
@@ -36,7 +36,7 @@ class Trajectory:
     def __init__(
         self,
         poses: ArrayLike,
-        places: Sequence[Pose] = (),
+        places: Sequence[Pose2D] = (),
         speed: float = SPEED_M_S,
         turn_speed: float = TURN_SPEED_RAD_S,
         acceleration: float = ACCELERATION_M_S2,
@@ -88,15 +88,15 @@ class Trajectory:
         return self._begins[-1]
 
     @property
-    def start(self) -> Pose:
+    def start(self) -> Pose2D:
         return self._rows[0][1:4]  # type: ignore[return-value]
 
     @property
-    def goal(self) -> Pose:
+    def goal(self) -> Pose2D:
         return self._rows[-1][1:4]  # type: ignore[return-value]
 
-    def at(self, t: float) -> tuple[Pose, Pose]:
-        """Pose of the body at `t` [s], and its velocity in the building's frame [m/s, m/s, rad/s]."""
+    def at(self, t: float) -> tuple[Pose2D, Pose2D]:
+        """Pose2D of the body at `t` [s], and its velocity in the building's frame [m/s, m/s, rad/s]."""
         i = bisect_right(self._begins, t) - 1
         if i < 0 or i == len(self._rows) - 1:
             return (self.start if i < 0 else self.goal), (0.0, 0.0, 0.0)
@@ -106,7 +106,7 @@ class Trajectory:
         dx, dy, dh = bx - ax, by - ay, bh - ah
         return (ax + done * dx, ay + done * dy, ah + done * dh), (rate * dx, rate * dy, rate * dh)
 
-    def carrier(self, t: float, place: Pose) -> tuple[Pose, Pose]:
+    def carrier(self, t: float, place: Pose2D) -> tuple[Pose2D, Pose2D]:
         """The same for a carrier's base at `place` in the body's frame."""
         (x, y, heading), (vx, vy, turn) = self.at(t)
         cos, sin = math.cos(heading), math.sin(heading)
@@ -114,7 +114,7 @@ class Trajectory:
         return (x + ahead, y + left, heading + place[2]), (vx - turn * left, vy + turn * ahead, turn)
 
 
-def _times(here: Pose, there: Pose, reach: float, limits: tuple[float, float, float]) -> tuple[float, float]:
+def _times(here: Pose2D, there: Pose2D, reach: float, limits: tuple[float, float, float]) -> tuple[float, float]:
     """Duration of a segment, and of its acceleration phase [s]. reach: distance of the farthest carrier from the body's
     origin [m]."""
     speed, turn_speed, acceleration = limits

@@ -26,7 +26,7 @@ MAX_KEPT = 5000
 _log = logging.getLogger(__name__)
 
 
-class Channel(Protocol):
+class MissionChannel(Protocol):
     """The event channel of the robot's sub-network."""
 
     def publish(self, type: str, payload: Any, retry_s: float) -> None:
@@ -47,10 +47,11 @@ class Received(NamedTuple):
 
 
 class Transport:
-    """name: of the robot. received: the latest messages, for the report. Only one thread may call `receive`; any thread
-    may publish."""
+    """Publishes and receives the messages of the robot `name`. received: the latest messages, for the report.
 
-    def __init__(self, channel: Channel, name: str) -> None:
+    Only one thread may call `receive`; any thread may publish."""
+
+    def __init__(self, channel: MissionChannel, name: str) -> None:
         self._channel, self.name = channel, name
         self._queue: queue.Queue[Received] = queue.Queue(MAX_QUEUED)
         self.received: deque[Received] = deque(maxlen=MAX_KEPT)

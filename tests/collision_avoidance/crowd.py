@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from robocorba.collision_avoidance.neighbours import PoolNearby
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.control.high_controller import HighController
 from robocorba.control.robot import Robot
 from robocorba.control.sensors import Sensors
@@ -26,11 +27,14 @@ from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.simulation.physics import STEP_S
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
+from robocorba.spatial.pose import Pose, Pose2D
 from tests.data_pool.places import Place
 
 FLOOR = "L1"
+#: Simulated time passes faster than the clock, so robots check their conditions at this interval [s].
+LOOK_S = 0.002
 #: Number of steps between updates of the data pools.
 FOLLOW_STEPS = 3
 _KINEMATICS = InverseKinematics()
@@ -39,7 +43,9 @@ _KINEMATICS = InverseKinematics()
 class Crowd:
     """Robots by name, from their start poses. `nearest_m`: least gap of two rims so far; `touched`: collisions."""
 
-    def __init__(self, building: Building, starts: Mapping[str, tuple[float, float, float]]) -> None:
+    def __init__(
+        self, building: Building, starts: Mapping[str, Pose2D], policy: GivingWayPolicy = DEFAULT_POLICY
+    ) -> None:
         for name, floor in building.floors.items():
             building.floors[name] = msgspec.structs.replace(floor, topological=topological_map(building, name))
         _warm_up()
@@ -57,8 +63,8 @@ class Crowd:
             controller.start(())
             sensors = Sensors(session, lambda controller=controller: controller.state, RADIUS_M)
             self._controllers.append(controller)
-            nearby = PoolNearby(pool, name)
-            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby)
+            nearby = PoolNearby(pool, name, policy)
+            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby, LOOK_S)
         self.touched: list[tuple[str, ...]] = []
         self.nearest_m = math.inf
         for _ in range(FOLLOW_STEPS):
@@ -68,7 +74,7 @@ class Crowd:
     def time(self) -> float:
         return self.world.time
 
-    def at(self, name: str) -> tuple[float, float, float]:
+    def at(self, name: str) -> Pose2D:
         return self.world.pose(name)[1:]
 
     def carried(self, thing: str, to: tuple[float, float]) -> None:

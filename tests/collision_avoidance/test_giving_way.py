@@ -12,8 +12,8 @@ from hypothesis import strategies as some
 
 from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
 from robocorba.collision_avoidance.neighbours import OtherRobot
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
-from robocorba.control import execution_control
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
@@ -31,6 +31,8 @@ TICK_S, KNOWN_LATE_TICKS = 0.02, 3
 
 class Base:
     """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is the only obstacle."""
+
+    policy = DEFAULT_POLICY
 
     def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
         self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
@@ -185,8 +187,7 @@ def test_who_may_not_come_nearer_may_leave(
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(execution_control, "LOOK_S", 0.002)
+def seed() -> None:
     random.seed(1)
 
 
@@ -275,10 +276,9 @@ def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
     assert crowd.touched == []
 
 
-def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.control.base.MAX_BLOCKAGES", 1)
-    monkeypatch.setattr("robocorba.control.base.MAX_PAUSE_S", 1.0)
-    crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)})
+def test_who_is_really_in_the_way_is_named() -> None:
+    policy = GivingWayPolicy(max_blockages=1, max_pause_s=1.0)
+    crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)}, policy)
     wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
     assert wrong["A"].endswith("B is in the way")
     assert crowd.touched == []

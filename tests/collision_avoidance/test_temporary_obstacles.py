@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from shapely import Point, Polygon
 
+from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import (
     CLEARANCE_M,
     MIN_CLEARANCE_M,
@@ -71,7 +72,6 @@ def test_who_wants_to_stand_close_by_may() -> None:
     assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # ways keep that room to it
 
 
-def test_what_is_too_much_to_tell_stays_where_the_map_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.collision_avoidance.temporary_obstacles.MAX_OBJECTS", 0)
-    found = temporary_obstacles(seen_by_a(3.0), "A")
+def test_what_is_too_much_to_tell_stays_where_the_map_has_it() -> None:
+    found = temporary_obstacles(seen_by_a(3.0), "A", policy=GivingWayPolicy(max_objects=0))
     assert (len(found.forbidden_areas), found.without_movables) == (1, ())

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from shapely import MultiPoint, Point, Polygon
 
 from robocorba.errors.robots import InvalidCarry
+from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import CircleShape, MapObject
 from robocorba.maps.movable import outline as outline_of
-from robocorba.missions.formation import Formation, GripPoint, formations
+from robocorba.missions.formation import HAND_M, Formation, GripPoint, formations
 
 TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
 
@@ -38,20 +39,20 @@ def outlines(draw: st.DrawFn) -> Polygon:
 
 
 @settings(max_examples=20, deadline=None)
-@given(outlines(), st.integers(1, 6), st.sampled_from((0.3, 0.4)))
-def test_carriers_overlap_neither_each_other_nor_the_object(outline: Polygon, count: int, radius_m: float) -> None:
+@given(outlines(), st.integers(1, 6))
+def test_carriers_overlap_neither_each_other_nor_the_object(outline: Polygon, count: int) -> None:
     try:
-        found = formations(outline, count, radius_m, 0.62)
+        found = formations(outline, count)
     except InvalidCarry:
         return
     for formation in found:
         places = formation.places()
         assert len(places) == count
         for here, there in combinations(places, 2):
-            assert math.dist(here[:2], there[:2]) > 2 * radius_m
+            assert math.dist(here[:2], there[:2]) > 2 * RADIUS_M
         for (x, y, heading), grip in zip(places, formation.grips, strict=True):
-            assert outline.distance(Point(x, y)) >= radius_m
-            hands = x + 0.62 * math.cos(heading), y + 0.62 * math.sin(heading)
+            assert outline.distance(Point(x, y)) >= RADIUS_M
+            hands = x + HAND_M * math.cos(heading), y + HAND_M * math.sin(heading)
             assert hands == pytest.approx(grip[:2])
             assert outline.exterior.distance(Point(grip[:2])) < 1e-6
 
@@ -87,7 +88,7 @@ def test_four_take_a_round_table_from_all_sides() -> None:
 
 def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
     formation = Formation((GripPoint(0.8, 0.0, math.pi), GripPoint(-0.8, 0.0, 0.0)))
-    footprint = formation.footprint(TABLE, 0.4)
+    footprint = formation.footprint(TABLE)
     assert footprint.geom_type == "Polygon"
     assert footprint.bounds == pytest.approx((-1.82, -0.4, 1.82, 0.4))
     assert footprint.covers(TABLE)
@@ -99,4 +100,4 @@ def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
 )
 def test_what_cannot_be_carried_so_is_refused(outline: Polygon, count: int) -> None:
     with pytest.raises(InvalidCarry):
-        formations(outline, count, 0.4, 0.45)
+        formations(outline, count)

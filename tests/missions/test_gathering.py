@@ -1,19 +1,22 @@
-"""How robots come together: ways as things stand now, and places that are apart."""
+"""How robots gather: around objects at their present poses, apart from each other, each at the right place."""
 
 from __future__ import annotations
 
 import math
 
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from robocorba.missions.formation import Pose
-from robocorba.missions.gathering import SPACING_M, GatheringPaths, spread_apart, waves
-from robocorba.missions.move_table import MoveTable
+from robocorba.errors.robots import MissionFailed
+from robocorba.maps.geometry import Obstacle
+from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, spread_apart, waves
+from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.world import MovableObject
-from robocorba.planning.request import Place
+from robocorba.planning.request import MAX_AREAS, Place
 from robocorba.programs.icons import Destination
+from robocorba.spatial.pose import Pose2D
 from tests.missions.worlds import MapWorld, two_storeys
 
 
@@ -35,13 +38,20 @@ def test_ways_lead_through_where_the_map_has_it_and_around_where_it_is() -> None
 
 def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
     beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A stands where the map has the box
-    plan = MoveTable(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
+    plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
     assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
 
 
-def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.missions.gathering.MAX_AREAS", 0)
-    world = MovedWorld(two_storeys())
+class FullWorld(MovedWorld):
+    """There are more objects than fit into a path request."""
+
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
+        crate = shapely.box(11.0, 6.0, 11.1, 6.1)
+        return {"L1": [Obstacle("object", f"crate{number}", crate) for number in range(MAX_AREAS)]}
+
+
+def test_too_many_objects_are_taken_from_the_map() -> None:
+    world = FullWorld(two_storeys())
     assert GatheringPaths(world, world.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
@@ -51,7 +61,7 @@ def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: p
     some.floats(0.1, 1.0),
 )
 def test_loosened_places_are_apart(at: list[tuple[float, float]], apart_m: float) -> None:
-    places: list[Pose] = [(x, y, 0.5) for x, y in at]
+    places: list[Pose2D] = [(x, y, 0.5) for x, y in at]
     found = spread_apart(places, apart_m)
     assert [heading for *_, heading in found] == [0.5] * len(at)
     for i, one in enumerate(found):
@@ -101,3 +111,38 @@ def test_everybody_goes_once(ways: list[tuple[float, float, float, float]]) -> N
     starts, goals = [Place("L1", x, y) for x, y, _, _ in ways], [Place("L1", x, y) for _, _, x, y in ways]
     found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in ways])
     assert sorted(number for wave in found for number in wave) == list(range(len(ways)))
+
+
+# ---- who gathers where ----
+
+WEST, MIDDLE, EAST = (Place("L1", x, 1.3) for x in (2.4, 3.3, 6.0))
+
+
+def straight(one: Place, other: Place) -> float | None:
+    return math.dist(one[1:], other[1:])
+
+
+@pytest.mark.parametrize("leader", ["A", "B"])
+def test_who_is_there_moves_up_for_who_comes(leader: str) -> None:
+    assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], leader, straight) == ["A", "B"]
+    assert assign_places({"A": MIDDLE, "B": EAST}, [MIDDLE, WEST], leader, straight) == ["B", "A"]
+
+
+def test_the_nearest_go_and_the_leader_does_however_far_it_is() -> None:
+    robots = {"A": Place("L1", 900.0, 0.0), "B": MIDDLE, "C": EAST}
+    assert set(assign_places(robots, [WEST, MIDDLE], "A", straight)) == {"A", "B"}
+    assert set(assign_places(robots, [WEST, MIDDLE], "B", straight)) == {"B", "C"}
+
+
+def test_who_can_not_get_there_goes_elsewhere() -> None:
+    def length_m(start: Place, goal: Place) -> float | None:
+        return None if (start, goal) == (EAST, MIDDLE) else straight(start, goal)
+
+    assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], "A", length_m) == ["B", "A"]
+    with pytest.raises(MissionFailed, match=r"no robot can reach L1 \(3\.30, 1\.30\) beside the object"):
+        assign_places({"A": EAST, "B": EAST}, [MIDDLE, WEST], "A", length_m)
+
+
+def test_too_few_are_told() -> None:
+    with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
+        assign_places({"A": EAST}, [WEST, MIDDLE], "A", straight)

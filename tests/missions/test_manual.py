@@ -11,14 +11,14 @@ import msgspec
 import pytest
 
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.messages import KINDS, Record
-from robocorba.missions.subplan import Step, SubPlan, Wait
+from robocorba.missions.messages import KINDS, MemberMeasurements
+from robocorba.missions.subplan import Idle, Step, SubPlan
 from robocorba.planning.request import Place as Spot
 from robocorba.programs import icons
 from robocorba.programs.program import loads
-from robocorba.simulation.registry import Pose
+from robocorba.spatial.pose import Pose
 from tests.control.places import Place
-from tests.missions.places import Bus, Crew
+from tests.missions.places import Crew
 
 MANUAL = (Path(__file__).resolve().parents[2] / "docs" / "mission.md").read_text()
 PROGRAM, SALUTE = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
@@ -38,13 +38,13 @@ def test_messages_are_told_with_all_their_members() -> None:
         if name == "mission.proposal":
             wanted |= {field.encode_name for field in msgspec.structs.fields(SubPlan)}
         assert wanted <= told[name], name
-    for field in msgspec.structs.fields(Record):
+    for field in msgspec.structs.fields(MemberMeasurements):
         assert f"`{field.encode_name}`" in MANUAL
 
 
 def test_steps_are_told() -> None:
     told = {name.split()[0] for name in rows("| `")}
-    assert {kind.__name__ for kind in (*get_args(Step), Wait)} <= told
+    assert {kind.__name__ for kind in (*get_args(Step), Idle)} <= told
 
 
 def test_the_program_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
@@ -58,7 +58,7 @@ def test_the_program_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.fixture
 def crew(tmp_path: Path) -> Iterator[Crew]:
     place = Place(tmp_path)
-    crew = Crew(place, Bus(), {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)})
+    crew = Crew(place, {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)})
     yield crew
     crew.close()
     place.close()

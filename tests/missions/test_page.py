@@ -12,7 +12,7 @@ from robocorba.missions import page, timeline
 
 
 def report(**changed: Any) -> dict[str, Any]:
-    """A mission of two robots of two sub-networks, as `record.as_json` makes it."""
+    """A mission of two robots of two sub-networks, as `MissionReport.as_json` makes it."""
     latency = {"median": 1.0, "p99": 8.5, "max": 12.25, "count": 40}
     gathering = {
         "name": "gathering",

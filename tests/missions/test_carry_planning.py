@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from shapely import Polygon
 
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
+from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import BoxShape, Building, Door, Element, Elevator, ElevatorDoor, Floor, MapObject, Side, Wall
 from robocorba.maps.samples import load_sample
-from robocorba.missions.carry import MARGIN_M, CarryPlan, plan_carry, warm_up
+from robocorba.missions.carry_planning import CarryPlan, plan_carry, warm_up
+from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
 from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
 
@@ -66,9 +68,9 @@ def check(building: Building, plan: CarryPlan, carried: str = "", blocked: tuple
         for t in np.arange(0.0, trajectory.duration + 0.1, 0.1):
             body = placed(footprint, trajectory.at(t)[0])
             assert everything.distance(body) > MARGIN_M - 0.006, (leg.floor, t)
-        for place in plan.formation.places(0.3):
+        for place in plan.formation.places(BACK_OFF_M):
             x, y, _ = trajectory.carrier(trajectory.duration, place)[0]
-            assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > plan.radius_m - 1e-6
+            assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > RADIUS_M - 1e-6
 
 
 def reached(pose: np.ndarray, goal: tuple[float, float, float]) -> bool:
