@@ -5,10 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
-from typing import Protocol
 
-from robocorba.control.robot import Robot
+from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
@@ -16,7 +14,6 @@ from robocorba.missions.execution import ObjectLocator
 from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
 from robocorba.missions.messages import Answer, Assignment, Call, Message, Offer, Order
 from robocorba.missions.transport import Received, Transport
-from robocorba.spatial.pose import Pose
 
 #: Polling interval without a mission [s]; messages wake the thread immediately.
 IDLE_POLL_S = 0.25
@@ -26,32 +23,13 @@ RETRY_S = 1.0
 _log = logging.getLogger(__name__)
 
 
-class Owner(Protocol):
-    """The interface of the control agent that missions need."""
-
-    @property
-    def is_free(self) -> bool:
-        """Whether the robot can begin a task now."""
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether the robot is doing a task after which it will be free."""
-
-    @property
-    def place(self) -> Pose:
-        """The robot's current pose."""
-
-    def begin_part(self, make: Callable[[Robot], Member], for_own_mission: bool) -> Member:
-        """Begin a part in a mission. for_own_mission: the robot's own program leads it. Raises IllegalOrder."""
-
-
 class MissionAgent:
-    """Takes part in missions from `start` to `close`. owner: the robot. locate: objects in the robot's frame."""
+    """Takes part in missions from `start` to `close`. agent: of the robot. locate: returns objects in its frame."""
 
     def __init__(
-        self, transport: Transport, owner: Owner, locate: ObjectLocator, policy: MemberPolicy = DEFAULT_POLICY
+        self, transport: Transport, agent: ControlAgent, locate: ObjectLocator, policy: MemberPolicy = DEFAULT_POLICY
     ) -> None:
-        self._transport, self._owner, self._locate, self._policy = transport, owner, locate, policy
+        self._transport, self._agent, self._locate, self._policy = transport, agent, locate, policy
         self._member: Member | None = None
         self._ended_at: float | None = None
         self._published_at = 0.0
@@ -104,13 +82,13 @@ class MissionAgent:
             return
         if self._member is not None and not self._member.has_ended:
             busy = f"is in mission {self._member.mission}"
-        elif self._owner.is_busy:
+        elif self._agent.is_busy:
             busy = "runs a program"
-        elif self._owner.is_free:
+        elif self._agent.is_free:
             busy = ""
         else:
             return
-        floor, x, y, _ = self._owner.place
+        floor, x, y, _ = self._agent.place
         name, leader = self._transport.name, call.leader
         offer = Offer(mission=call.mission, robot=name, leader=leader, floor=floor, x=x, y=y, busy=busy)
         self._transport.publish(offer, RETRY_S)
@@ -129,7 +107,7 @@ class MissionAgent:
             return f"is in mission {self._member.mission}"
         is_own = assignment.leader == self._transport.name
         try:
-            member = self._owner.begin_part(lambda robot: Member(assignment, robot, self._locate, self._policy), is_own)
+            member = self._agent.begin_part(lambda robot: Member(assignment, robot, self._locate, self._policy), is_own)
         except RobotError as error:
             return str(error)
         self._member, self._ended_at, self._is_subscribed = member, None, False

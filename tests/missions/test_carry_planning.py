@@ -120,7 +120,7 @@ def test_the_papers_table_goes_to_its_destination(count: int) -> None:
 
 
 @pytest.mark.parametrize("goal", [(11.3, 3.1, math.pi / 2), (6.7, 7.75, 0.0), (6.7, 7.75, math.pi)])
-def test_two_take_it_through_doors(goal: tuple[float, float, float]) -> None:
+def test_two_robots_carry_the_table_through_doors(goal: tuple[float, float, float]) -> None:
     building = load_sample("paper-scene")
     plan = plan_carry(building, "table", None, ("L1", *goal), 2)
     assert reached(plan.legs[0].poses[-1], goal)
@@ -206,7 +206,7 @@ def test_an_elevators_narrow_door_is_named() -> None:
     assert "its door is 0.70 m wide" in blocker.reason
 
 
-def test_a_cabin_whose_doors_are_shut_is_no_way_through() -> None:
+def test_closed_elevator_doors_are_obstacles() -> None:
     """A shaft across the whole corridor, with a door on each side."""
     doors = (ElevatorDoor("L1", side=Side.LEFT, width=2.5), ElevatorDoor("L1", side=Side.RIGHT, width=2.5))
     building = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=doors))
@@ -214,7 +214,7 @@ def test_a_cabin_whose_doors_are_shut_is_no_way_through() -> None:
         plan_carry(building, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2)
 
 
-def test_start_and_goal_that_are_not_free_are_told() -> None:
+def test_an_error_names_what_occupies_start_or_goal() -> None:
     building = floor("L1", 9.0, 7.0, MapObject(name="shelf", shape=BoxShape(size=(2.0, 0.5)), at=(6.0, 4.2)))
     with pytest.raises(ImpossibleCarry) as raised:
         plan_carry(building, TABLE, ("L1", 2.5, 3.0, 0.0), ("L1", 6.0, 3.8, 0.0), 2)
@@ -224,7 +224,7 @@ def test_start_and_goal_that_are_not_free_are_told() -> None:
         plan_carry(building, TABLE, ("L1", 0.5, 3.0, 0.0), ("L1", 6.0, 2.0, 0.0), 2)
 
 
-def test_what_is_said_to_stand_elsewhere_stands_there() -> None:
+def test_objects_are_avoided_where_they_are_now() -> None:
     crate = MapObject(name="crate", shape=BoxShape(size=(1.0, 1.0)), at=(6.0, 3.5), movable=True)
     building = floor("L1", 12.0, 7.0, crate)
     start, goal = ("L1", 2.5, 3.5, 0.0), ("L1", 6.0, 3.5, 0.0)
@@ -237,7 +237,7 @@ def test_what_is_said_to_stand_elsewhere_stands_there() -> None:
         plan_carry(building, TABLE, start, goal, 2, blocked={"L1": [moved, shapely.box(5.5, 3.0, 6.5, 4.0)]})
 
 
-def test_a_robot_in_the_way_is_gone_round() -> None:
+def test_the_path_leads_around_a_robot() -> None:
     building = floor("L1", 12.0, 7.0)
     robot = Obstacle("robot", "C", shapely.Point(6.0, 3.5).buffer(0.4))
     plan = plan_carry(building, TABLE, ("L1", 2.5, 3.5, 0.0), ("L1", 9.5, 3.5, 0.0), 2, blocked={"L1": [robot]})
@@ -256,12 +256,12 @@ def test_a_robot_in_the_way_is_gone_round() -> None:
         (TABLE, None, ("L1", 6.0, 3.0, 0.0), 2),
     ],
 )
-def test_what_makes_no_sense_is_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
+def test_invalid_requests_are_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InvalidCarry):
         plan_carry(load_sample("paper-scene"), thing, start, goal, count)
 
 
-def test_floors_that_no_elevator_joins() -> None:
+def test_floors_without_a_connecting_elevator() -> None:
     building = two_floors(3.0, 2.0)
     building = Building("apart", building.floors)
     with pytest.raises(ImpossibleCarry, match="no elevator leads from L1 to L2"):

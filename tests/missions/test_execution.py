@@ -25,7 +25,7 @@ def executor_of(robot: Robot) -> StepExecutor:
 
 
 @pytest.mark.parametrize("step", [CARRY, Ride(elevator="E1", destination="L2")], ids=lambda step: type(step).__name__)
-def test_a_grip_that_is_lost_ends_the_step(step: Carry | Ride) -> None:
+def test_losing_the_grip_ends_the_step(step: Carry | Ride) -> None:
     crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
 
     def carry(robot: Robot) -> None:
@@ -39,7 +39,7 @@ def test_a_grip_that_is_lost_ends_the_step(step: Carry | Ride) -> None:
     assert crowd.run(60.0, A=carry) == {"A": "lost its hold of box"}
 
 
-def test_who_reserves_waits_until_others_are_by_and_gives_back() -> None:
+def test_overlapping_reservations_are_granted_one_after_the_other() -> None:
     crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
     ours: dict[str, tuple[float, float]] = {}
 
@@ -59,7 +59,7 @@ def test_who_reserves_waits_until_others_are_by_and_gives_back() -> None:
     assert crowd.robots["A"].session.reservation() is None
 
 
-def test_who_waits_for_too_long_says_so() -> None:
+def test_waiting_for_a_reservation_has_a_limit() -> None:
     crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
     area = ((2.0, 0.1), (5.0, 0.1), (5.0, 1.9), (2.0, 1.9))
     crowd.robots["B"].session.reserve([("L1", area)], 60.0)
@@ -70,7 +70,7 @@ def test_who_waits_for_too_long_says_so() -> None:
     assert crowd.run(20.0, A=reserve) == {"A": "the path's areas were not granted within 2 s"}
 
 
-def test_what_was_moved_meanwhile_is_not_gripped() -> None:
+def test_an_object_moved_after_planning_is_not_gripped() -> None:
     crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
 
     def grip(robot: Robot) -> None:
@@ -80,7 +80,7 @@ def test_what_was_moved_meanwhile_is_not_gripped() -> None:
     assert crowd.run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}
 
 
-def test_who_has_no_room_behind_backs_off_as_far_as_there_is() -> None:
+def test_a_robot_backs_off_as_far_as_there_is_room() -> None:
     crowd = Crowd(room(6.0, 2.0), {"A": (0.55, 1.0, 0.0)})
 
     def back_off(robot: Robot, distance_m: float) -> None:

@@ -59,7 +59,7 @@ def test_carriers_overlap_neither_each_other_nor_the_object(outline: Polygon, co
 
 @settings(max_examples=20, deadline=None)
 @given(outlines(), st.integers(2, 6))
-def test_what_is_carried_does_not_tip_over(outline: Polygon, count: int) -> None:
+def test_the_centroid_is_within_the_grip_points(outline: Polygon, count: int) -> None:
     try:
         found = formations(outline, count)
     except InvalidCarry:
@@ -69,7 +69,7 @@ def test_what_is_carried_does_not_tip_over(outline: Polygon, count: int) -> None
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6])
-def test_up_to_six_find_places_at_a_table(count: int) -> None:
+def test_up_to_six_robots_have_formations_around_a_table(count: int) -> None:
     found = formations(TABLE, count)
     assert found == formations(TABLE, count)
     assert len({tuple(sorted(formation.grips)) for formation in found}) == len(found)
@@ -98,6 +98,6 @@ def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
 @pytest.mark.parametrize(
     ("outline", "count"), [(TABLE, 0), (TABLE, 7), (shapely.box(-0.1, -0.1, 0.1, 0.1), 6), (Polygon(), 2)]
 )
-def test_what_cannot_be_carried_so_is_refused(outline: Polygon, count: int) -> None:
+def test_impossible_formations_are_refused(outline: Polygon, count: int) -> None:
     with pytest.raises(InvalidCarry):
         formations(outline, count)

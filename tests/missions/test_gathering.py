@@ -27,7 +27,7 @@ class MovedWorld(MapWorld):
         return super().movable(name)._replace(x=2.4, y=3.5, heading=0.0)
 
 
-def test_ways_lead_through_where_the_map_has_it_and_around_where_it_is() -> None:
+def test_paths_avoid_the_object_where_it_is_now() -> None:
     world = MovedWorld(two_storeys())
     ways = GatheringPaths(world, world.movable("box"))
     assert ways.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
@@ -36,7 +36,7 @@ def test_ways_lead_through_where_the_map_has_it_and_around_where_it_is() -> None
     assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
-def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
+def test_a_moved_box_can_be_carried_again() -> None:
     beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A stands where the map has the box
     plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
     assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
@@ -60,7 +60,7 @@ def test_too_many_objects_are_taken_from_the_map() -> None:
     some.lists(some.tuples(some.floats(-1, 1), some.floats(-1, 1)), min_size=1, max_size=4, unique=True),
     some.floats(0.1, 1.0),
 )
-def test_loosened_places_are_apart(at: list[tuple[float, float]], apart_m: float) -> None:
+def test_places_are_spread_apart(at: list[tuple[float, float]], apart_m: float) -> None:
     places: list[Pose2D] = [(x, y, 0.5) for x, y in at]
     found = spread_apart(places, apart_m)
     assert [heading for *_, heading in found] == [0.5] * len(at)
@@ -77,28 +77,28 @@ def test_carriers_side_by_side_gather_apart() -> None:
     assert first[0] == second[0] == 0.0
 
 
-def test_whose_ways_are_free_go_at_the_same_time() -> None:
+def test_robots_with_separate_paths_drive_simultaneously() -> None:
     starts = [Place("L1", 0.0, 0.0), Place("L1", 0.0, 3.0)]
     goals = [Place("L1", 4.0, 0.0), Place("L1", 4.0, 3.0)]
     ways = [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]]
     assert waves(starts, goals, ways) == [frozenset({0, 1})]
 
 
-def test_who_has_to_get_past_anothers_place_goes_first() -> None:
+def test_a_robot_whose_path_passes_another_goal_drives_first() -> None:
     starts = [Place("L1", 0.0, 1.0), Place("L1", 0.0, -1.0), Place("L2", 0.0, 0.0)]
     goals = [Place("L1", 2.0, 0.0), Place("L1", 4.0, 0.0), Place("L1", 6.0, 0.0)]
     ways = [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]]
     assert waves(starts, goals, ways) == [frozenset({2}), frozenset({1}), frozenset({0})]
 
 
-def test_who_stands_in_anothers_way_goes_first() -> None:
+def test_a_robot_that_blocks_a_path_drives_first() -> None:
     starts = [Place("L1", 0.0, 0.0), Place("L1", 2.0, 0.0)]
     goals = [Place("L1", 4.0, 0.0), Place("L1", 2.0, 3.0)]
     ways = [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]]
     assert waves(starts, goals, ways) == [frozenset({1}), frozenset({0})]
 
 
-def test_those_who_had_to_wait_for_each_other_go_together() -> None:
+def test_robots_in_a_cycle_drive_together() -> None:
     starts = [Place("L1", 0.0, 0.0), Place("L1", 4.0, 0.0)]
     goals = [Place("L1", 4.0, 0.0), Place("L1", 0.0, 0.0)]
     ways = [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]]
@@ -107,7 +107,7 @@ def test_those_who_had_to_wait_for_each_other_go_together() -> None:
 
 @settings(deadline=None)
 @given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
-def test_everybody_goes_once(ways: list[tuple[float, float, float, float]]) -> None:
+def test_each_robot_drives_once(ways: list[tuple[float, float, float, float]]) -> None:
     starts, goals = [Place("L1", x, y) for x, y, _, _ in ways], [Place("L1", x, y) for _, _, x, y in ways]
     found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in ways])
     assert sorted(number for wave in found for number in wave) == list(range(len(ways)))
@@ -123,18 +123,18 @@ def straight(one: Place, other: Place) -> float | None:
 
 
 @pytest.mark.parametrize("leader", ["A", "B"])
-def test_who_is_there_moves_up_for_who_comes(leader: str) -> None:
+def test_a_robot_beside_the_object_moves_on_for_one_that_arrives(leader: str) -> None:
     assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], leader, straight) == ["A", "B"]
     assert assign_places({"A": MIDDLE, "B": EAST}, [MIDDLE, WEST], leader, straight) == ["B", "A"]
 
 
-def test_the_nearest_go_and_the_leader_does_however_far_it_is() -> None:
+def test_the_nearest_robots_and_the_leader_are_chosen() -> None:
     robots = {"A": Place("L1", 900.0, 0.0), "B": MIDDLE, "C": EAST}
     assert set(assign_places(robots, [WEST, MIDDLE], "A", straight)) == {"A", "B"}
     assert set(assign_places(robots, [WEST, MIDDLE], "B", straight)) == {"B", "C"}
 
 
-def test_who_can_not_get_there_goes_elsewhere() -> None:
+def test_robots_get_places_that_they_can_reach() -> None:
     def length_m(start: Place, goal: Place) -> float | None:
         return None if (start, goal) == (EAST, MIDDLE) else straight(start, goal)
 
@@ -143,6 +143,6 @@ def test_who_can_not_get_there_goes_elsewhere() -> None:
         assign_places({"A": EAST, "B": EAST}, [MIDDLE, WEST], "A", length_m)
 
 
-def test_too_few_are_told() -> None:
+def test_too_few_robots_are_refused() -> None:
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
         assign_places({"A": EAST}, [WEST, MIDDLE], "A", straight)

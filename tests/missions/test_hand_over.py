@@ -75,13 +75,13 @@ class Moved(MapWorld):
 BOARD = shapely.box(0.0, 3.0, 4.0, 4.0)
 
 
-def test_they_meet_where_nothing_was_moved_to() -> None:
+def test_they_meet_clear_of_moved_objects() -> None:
     here, there = meeting(planned(Moved(two_storeys()), "A", "B"))
     assert BOARD.distance(shapely.LineString([(here.x, here.y), (there.x, there.y)])) > RADIUS_M
     assert min(here.x, there.x) > BOARD.bounds[2] - 1.0
 
 
-def test_one_of_both_always_holds_it(world: MapWorld) -> None:
+def test_the_taker_grips_before_the_giver_lets_go(world: MapWorld) -> None:
     plan = planned(world, "A", "B")
     shut = {"A": True, "B": False}
     seen = []
@@ -95,7 +95,7 @@ def test_one_of_both_always_holds_it(world: MapWorld) -> None:
     ]
 
 
-def test_whoever_leads_others_take_part(world: MapWorld) -> None:
+def test_the_leader_need_not_take_part(world: MapWorld) -> None:
     own = HandOverPlanner(world, "sheet", "A", "B", "A", ROBOTS["A"])
     assert (own.required, own.helpers) == ({"B"}, 1)
     others = HandOverPlanner(world, "sheet", "B", "C", "A", ROBOTS["A"])
@@ -103,20 +103,20 @@ def test_whoever_leads_others_take_part(world: MapWorld) -> None:
     assert [subplan.robot for subplan in others.plan("m", "A", ROBOTS).subplans] == ["B", "C"]
 
 
-def test_the_icon_becomes_one(world: MapWorld) -> None:
+def test_the_icon_has_a_planner(world: MapWorld) -> None:
     for icon, required in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
         found = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
         assert isinstance(found, HandOverPlanner) and found.required == required
 
 
-def test_what_can_not_be_handed_over(world: MapWorld) -> None:
+def test_impossible_hand_overs_are_refused(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="box stands in the building"):
         HandOverPlanner(world, "box", "A", "B", "A", ROBOTS["A"])
     with pytest.raises(MissionFailed, match="B can't hand sheet over to itself"):
         HandOverPlanner(world, "sheet", "B", "B", "A", ROBOTS["A"])
 
 
-def test_rooms_that_are_too_small_for_both_are_told() -> None:
+def test_too_small_rooms_are_refused() -> None:
     outline = ((0.0, 0.0), (2.4, 0.0), (2.4, 2.0), (0.0, 2.0))
     building = Building("box room").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
     building.floors["L1"] = msgspec.structs.replace(building.floors["L1"], topological=topological_map(building, "L1"))

@@ -30,7 +30,7 @@ def rows(start: str) -> dict[str, set[str]]:
     return {words[0]: {word for each in words[1:] for word in re.findall(r"\w+", each)} for words in found if words}
 
 
-def test_messages_are_told_with_all_their_members() -> None:
+def test_all_members_of_messages_are_documented() -> None:
     told = rows("| `mission.")
     assert told.keys() == KINDS.keys()
     for name, kind in KINDS.items():
@@ -42,12 +42,12 @@ def test_messages_are_told_with_all_their_members() -> None:
         assert f"`{field.encode_name}`" in MANUAL
 
 
-def test_steps_are_told() -> None:
+def test_all_steps_are_documented() -> None:
     told = {name.split()[0] for name in rows("| `")}
     assert {kind.__name__ for kind in (*get_args(Step), Idle)} <= told
 
 
-def test_the_program_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_program_of_the_manual_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(PROGRAM, "docs/mission.md", "exec"), {})
     program = loads(capsys.readouterr().out)
     assert [type(icon) for icon in program.icons if isinstance(icon, icons.MoveTable | icons.HandOver)] == [
@@ -64,7 +64,7 @@ def crew(tmp_path: Path) -> Iterator[Crew]:
     place.close()
 
 
-def test_the_new_icon_works(crew: Crew) -> None:
+def test_the_new_icon_of_the_manual_works(crew: Crew) -> None:
     found: dict[str, Any] = {}
     exec(compile(SALUTE, "docs/mission.md", "exec", dont_inherit=True), found)
     report = crew.leader("A").lead("salute", found["Salute"]("B", Spot("L1", 7.0, 2.0)))

@@ -72,7 +72,7 @@ def free(crew: Crew) -> bool:
     return all(agent.is_free for agent in crew.agents.values())
 
 
-def test_all_steps_are_done_together(crew: Crew) -> None:
+def test_steps_are_synchronized(crew: Crew) -> None:
     report = crew.leader("A").lead("test", Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()]))
     assert (report.result, report.reason) == ("done", "")
     assert [phase.name for phase in report.phases] == ["phase 0", "phase 1"]
@@ -90,7 +90,7 @@ def test_all_steps_are_done_together(crew: Crew) -> None:
     assert again.result == "done"
 
 
-def test_carriers_follow_one_rhythm(crew: Crew) -> None:
+def test_carriers_move_simultaneously(crew: Crew) -> None:
     rows = Trajectory([(7.0, 3.0, 0.0), (7.4, 3.0, 0.0)]).to_rows()
     own = Carry(rows=rows, place=(0.0, -1.0, 0.0))
     other = Carry(rows=rows, place=(0.0, 1.0, 0.0))
@@ -104,7 +104,7 @@ def test_carriers_follow_one_rhythm(crew: Crew) -> None:
     assert skew["max"] < 100
 
 
-def test_who_gathers_goes_around_who_stands(crew: Crew) -> None:
+def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
     beyond = Gather(floor="L1", x=7.0, y=4.9, heading=0.0)  # of B, who stands
     report = crew.leader("A").lead("test", Given([beyond], [Idle()]))
@@ -114,14 +114,14 @@ def test_who_gathers_goes_around_who_stands(crew: Crew) -> None:
     assert crew.place.agent.collisions == 0
 
 
-def test_who_gets_stuck_tries_again(crew: Crew) -> None:
+def test_a_blocked_robot_retries(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
     beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # where B stands, until it leaves
     report = crew.leader("A").lead("test", Given([beside], [near("B", 1.2)]))
     assert (report.result, report.reason) == ("done", "")
 
 
-def test_nobody_is_booked_twice(crew: Crew) -> None:
+def test_a_busy_robot_is_not_assigned(crew: Crew) -> None:
     crew.agents["B"].load(ProgramBuilder("busy").wait(60).program())
     crew.agents["B"].run()
     begun = time.monotonic()
@@ -133,14 +133,14 @@ def test_nobody_is_booked_twice(crew: Crew) -> None:
     assert crew.agents["A"].place == pytest.approx(ROBOTS["A"])
 
 
-def test_who_is_not_there_is_not_waited_for(crew: Crew) -> None:
+def test_the_leader_does_not_wait_for_robots_that_do_not_exist(crew: Crew) -> None:
     begun = time.monotonic()
     report = crew.leader("A").lead("test", Given([Idle()], [Idle()], [Idle()], [Idle()]))
     assert report.reason == "3 helpers are needed; B, C offered to help"
     assert time.monotonic() - begun < LEADING.agreement_timeout_s
 
 
-def test_only_the_nearest_are_looked_at(crew: Crew) -> None:
+def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
     near_c = Given([Idle()], [Idle()])
     near_c.meeting_point = Spot(*ROBOTS["C"][:3])
     report = crew.leader("A", replace(LEADING, spare_candidates=0)).lead("test", near_c)
@@ -148,7 +148,7 @@ def test_only_the_nearest_are_looked_at(crew: Crew) -> None:
     assert set(report.measurements) == {"A", "C"}
 
 
-def test_leaders_that_want_the_same_robots_have_them_in_turn(crew: Crew) -> None:
+def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
     """Both need C and nobody else is free: whoever comes second waits until the first mission has ended."""
     for name in "AB":
         crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
@@ -163,7 +163,7 @@ def test_leaders_that_want_the_same_robots_have_them_in_turn(crew: Crew) -> None
     assert second.phases[0].started["C"] > first.phases[-1].done["C"]
 
 
-def test_a_step_that_fails_ends_it_for_all(crew: Crew) -> None:
+def test_a_failed_step_ends_the_mission_for_all(crew: Crew) -> None:
     blocked = Approach(x=5.0, y=4.6, heading=0.0)  # through the elevator's wall
     report = crew.leader("A").lead("test", Given([near("A", 0.3), Idle()], [blocked, Idle()]))
     assert report.result == "failed"
@@ -171,7 +171,7 @@ def test_a_step_that_fails_ends_it_for_all(crew: Crew) -> None:
     eventually(lambda: free(crew), "all are free again")
 
 
-def test_a_member_that_is_stopped_ends_it_with_the_reason(crew: Crew) -> None:
+def test_an_emergency_stop_of_a_member_ends_the_mission(crew: Crew) -> None:
     thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
     crew.agents["B"].stop()
@@ -182,7 +182,7 @@ def test_a_member_that_is_stopped_ends_it_with_the_reason(crew: Crew) -> None:
     eventually(lambda: crew.agents["A"].is_free, "the others are free")
 
 
-def test_a_helper_without_network_ends_it_for_all(crew: Crew) -> None:
+def test_a_disconnected_helper_ends_the_mission_for_all(crew: Crew) -> None:
     thread, reports = leading(crew, Given([FAR, Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
     crew.bus.disconnected = {"B"}
@@ -193,7 +193,7 @@ def test_a_helper_without_network_ends_it_for_all(crew: Crew) -> None:
     assert all(abs(math.hypot(*agent.state.actor.velocity)) < 0.01 for agent in crew.agents.values())
 
 
-def test_a_leader_that_is_gone_leaves_nobody_driving(crew: Crew) -> None:
+def test_members_stop_without_their_leader(crew: Crew) -> None:
     thread, _ = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
     crew.bus.disconnected = {"A"}
@@ -202,7 +202,7 @@ def test_a_leader_that_is_gone_leaves_nobody_driving(crew: Crew) -> None:
     thread.join(60.0)
 
 
-def test_a_step_that_takes_too_long_is_named(crew: Crew) -> None:
+def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     begun = time.monotonic()
     report = crew.leader("A").lead(
         "test", Given([Idle()], [Gather(floor="L1", x=9.0, y=9.0, heading=0.0, limit_s=1.0)])
@@ -212,7 +212,7 @@ def test_a_step_that_takes_too_long_is_named(crew: Crew) -> None:
     eventually(lambda: free(crew), "all are free again")
 
 
-def test_a_leader_that_is_interrupted_ends_it(crew: Crew) -> None:
+def test_an_interrupted_leader_ends_the_mission(crew: Crew) -> None:
     thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
     crew.agents["A"].robot.course.abort("enough")

@@ -50,7 +50,7 @@ def steps_of(plan: CooperativePlan, robot: str) -> tuple[Step | Idle, ...]:
     return next(subplan.steps for subplan in plan.subplans if subplan.robot == robot)
 
 
-def test_who_takes_part_and_where(up: CooperativePlan) -> None:
+def test_roles_and_first_steps(up: CooperativePlan) -> None:
     assert {subplan.robot: subplan.role for subplan in up.subplans} == {"A": "leader", "B": "helper"}
     assert len({len(subplan.steps) for subplan in up.subplans} | {len(up.phases)}) == 1
     for subplan in up.subplans:
@@ -66,7 +66,7 @@ def test_who_takes_part_and_where(up: CooperativePlan) -> None:
     assert up.subplans[0].robot == ("A" if a.y < b.y else "B")  # each from its own side
 
 
-def test_the_leader_reserves_the_whole_way(up: CooperativePlan) -> None:
+def test_the_leader_reserves_all_swept_areas(up: CooperativePlan) -> None:
     reserve = steps_of(up, "A")[0]
     assert isinstance(reserve, Reserve)
     assert [floor for floor, _ in reserve.areas] == ["L1", "L2"]
@@ -80,7 +80,7 @@ def test_the_leader_reserves_the_whole_way(up: CooperativePlan) -> None:
     assert {(call.party, call.size) for call in calls} == {("m to L2", 2)}
 
 
-def test_the_way_goes_on_where_it_stopped(up: CooperativePlan) -> None:
+def test_each_carry_starts_where_the_one_before_ended(up: CooperativePlan) -> None:
     carries = [Trajectory.from_rows(step.rows) for step in steps_of(up, "A") if isinstance(step, Carry)]
     assert carries[0].start == pytest.approx((5.4, 3.5, -0.785))
     assert carries[-1].goal == pytest.approx((GOAL.x, GOAL.y, GOAL.heading))
@@ -88,7 +88,7 @@ def test_the_way_goes_on_where_it_stopped(up: CooperativePlan) -> None:
         assert after.start == pytest.approx(before.goal)
 
 
-def test_all_are_clear_of_the_doors_before_and_in_time_through_them(world: MapWorld, up: CooperativePlan) -> None:
+def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld, up: CooperativePlan) -> None:
     steps = steps_of(up, "A")
     called = next(number for number, step in enumerate(steps) if isinstance(step, CallCabin))
     assert up.phases[called - 1 : called + 4] == (
@@ -116,18 +116,18 @@ def test_elevators_that_are_too_small_are_named() -> None:
         MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
 
 
-def test_doors_that_can_not_be_passed_in_time_are_told() -> None:
+def test_doors_that_close_too_early_are_named() -> None:
     world = MapWorld(two_storeys(cabin_m=7.0))
     with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 15 s; driving in needs \d\d s"):
         MoveTablePlanner(world, "box", Destination("L2", 3.0, 3.5)).plan("m", "A", ROBOTS)
 
 
-def test_how_many_carry_follows_the_weight(world: MapWorld) -> None:
+def test_the_number_of_carriers_follows_from_the_weight(world: MapWorld) -> None:
     assert MoveTablePlanner(world, "box", GOAL).helpers == 1
     assert MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
 
 
-def test_what_is_not_there_is_told(world: MapWorld) -> None:
+def test_missing_objects_and_robots_are_named(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="no object 'piano'"):
         MoveTablePlanner(world, "piano", GOAL)
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):

@@ -30,7 +30,7 @@ def areas_of(*legs: CarryLeg) -> tuple[FloorArea, ...]:
 
 @settings(deadline=None, max_examples=60)
 @given(POSES, some.integers(0, 60))
-def test_the_body_stays_within_it(poses: list[tuple[float, float, float]], share: int) -> None:
+def test_the_body_stays_within_the_swept_area(poses: list[tuple[float, float, float]], share: int) -> None:
     ((floor, corners),) = areas_of(CarryLeg("L1", np.array(poses), ""))
     area = Polygon(corners)
     assert floor == "L1"
@@ -42,7 +42,7 @@ def test_the_body_stays_within_it(poses: list[tuple[float, float, float]], share
     assert area.buffer(0.03).covers(placed(FORMATION.footprint(TABLE), (pose[0], pose[1], pose[2])))
 
 
-def test_carriers_gather_within_it_and_nobody_else_is_kept_away() -> None:
+def test_the_swept_area_holds_the_gathering_and_little_more() -> None:
     gathered = FORMATION.footprint(TABLE, BACK_OFF_M)
     way = np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]])
     (area,) = (Polygon(corners) for _, corners in areas_of(CarryLeg("L1", way, "")))
@@ -53,7 +53,7 @@ def test_carriers_gather_within_it_and_nobody_else_is_kept_away() -> None:
     assert area.distance(shapely.Point(3.0, 2.5)) > 0.5
 
 
-def test_each_leg_has_its_own() -> None:
+def test_each_leg_has_an_area() -> None:
     legs = [
         CarryLeg("L1", np.array([[0.0, 0.0, 0.0], [2.0, 0.0, math.pi]]), "E1"),
         CarryLeg("L2", np.array([[2.0, 0.0, math.pi]]), "E2"),
