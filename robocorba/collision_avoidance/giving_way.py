@@ -22,13 +22,13 @@ from robocorba.spatial.pose import XY
 
 #: Gap between two robots' rims [m].
 MARGIN_M = 0.05
-#: The same within LAST_M of the goal, where both may have places side by side [m].
+#: The same near the goal [m], where two robots may have places side by side.
 NEAR_MARGIN_M = 0.012
 #: Distance from the goal within which NEAR_MARGIN_M holds [m].
-LAST_M = 0.6
+NEAR_GOAL_M = 0.6
 #: Greatest speed inside the margin [m/s], at which a robot gets past its neighbour.
 CREEP_M_S = 0.02
-#: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for what others learn too late.
+#: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for the delay of others' data.
 BRAKING_M_S2 = 0.6 * BASE.acceleration
 #: Two paths cross if the robots' rims come within MEET_M [m] during the next MEET_S [s].
 MEET_M, MEET_S = 0.15, 2.5
@@ -50,9 +50,9 @@ class Blocked(MotionFailed):
 class GiveWay:
     """A motion of the base that yields to other robots; raises Blocked once they have blocked it for some time.
 
-    goal: its end point [m]; within LAST_M of it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on
-    the whole path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls
-    and objects, too."""
+    goal: its end point [m]; near it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on the whole
+    path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls and
+    objects, too."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class GiveWay:
         return least
 
     def _margin_m(self, state: RobotState) -> float:
-        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < LAST_M
+        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < NEAR_GOAL_M
         return NEAR_MARGIN_M if is_near or self._precise_positioning else MARGIN_M
 
     def _check_blocked(self, state: RobotState, share: float, other: OtherRobot | None, now: float) -> None:

@@ -31,8 +31,8 @@ _NO_LEADER = 1e10
 
 
 class GatheringPaths:
-    """Paths around the `carried` object and all other movable objects at their present poses, which may differ from the
-    map. If there are more than MAX_AREAS of them, they are taken from the map.
+    """Finds paths around the `carried` object and all other movable objects at their present poses, which may differ
+    from the map. If there are more than MAX_AREAS of them, they are taken from the map.
 
     Raises NotReachable."""
 

@@ -1,4 +1,4 @@
-"""The cooperative icon hand_over: two robots meet half way, face to face, and one hands an object to the other.
+"""The plan of the cooperative icon hand_over: two robots meet half way, face to face; one hands an object to the other.
 
 The object is as small and light as a sheet of paper: the giver holds it in its hand, the simulation does not model
 it."""

@@ -1,4 +1,4 @@
-"""The cooperative icon move_table: the places of the robots around an object, and the steps to carry it."""
+"""The plan of the cooperative icon move_table: the robots' places around an object, and the steps to carry it."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class MoveTablePlanner:
             return [*phases, *self._carry_phases("carrying", path)]
         outside, inside = self._split_at_doors(path, elevator)
         count = len(self._carry.formation.grips)
-        party = f"{mission} to {next_floor}"
+        party = f"{mission} to {next_floor}"  # the carriers ride together
         call = CallCabin(elevator=elevator, destination=next_floor, party=party, size=count, limit_s=CABIN_LIMIT_S)
         ride = Ride(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
         return [

@@ -15,20 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robocorba.errors.robots import InvalidPlan
+from robocorba.missions.subplan import Row
 from robocorba.spatial.pose import Pose2D
 
-#: Limits of each carrier.
+#: Limits of each carrier, and of the body's origin.
 SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
 MAX_POSES = 2000
 #: Shorter segments [m] and turns [rad] are skipped.
 NEGLIGIBLE = 1e-9
 #: Largest slope of a smooth step, relative to a linear one.
 _SMOOTH_STEP_SLOPE = 1.5
-Row = tuple[float, ...]
 
 
 class Trajectory:
-    """poses (k, 3) of the body: x, y [m], unwrapped heading [rad]. places: of the carriers' bases in the body's frame.
+    """The motion of the body through `poses` (k, 3): x, y [m], unwrapped heading [rad]. places: poses of the carriers'
+    bases in the body's frame.
 
     Neither a carrier nor the body's origin exceeds `speed` [m/s], `turn_speed` [rad/s] or `acceleration` [m/s²].
     Raises InvalidPlan."""
@@ -122,7 +123,7 @@ def _times(here: Pose2D, there: Pose2D, reach: float, limits: tuple[float, float
     length = math.hypot(there[0] - here[0], there[1] - here[1]) + turn * reach  # upper bound for every carrier
     if max(length, turn) < NEGLIGIBLE:
         return 0.0, 0.0
-    # Rates in segments a second. Half of the acceleration is left for the centripetal part of a turning carrier.
+    # Rates in segments per second. Half of the acceleration is left for the centripetal part of a turning carrier.
     rates = [math.inf]
     if length > NEGLIGIBLE:
         rates.append(speed / length)

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 class MissionChannel(Protocol):
-    """The event channel of the robot's sub-network."""
+    """The event channel of the robot's sub-network, as missions use it."""
 
     def publish(self, type: str, payload: Any, retry_s: float) -> None:
         """Publish an event. Raises EventError, NotReachable after `retry_s`."""

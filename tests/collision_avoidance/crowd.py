@@ -1,9 +1,8 @@
-"""Robots that drive in one simulated building, whose time passes as fast as this machine can."""
+"""Robots that drive in one simulated building, which runs as fast as the computer can."""
 
 from __future__ import annotations
 
 import functools
-import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +40,7 @@ _KINEMATICS = InverseKinematics()
 
 
 class Crowd:
-    """Robots by name, from their start poses. `nearest_m`: least gap of two rims so far; `touched`: collisions."""
+    """Robots by name, from their start poses. touched: bodies of each collision."""
 
     def __init__(
         self, building: Building, starts: Mapping[str, Pose2D], policy: GivingWayPolicy = DEFAULT_POLICY
@@ -66,7 +65,6 @@ class Crowd:
             nearby = PoolNearby(pool, name, policy)
             self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby, LOOK_S)
         self.touched: list[tuple[str, ...]] = []
-        self.nearest_m = math.inf
         for _ in range(FOLLOW_STEPS):
             self._step()
 
@@ -78,7 +76,7 @@ class Crowd:
         return self.world.pose(name)[1:]
 
     def carried(self, thing: str, to: tuple[float, float]) -> None:
-        """Somebody has carried a thing somewhere else."""
+        """Move an object to another place."""
         before, floor = self.world.objects[thing]
         self.world._remove_object(thing)
         self.world._add_object(thing, msgspec.structs.replace(before, at=to), floor)
@@ -86,7 +84,7 @@ class Crowd:
             self._step()
 
     def run(self, limit_s: float, **parts: Callable[[Robot], None]) -> dict[str, str]:
-        """Until everybody has done its part; why not, by name. Fails after `limit_s` of simulated time."""
+        """Run all robots' parts to their ends; return the errors by name. Fails after `limit_s` of simulated time."""
         wrong: dict[str, str] = {}
 
         def do(name: str, part: Callable[[Robot], None]) -> None:
@@ -95,7 +93,7 @@ class Crowd:
             except RoboCorbaError as error:
                 wrong[name] = str(error)
 
-        threads = {name: threading.Thread(target=do, args=each, daemon=True) for name, each in _named(parts).items()}
+        threads = {name: threading.Thread(target=do, args=(name, part), daemon=True) for name, part in parts.items()}
         for thread in threads.values():
             thread.start()
         deadline = self.time + limit_s
@@ -110,10 +108,6 @@ class Crowd:
     def _step(self) -> None:
         happened = self.world.step()
         self.touched += [each.who for each in happened if each.kind == "collision"]
-        places = [self.world.pose(name) for name in self.robots]
-        for i, one in enumerate(places):
-            for other in places[:i]:
-                self.nearest_m = min(self.nearest_m, math.dist(one[1:3], other[1:3]) - 2 * RADIUS_M)
         self._place.clock.now += STEP_S
         for number, pool in enumerate(self._pools.values()):
             if (round(self.time / STEP_S) + number) % FOLLOW_STEPS == 0:
@@ -124,12 +118,8 @@ class Crowd:
 
 @functools.cache
 def _warm_up() -> None:
-    """Nobody waits for compiled code while time passes."""
+    """Compile kernels before simulated time passes."""
     PathPlanner(Building("")).warm_up()
-
-
-def _named(parts: Mapping[str, Callable[[Robot], None]]) -> dict[str, tuple[str, Callable[[Robot], None]]]:
-    return {name: (name, part) for name, part in parts.items()}
 
 
 class Stepped(HighController):

@@ -1,4 +1,4 @@
-"""Robots that drive don't touch each other: two by the rules alone, and more of them in the simulated building."""
+"""Giving way: robots never touch, with the rules alone, and in the simulated building."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TICK_S, KNOWN_LATE_TICKS = 0.02, 3
 
 
 class Base:
-    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is the only obstacle."""
+    """A base with the greatest acceleration, and a record of its states. wall_y: the only obstacle."""
 
     policy = DEFAULT_POLICY
 
@@ -72,7 +72,7 @@ class Base:
 
 
 def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> tuple[float, list[str]]:
-    """Until all are there or have given up: the nearest that two rims ever were, m, and how each of them ended."""
+    """Drive until all have arrived or failed: the least gap between two rims [m], and the end of each drive."""
     ends = [""] * len(bases)
     nearest_m = math.inf
     for base in bases:
@@ -106,13 +106,13 @@ SPEEDS = some.floats(0.1, 1.0)
 @example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 1.0)])
 @example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((0.0, -4.0), (0.0, 4.0), 1.0)])
 @example([((0.0, 0.0), (4.0, 0.0), 1.0), ((0.0, 1.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 0.5)])
-def test_robots_never_touch(ways: list[tuple[tuple[float, float], tuple[float, float], float]]) -> None:
-    starts = [start for start, _, _ in ways]
+def test_robots_never_touch(drives: list[tuple[tuple[float, float], tuple[float, float], float]]) -> None:
+    starts = [start for start, _, _ in drives]
     assume(all(math.dist(a, b) > 2 * RADIUS_M + MARGIN_M for i, a in enumerate(starts) for b in starts[:i]))
     bases = [Base(f"r{number}", *start) for number, start in enumerate(starts)]
     motions = [
         GiveWay(Drive([goal], None, speed, BASE), base, goal)
-        for base, (_, goal, speed) in zip(bases, ways, strict=True)
+        for base, (_, goal, speed) in zip(bases, drives, strict=True)
     ]
     nearest_m, ends = drive(bases, motions, 240.0)  # at 0.1 m/s 11 m take a while
     assert nearest_m > 0.0
@@ -203,7 +203,7 @@ Pose = tuple[float, float, float]
 
 
 def meet(crowd: Crowd, goals: dict[str, Pose], limit_s: float = 150.0) -> None:
-    """Everybody gets to its goal, and nobody touches anything."""
+    """All robots reach their goals without a collision."""
 
     def go(goal: Pose, robot: Robot) -> None:
         robot.drive_path(FLOOR, *goal, around_obstacles=True)

@@ -1,4 +1,4 @@
-"""Where others are by now, by a data pool that was followed some time ago."""
+"""Positions of other robots, extrapolated from a data pool that lags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What robots drive around that is not on the map."""
+"""Temporary obstacles, which are not on the map."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_goal_is_outside_the_area_of_a_near_robot() -> None:
         Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(4.0), "A", goal=(7.0, 4.85)).forbidden_areas
     )
     assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
-    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # ways keep that room to it
+    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # the clearance of paths
 
 
 def test_too_many_objects_are_left_to_the_map() -> None:

@@ -1,4 +1,4 @@
-"""How a robot does its steps, in the simulated building."""
+"""The steps of a SubPlan in the simulated building."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where robots stand around an object that they carry."""
+"""Formations of robots around an object that they carry."""
 
 from __future__ import annotations
 

@@ -29,15 +29,15 @@ class MovedWorld(MapWorld):
 
 def test_paths_avoid_the_object_where_it_is_now() -> None:
     world = MovedWorld(two_storeys())
-    ways = GatheringPaths(world, world.movable("box"))
-    assert ways.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
-    assert ways.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
+    paths = GatheringPaths(world, world.movable("box"))
+    assert paths.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
+    assert paths.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
     on_map = MapWorld(two_storeys())
     assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
 def test_a_moved_box_can_be_carried_again() -> None:
-    beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A stands where the map has the box
+    beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A is at the box's place on the map
     plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
     assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
 
@@ -77,40 +77,34 @@ def test_carriers_side_by_side_gather_apart() -> None:
     assert first[0] == second[0] == 0.0
 
 
-def test_robots_with_separate_paths_drive_simultaneously() -> None:
-    starts = [Place("L1", 0.0, 0.0), Place("L1", 0.0, 3.0)]
-    goals = [Place("L1", 4.0, 0.0), Place("L1", 4.0, 3.0)]
-    ways = [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]]
-    assert waves(starts, goals, ways) == [frozenset({0, 1})]
-
-
-def test_a_robot_whose_path_passes_another_goal_drives_first() -> None:
-    starts = [Place("L1", 0.0, 1.0), Place("L1", 0.0, -1.0), Place("L2", 0.0, 0.0)]
-    goals = [Place("L1", 2.0, 0.0), Place("L1", 4.0, 0.0), Place("L1", 6.0, 0.0)]
-    ways = [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]]
-    assert waves(starts, goals, ways) == [frozenset({2}), frozenset({1}), frozenset({0})]
-
-
-def test_a_robot_that_blocks_a_path_drives_first() -> None:
-    starts = [Place("L1", 0.0, 0.0), Place("L1", 2.0, 0.0)]
-    goals = [Place("L1", 4.0, 0.0), Place("L1", 2.0, 3.0)]
-    ways = [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]]
-    assert waves(starts, goals, ways) == [frozenset({1}), frozenset({0})]
-
-
-def test_robots_in_a_cycle_drive_together() -> None:
-    starts = [Place("L1", 0.0, 0.0), Place("L1", 4.0, 0.0)]
-    goals = [Place("L1", 4.0, 0.0), Place("L1", 0.0, 0.0)]
-    ways = [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]]
-    assert waves(starts, goals, ways) == [frozenset({0, 1})]
+@pytest.mark.parametrize(
+    ("floors", "paths", "groups"),
+    [
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]], [{0, 1}]),
+        (
+            ("L1", "L1", "L2"),
+            [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]],
+            [{2}, {1}, {0}],
+        ),
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]], [{1}, {0}]),
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]], [{0, 1}]),
+    ],
+    ids=("separate paths", "paths past goals of others", "a start on a path", "a cycle"),
+)
+def test_groups_that_drive_simultaneously(
+    floors: tuple[str, ...], paths: list[list[tuple[float, float]]], groups: list[set[int]]
+) -> None:
+    starts = [Place(floor, *path[0]) for floor, path in zip(floors, paths, strict=True)]
+    goals = [Place("L1", *path[-1]) for path in paths]
+    assert waves(starts, goals, paths) == groups
 
 
 @settings(deadline=None)
 @given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
-def test_each_robot_drives_once(ways: list[tuple[float, float, float, float]]) -> None:
-    starts, goals = [Place("L1", x, y) for x, y, _, _ in ways], [Place("L1", x, y) for _, _, x, y in ways]
-    found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in ways])
-    assert sorted(number for wave in found for number in wave) == list(range(len(ways)))
+def test_each_robot_drives_once(paths: list[tuple[float, float, float, float]]) -> None:
+    starts, goals = [Place("L1", x, y) for x, y, _, _ in paths], [Place("L1", x, y) for _, _, x, y in paths]
+    found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in paths])
+    assert sorted(number for group in found for number in group) == list(range(len(paths)))
 
 
 # ---- who gathers where ----

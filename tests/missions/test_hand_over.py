@@ -1,4 +1,4 @@
-"""What hand_over becomes, and two robots that do it."""
+"""The plans of hand_over, and two robots that hand over an object."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_they_meet_half_way(world: MapWorld) -> None:
 
 
 class Moved(MapWorld):
-    """The box is a long one now, right between A and B: who goes from one to the other has to go around it."""
+    """The box is now a long board between A and B, which the path between them has to avoid."""
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
         return {"L1": [Obstacle("object", "box", BOARD)]}

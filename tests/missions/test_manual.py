@@ -1,4 +1,4 @@
-"""docs/mission.md: what it says of messages, and its examples."""
+"""docs/mission.md: its tables of messages and steps, and its examples."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ PROGRAM, SALUTE = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
 
 
 def rows(start: str) -> dict[str, set[str]]:
-    """Of tables: the words in code of each row, by the first."""
+    """The words in code of each row of a table, by the first one of the row."""
     found = (re.findall(r"`([^`]+)`", line) for line in MANUAL.splitlines() if line.startswith(start))
     return {words[0]: {word for each in words[1:] for word in re.findall(r"\w+", each)} for words in found if words}
 
 
 def test_all_members_of_messages_are_documented() -> None:
-    told = rows("| `mission.")
-    assert told.keys() == KINDS.keys()
+    documented = rows("| `mission.")
+    assert documented.keys() == KINDS.keys()
     for name, kind in KINDS.items():
         wanted = {field.encode_name for field in msgspec.structs.fields(kind)} - {"mission", "sent"}
         if name == "mission.proposal":
             wanted |= {field.encode_name for field in msgspec.structs.fields(SubPlan)}
-        assert wanted <= told[name], name
+        assert wanted <= documented[name], name
     for field in msgspec.structs.fields(MemberMeasurements):
         assert f"`{field.encode_name}`" in MANUAL
 
 
 def test_all_steps_are_documented() -> None:
-    told = {name.split()[0] for name in rows("| `")}
-    assert {kind.__name__ for kind in (*get_args(Step), Idle)} <= told
+    documented = {name.split()[0] for name in rows("| `")}
+    assert {kind.__name__ for kind in (*get_args(Step), Idle)} <= documented
 
 
 def test_the_program_of_the_manual_is_valid(capsys: pytest.CaptureFixture[str]) -> None:

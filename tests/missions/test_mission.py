@@ -106,7 +106,7 @@ def test_carriers_move_simultaneously(crew: Crew) -> None:
 
 def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
-    beyond = Gather(floor="L1", x=7.0, y=4.9, heading=0.0)  # of B, who stands
+    beyond = Gather(floor="L1", x=7.0, y=4.9, heading=0.0)  # beyond B, which is stationary
     report = crew.leader("A").lead("test", Given([beyond], [Idle()]))
     assert (report.result, report.reason) == ("done", "")
     assert crew.agents["A"].place[:3] == pytest.approx(("L1", 7.0, 4.9), abs=0.02)
@@ -116,7 +116,7 @@ def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
 
 def test_a_blocked_robot_retries(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
-    beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # where B stands, until it leaves
+    beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # B's place, until it leaves
     report = crew.leader("A").lead("test", Given([beside], [near("B", 1.2)]))
     assert (report.result, report.reason) == ("done", "")
 
@@ -149,11 +149,11 @@ def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
 
 
 def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
-    """Both need C and nobody else is free: whoever comes second waits until the first mission has ended."""
+    """Both need C and no other robot is free: the second leader waits until the first mission has ended."""
     for name in "AB":
         crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
         crew.agents[name].run()
-    started = [leading(crew, Given([Idle()], [near("C", way)]), name) for name, way in (("A", 0.2), ("B", -0.2))]
+    started = [leading(crew, Given([Idle()], [near("C", dx)]), name) for name, dx in (("A", 0.2), ("B", -0.2))]
     for thread, _ in started:
         thread.join(60.0)
     reports = [found for _, (found,) in started]

@@ -1,4 +1,4 @@
-"""The page of a report: what is in it, and that nothing in a report becomes markup."""
+"""The page of a report: its contents, and that texts are escaped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robocorba.missions import page, timeline
 
 
 def report(**changed: Any) -> dict[str, Any]:
-    """A mission of two robots of two sub-networks, as `MissionReport.as_json` makes it."""
+    """A mission of two robots of two sub-networks, in the form of `MissionReport.as_json`."""
     latency = {"median": 1.0, "p99": 8.5, "max": 12.25, "count": 40}
     gathering = {
         "name": "gathering",

@@ -1,4 +1,4 @@
-"""What a carry takes is where its body comes by, in few corners."""
+"""Swept areas contain the body at all times, with few corners."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def test_the_body_stays_within_the_swept_area(poses: list[tuple[float, float, fl
 
 def test_the_swept_area_holds_the_gathering_and_little_more() -> None:
     gathered = FORMATION.footprint(TABLE, BACK_OFF_M)
-    way = np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]])
-    (area,) = (Polygon(corners) for _, corners in areas_of(CarryLeg("L1", way, "")))
-    for end in way.tolist():
+    path = np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]])
+    (area,) = (Polygon(corners) for _, corners in areas_of(CarryLeg("L1", path, "")))
+    for end in path.tolist():
         assert area.covers(placed(gathered, (end[0], end[1], end[2])))
     passed = shapely.union_all([placed(gathered, (x, 0.0, 0.0)) for x in np.linspace(0, 6, 60)])
     assert area.area < 1.25 * passed.convex_hull.area

@@ -1,4 +1,4 @@
-"""When a body that is carried is where."""
+"""Trajectories of a carried body."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ limits = st.tuples(st.floats(0.05, 1.0), st.floats(0.1, 1.0), st.floats(0.1, 1.0
 @settings(max_examples=20, deadline=None)
 @given(poses, limits)
 def test_no_carrier_exceeds_the_limits(
-    way: list[tuple[float, float, float]], limits: tuple[float, float, float]
+    path: list[tuple[float, float, float]], limits: tuple[float, float, float]
 ) -> None:
     speed, turn_speed, acceleration = limits
-    trajectory = Trajectory(way, PLACES, speed, turn_speed, acceleration)
+    trajectory = Trajectory(path, PLACES, speed, turn_speed, acceleration)
     times = np.linspace(0.0, trajectory.duration, 400)
     step = 1e-4
     for place in (*PLACES, (0.0, 0.0, 0.0)):
@@ -38,8 +38,8 @@ def test_no_carrier_exceeds_the_limits(
 
 @settings(max_examples=20, deadline=None)
 @given(poses)
-def test_velocities_are_the_derivatives_of_poses(way: list[tuple[float, float, float]]) -> None:
-    trajectory = Trajectory(way, PLACES)
+def test_velocities_are_the_derivatives_of_poses(path: list[tuple[float, float, float]]) -> None:
+    trajectory = Trajectory(path, PLACES)
     step = 1e-5
     for t in np.linspace(0.0, trajectory.duration, 100)[1:-1]:
         before, _ = trajectory.carrier(t - step, PLACES[2])
@@ -50,8 +50,8 @@ def test_velocities_are_the_derivatives_of_poses(way: list[tuple[float, float, f
 
 @settings(max_examples=20, deadline=None)
 @given(poses)
-def test_a_transmitted_trajectory_is_identical(way: list[tuple[float, float, float]]) -> None:
-    trajectory = Trajectory(way, PLACES)
+def test_a_transmitted_trajectory_is_identical(path: list[tuple[float, float, float]]) -> None:
+    trajectory = Trajectory(path, PLACES)
     received = Trajectory.from_rows(msgpack.unpackb(msgpack.packb(trajectory.to_rows())))
     assert received.to_rows() == trajectory.to_rows()
     assert received.duration == trajectory.duration
@@ -61,11 +61,11 @@ def test_a_transmitted_trajectory_is_identical(way: list[tuple[float, float, flo
 
 @settings(max_examples=20, deadline=None)
 @given(poses)
-def test_the_body_stops_at_each_pose(way: list[tuple[float, float, float]]) -> None:
-    trajectory = Trajectory(way, PLACES)
+def test_the_body_stops_at_each_pose(path: list[tuple[float, float, float]]) -> None:
+    trajectory = Trajectory(path, PLACES)
     assert trajectory.at(-1.0)[0] == trajectory.start
-    assert trajectory.start == pytest.approx(way[0], abs=1e-6)
-    assert trajectory.at(trajectory.duration) == (way[-1], (0.0, 0.0, 0.0))
+    assert trajectory.start == pytest.approx(path[0], abs=1e-6)
+    assert trajectory.at(trajectory.duration) == (path[-1], (0.0, 0.0, 0.0))
     for begins, x, y, heading, _ in trajectory.to_rows():
         pose, velocity = trajectory.at(begins)
         assert pose == pytest.approx((x, y, heading), abs=1e-9)
