@@ -80,13 +80,7 @@ class PoolNearby:
         return near.distance_m if near else math.inf
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
-        snapshot = self._pool.snapshot()
-        if not snapshot.is_known:
-            return TemporaryObstacles()
-        return movable_objects(snapshot, self.name, held, self.policy)
+        return movable_objects(self._pool.snapshot(), self.name, held, self.policy)
 
     def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
-        snapshot = self._pool.snapshot()
-        if not snapshot.is_known:
-            return TemporaryObstacles()
-        return temporary_obstacles(snapshot, self.name, also, goal, held, self.policy)
+        return temporary_obstacles(self._pool.snapshot(), self.name, also, goal, held, self.policy)
