@@ -115,10 +115,10 @@ class _FormationBody:
     def __init__(self, formation: Formation, outline: Polygon) -> None:
         self.formation, self.outline = formation, outline
         self.footprint = formation.footprint(outline)
-        lines = zip(formation.places(), formation.places(BACK_OFF_M), strict=True)
+        lines = zip(formation.carrier_poses(), formation.carrier_poses(BACK_OFF_M), strict=True)
         self.approach_areas = [LineString([here[:2], back[:2]]).buffer(RADIUS_M, quad_segs=16) for here, back in lines]
         rounded = []
-        for (x, y, _), grip in zip(formation.places(), formation.grips, strict=True):
+        for (x, y, _), grip in zip(formation.carrier_poses(), formation.grips, strict=True):
             rounded.append((x, y, x, y, RADIUS_M))
             # Both sides of the arms: an obstacle between carrier and object crosses one of them.
             across = ARMS_WIDTH_M / 2 * -math.sin(grip.facing), ARMS_WIDTH_M / 2 * math.cos(grip.facing)

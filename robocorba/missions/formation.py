@@ -63,7 +63,7 @@ class Formation(NamedTuple):
 
     grips: tuple[GripPoint, ...]
 
-    def places(self, back_m: float = 0.0) -> tuple[Pose2D, ...]:
+    def carrier_poses(self, back_m: float = 0.0) -> tuple[Pose2D, ...]:
         """Poses of the carriers' bases in the object's frame [m, rad], each backed off by `back_m`."""
         away = HAND_M + back_m
         return tuple(
@@ -74,7 +74,7 @@ class Formation(NamedTuple):
     def footprint(self, outline: Polygon, back_m: float = 0.0) -> BaseGeometry:
         """Object, carriers backed off by `back_m`, and their arms, in the object's frame."""
         parts = [outline]
-        for grip, (x, y, _) in zip(self.grips, self.places(back_m), strict=True):
+        for grip, (x, y, _) in zip(self.grips, self.carrier_poses(back_m), strict=True):
             parts.append(Point(x, y).buffer(RADIUS_M, quad_segs=16))
             parts.append(LineString([(x, y), (grip.x, grip.y)]).buffer(ARMS_WIDTH_M / 2, cap_style="flat"))
         return shapely.union_all(parts)
@@ -148,7 +148,7 @@ def _grips_around(outline: Polygon) -> list[GripPoint]:
 
 
 def _is_clear_of(outline: Polygon, grip: GripPoint) -> bool:
-    x, y, _ = Formation((grip,)).places()[0]
+    x, y, _ = Formation((grip,)).carrier_poses()[0]
     return bool(outline.distance(Point(x, y)) >= RADIUS_M)
 
 
@@ -157,8 +157,8 @@ def _thinned_out(grips: list[GripPoint], count: int) -> list[GripPoint]:
     repeatedly."""
     grips = list(grips)
     while math.comb(len(grips), count) > MAX_GRIP_SETS:
-        places = np.array(Formation(tuple(grips)).places())[:, :2]
-        away = np.hypot(*(places[:, None] - places[None]).T).round(6)
+        bases = np.array(Formation(tuple(grips)).carrier_poses())[:, :2]
+        away = np.hypot(*(bases[:, None] - bases[None]).T).round(6)
         away[np.tril_indices(len(grips))] = math.inf
         del grips[int(np.unravel_index(away.argmin(), away.shape)[1])]
     return grips
@@ -166,8 +166,8 @@ def _thinned_out(grips: list[GripPoint], count: int) -> list[GripPoint]:
 
 def _non_overlapping(grips: list[GripPoint], count: int) -> Iterator[tuple[GripPoint, ...]]:
     """Sets of grip points whose carriers do not overlap."""
-    places = np.array(Formation(tuple(grips)).places()).reshape(-1, 3)[:, :2]
-    away = np.hypot(*(places[:, None] - places[None]).T)
+    bases = np.array(Formation(tuple(grips)).carrier_poses()).reshape(-1, 3)[:, :2]
+    away = np.hypot(*(bases[:, None] - bases[None]).T)
     beside = away >= 2 * RADIUS_M + GAP_M - 1e-9
     for chosen in combinations(range(len(grips)), count):
         if all(beside[i, j] for i, j in combinations(chosen, 2)):
@@ -194,7 +194,7 @@ def _area_and_width(outline: Polygon, found: list[Formation]) -> tuple[Floats, F
     corners = shapely.get_coordinates(outline)
     turns = np.linspace(0.0, math.tau, 16, endpoint=False)
     disc = RADIUS_M * np.column_stack([np.cos(turns), np.sin(turns)])
-    middles = np.array([formation.places() for formation in found])[:, :, :2]
+    middles = np.array([formation.carrier_poses() for formation in found])[:, :, :2]
     discs = (middles[:, :, None] + disc).reshape(len(found), -1, 2)
     every = np.concatenate([discs, np.broadcast_to(corners, (len(found), *corners.shape))], axis=1)
     widths = np.ptp(every @ _directions(), axis=1).min(axis=1)
@@ -224,5 +224,5 @@ def _distinct(found: list[Formation], kept: list[Formation], most: int) -> list[
 
 def _difference(one: Formation, other: Formation) -> float:
     """Largest distance of a carrier of `one` from the nearest carrier of `other` [m]."""
-    here, there = np.array(one.places())[:, :2], np.array(other.places())[:, :2]
+    here, there = np.array(one.carrier_poses())[:, :2], np.array(other.carrier_poses())[:, :2]
     return float(np.hypot(*(here[:, None] - there[None]).T).min(axis=0).max())

@@ -106,7 +106,9 @@ def spread_apart(places: Sequence[Pose2D], apart_m: float = 2 * RADIUS_M + SPACI
     return [(x, y, heading) for (x, y), (_, _, heading) in zip(found, places, strict=True)]
 
 
-def waves(starts: Sequence[Place], goals: Sequence[Place], paths: Sequence[Sequence[XY]]) -> list[frozenset[int]]:
+def driving_groups(
+    starts: Sequence[Place], goals: Sequence[Place], paths: Sequence[Sequence[XY]]
+) -> list[frozenset[int]]:
     """Groups of robots, by index, that drive simultaneously, one group after another. A robot drives later than a robot
     whose path leads past its goal, or whose start blocks its path. Robots in a cycle drive together."""
     before: dict[int, set[int]] = {number: set() for number in range(len(goals))}

@@ -12,7 +12,7 @@ from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry_planning import CarryLeg, plan_carry
 from robocorba.missions.formation import BACK_OFF_M, GripPoint
-from robocorba.missions.gathering import GatheringPaths, assign_places, spread_apart, waves
+from robocorba.missions.gathering import GatheringPaths, assign_places, spread_apart, driving_groups
 from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
     Approach,
@@ -65,14 +65,16 @@ CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
 class MoveTablePlanner:
     """Plans the missions of the icon move_table (see CooperativePlanner). It plans the carry when it is created.
 
-    robots: 0 for as many as the object's weight needs. Raises MissionFailed, ImpossibleCarry, NotReachable."""
+    As many robots carry as the object's weight needs, at least two. Raises MissionFailed, ImpossibleCarry,
+    NotReachable."""
 
-    def __init__(self, world: World, table: str, goal: Destination, robots: int = 0) -> None:
+    def __init__(self, world: World, table: str, goal: Destination) -> None:
         self._world = world
         self._object = carried = world.movable(table)
-        count = robots or max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
+        count = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
         start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
         self._carry = plan_carry(world.building(), table, start, to, count, blocked=world.others(table))
+        self._carrier_poses = self._carry.formation.carrier_poses()
         self.helpers = count - 1
         self.required: frozenset[str] = frozenset()
         self.meeting_point = Place(carried.floor, carried.x, carried.y)
@@ -87,7 +89,7 @@ class MoveTablePlanner:
         phases = [
             PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
             *self._gathering_phases(gathering, [robots[name] for name in names], paths),
-            PhaseSteps("approaching", [_approach(_in_building(pose, carried.pose)) for pose in formation.places()]),
+            PhaseSteps("approaching", [_approach(_in_building(pose, carried.pose)) for pose in self._carrier_poses]),
             PhaseSteps("gripping", [self._take_hold(grip) for grip in formation.grips]),
         ]
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
@@ -103,7 +105,7 @@ class MoveTablePlanner:
     ) -> tuple[list[Pose2D], list[str]]:
         """Poses behind the carriers' places, and the robot for each of them. The poses are spread apart if there is
         room. Raises MissionFailed."""
-        carried, close = self._object, self._carry.formation.places(BACK_OFF_M)
+        carried, close = self._object, self._carry.formation.carrier_poses(BACK_OFF_M)
 
         def assigned(poses: Sequence[Pose2D]) -> tuple[list[Pose2D], list[str]]:
             poses = [_in_building(pose, carried.pose) for pose in poses]
@@ -124,7 +126,7 @@ class MoveTablePlanner:
         gathers = [Gather(floor=floor, x=x, y=y, heading=heading, limit_s=GATHER_LIMIT_S) for x, y, heading in poses]
         return [
             PhaseSteps("gathering", [step if number in group else Idle() for number, step in enumerate(gathers)])
-            for group in waves(starts, goals, points)
+            for group in driving_groups(starts, goals, points)
         ]
 
     def _take_hold(self, grip: GripPoint) -> TakeHold:
@@ -160,22 +162,20 @@ class MoveTablePlanner:
 
     def _carry_phases(self, phase: str, poses: Sequence[Pose2D], *limits: float) -> list[PhaseSteps]:
         """The phase that carries along `poses`; none if they are all the same. limits: as of Trajectory."""
-        places = self._carry.formation.places()
-        trajectory = Trajectory(poses, places, *limits)
+        trajectory = Trajectory(poses, self._carrier_poses, *limits)
         if trajectory.duration == 0.0:
             return []
         limit_s = CARRY_LIMIT_FACTOR * trajectory.duration + CARRY_LIMIT_EXTRA_S
         rows = trajectory.to_rows()
-        return [PhaseSteps(phase, [Carry(rows=rows, place=place, limit_s=limit_s) for place in places])]
+        return [PhaseSteps(phase, [Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])]
 
     def _through_doors(self, phase: str, poses: Sequence[Pose2D], elevator: str) -> list[PhaseSteps]:
         """Pass the doors before they close, at DOOR_LIMITS only if needed. Raises MissionFailed if that is too slow."""
-        places = self._carry.formation.places()
-        needed_s = Trajectory(poses, places).duration
+        needed_s = Trajectory(poses, self._carrier_poses).duration
         available_s = BOARDING_LIMIT_S - DOOR_MARGIN_S
         if needed_s <= available_s:
             return self._carry_phases(phase, poses)
-        needed_s = Trajectory(poses, places, *DOOR_LIMITS).duration
+        needed_s = Trajectory(poses, self._carrier_poses, *DOOR_LIMITS).duration
         if needed_s > available_s:
             raise MissionFailed(
                 f"the doors of {elevator} stay open for {BOARDING_LIMIT_S:g} s; "
@@ -187,7 +187,7 @@ class MoveTablePlanner:
         """A path into a cabin, split at the last pose at which the body is clear of the shaft."""
         shaft = shaft_polygon(self._world.building().elevators[elevator]).buffer(DOOR_CLEARANCE_M)
         footprint = Polygon(self._carry.footprint().convex_hull)
-        trajectory = Trajectory(poses, self._carry.formation.places())
+        trajectory = Trajectory(poses, self._carrier_poses)
         clear_until = 0.0
         while clear_until + DOOR_SAMPLE_S < trajectory.duration:
             if placed(footprint, trajectory.at(clear_until + DOOR_SAMPLE_S)[0]).intersects(shaft):

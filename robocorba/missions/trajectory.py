@@ -28,8 +28,8 @@ _SMOOTH_STEP_SLOPE = 1.5
 
 
 class Trajectory:
-    """The motion of the body through `poses` (k, 3): x, y [m], unwrapped heading [rad]. places: poses of the carriers'
-    bases in the body's frame.
+    """The motion of the body through `poses` (k, 3): x, y [m], unwrapped heading [rad]. carrier_poses: of the
+    carriers' bases in the body's frame.
 
     Neither a carrier nor the body's origin exceeds `speed` [m/s], `turn_speed` [rad/s] or `acceleration` [m/s²].
     Raises InvalidPlan."""
@@ -37,7 +37,7 @@ class Trajectory:
     def __init__(
         self,
         poses: ArrayLike,
-        places: Sequence[Pose2D] = (),
+        carrier_poses: Sequence[Pose2D] = (),
         speed: float = SPEED_M_S,
         turn_speed: float = TURN_SPEED_RAD_S,
         acceleration: float = ACCELERATION_M_S2,
@@ -46,7 +46,7 @@ class Trajectory:
             if not 0.0 < value < math.inf:
                 raise InvalidPlan(field, f"{value!r} is not greater than 0")
         path = [(x, y, heading) for x, y, heading in np.asarray(poses, dtype=float).reshape(-1, 3).tolist()]
-        reach = max((math.hypot(place[0], place[1]) for place in places), default=0.0)
+        reach = max((math.hypot(x, y) for x, y, _ in carrier_poses), default=0.0)
         limits = (speed, turn_speed, acceleration)
         rows, now = [], 0.0
         for here, there in pairwise(path):

@@ -59,7 +59,7 @@ def two_floors(cabin_m: float, door_m: float) -> Building:
 def check(building: Building, plan: CarryPlan, carried: str = "", blocked: tuple[Obstacle, ...] = ()) -> None:
     """The whole body is clear of all obstacles, all along its trajectories."""
     footprint = plan.footprint()
-    places = plan.formation.places()
+    places = plan.formation.carrier_poses()
     for leg in plan.legs:
         on_map = [item.geometry for item in obstacles(building, leg.floor) if item.name != carried]
         everything = shapely.union_all([*on_map, *(item.geometry for item in blocked)])
@@ -68,7 +68,7 @@ def check(building: Building, plan: CarryPlan, carried: str = "", blocked: tuple
         for t in np.arange(0.0, trajectory.duration + 0.1, 0.1):
             body = placed(footprint, trajectory.at(t)[0])
             assert everything.distance(body) > MARGIN_M - 0.006, (leg.floor, t)
-        for place in plan.formation.places(BACK_OFF_M):
+        for place in plan.formation.carrier_poses(BACK_OFF_M):
             x, y, _ = trajectory.carrier(trajectory.duration, place)[0]
             assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > RADIUS_M - 1e-6
 
@@ -164,7 +164,7 @@ def corridor(width_m: float) -> Building:
 
 
 def test_a_bend_that_a_long_table_cannot_take_is_named() -> None:
-    def places(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
+    def carrier_poses(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
         middle = width_m / 2
         return ("L1", 3.0, middle, 0.0), ("L1", 9.0 - middle, 6.0, math.pi / 2)
 

@@ -46,7 +46,7 @@ def test_carriers_do_not_overlap_and_hold_the_object_around_its_centroid(outline
     except InvalidCarry:
         return
     for formation in found:
-        places = formation.places()
+        places = formation.carrier_poses()
         assert len(places) == count
         for here, there in combinations(places, 2):
             assert math.dist(here[:2], there[:2]) > 2 * RADIUS_M
@@ -67,7 +67,7 @@ def test_up_to_six_robots_have_formations_around_a_table(count: int) -> None:
 
 
 def test_two_take_a_table_at_its_ends() -> None:
-    places = sorted(formations(TABLE, 2)[0].places())
+    places = sorted(formations(TABLE, 2)[0].carrier_poses())
     assert places[0] == pytest.approx((-1.42, 0.0, 0.0))
     assert places[1][:2] == pytest.approx((1.42, 0.0))
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle
-from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, spread_apart, waves
+from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, spread_apart, driving_groups
 from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.world import MovableObject
 from robocorba.planning.request import MAX_AREAS, Place
@@ -96,14 +96,14 @@ def test_groups_that_drive_simultaneously(
 ) -> None:
     starts = [Place(floor, *path[0]) for floor, path in zip(floors, paths, strict=True)]
     goals = [Place("L1", *path[-1]) for path in paths]
-    assert waves(starts, goals, paths) == groups
+    assert driving_groups(starts, goals, paths) == groups
 
 
 @settings(deadline=None)
 @given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
 def test_each_robot_drives_once(paths: list[tuple[float, float, float, float]]) -> None:
     starts, goals = [Place("L1", x, y) for x, y, _, _ in paths], [Place("L1", x, y) for _, _, x, y in paths]
-    found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in paths])
+    found = driving_groups(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in paths])
     assert sorted(number for group in found for number in group) == list(range(len(paths)))
 
 
