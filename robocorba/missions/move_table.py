@@ -12,7 +12,7 @@ from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry_planning import CarryLeg, plan_carry
 from robocorba.missions.formation import BACK_OFF_M, GripPoint
-from robocorba.missions.gathering import GatheringPaths, assign_places, spread_apart, driving_groups
+from robocorba.missions.gathering import GatheringPaths, assign_places, driving_groups, spread_apart
 from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
     Approach,

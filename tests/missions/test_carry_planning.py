@@ -164,14 +164,14 @@ def corridor(width_m: float) -> Building:
 
 
 def test_a_bend_that_a_long_table_cannot_take_is_named() -> None:
-    def carrier_poses(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
+    def start_and_goal(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
         middle = width_m / 2
         return ("L1", 3.0, middle, 0.0), ("L1", 9.0 - middle, 6.0, math.pi / 2)
 
     wide, narrow = corridor(2.6), corridor(1.5)
-    check(wide, plan_carry(wide, TABLE, *places(2.6), 2))
+    check(wide, plan_carry(wide, TABLE, *start_and_goal(2.6), 2))
     with pytest.raises(ImpossibleCarry) as raised:
-        plan_carry(narrow, TABLE, *places(1.5), 2)
+        plan_carry(narrow, TABLE, *start_and_goal(1.5), 2)
     (blocker,) = raised.value.blockers
     assert blocker.name in ("L1", "corner-south", "corner-east")
     assert "to turn at L1 (" in blocker.reason or "for it at L1 (" in blocker.reason

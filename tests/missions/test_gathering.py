@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle
-from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, spread_apart, driving_groups
+from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, driving_groups, spread_apart
 from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.world import MovableObject
 from robocorba.planning.request import MAX_AREAS, Place
