@@ -45,7 +45,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.samples import sample_path
 from robocorba.missions import page, timeline
-from robocorba.missions.record import REPORT_FILE
+from robocorba.missions.report import REPORT_FILE
 from robocorba.missions.world import MovableObject
 from robocorba.names import MISSIONS
 from robocorba.planning.request import PathRequest, Place

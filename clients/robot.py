@@ -29,7 +29,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
-from robocorba.missions import carry
+from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.programs import program
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.
         checker = Checker(planner)
         if settings.channel:
-            carry.warm_up()
+            carry_planning.warm_up()
         session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
         log_on(session, orb, settings)
         plans = Plans()

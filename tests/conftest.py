@@ -15,7 +15,7 @@ import pytest
 
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.model import Building
-from robocorba.missions import carry
+from robocorba.missions import carry_planning
 from robocorba.planning.planner import PathPlanner
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation import omni_database, physics
@@ -54,7 +54,7 @@ def compile_simulation() -> None:
 #: What compiles the kernels of a package, longest first.
 COMPILERS: dict[str, Callable[[], object]] = {
     "planning": lambda: PathPlanner(Building("none")).warm_up(),
-    "missions": carry.warm_up,
+    "missions": carry_planning.warm_up,
     "sensing": compile_sensing,
     "kinematics": InverseKinematics,
     "simulation": compile_simulation,

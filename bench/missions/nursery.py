@@ -19,14 +19,14 @@ from pathlib import Path
 
 from robocorba.clients import robot
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.missions import carry
+from robocorba.missions import carry_planning
 from robocorba.supervision.child import PR_SET_PDEATHSIG
 
 _libc = ctypes.CDLL(None)
 
 
 def main() -> None:
-    carry.warm_up()
+    carry_planning.warm_up()
     InverseKinematics()
     gc.freeze()
     if len(list(Path("/proc/self/task").iterdir())) > 1:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles, movable_objects, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
@@ -31,9 +32,10 @@ class OtherRobot(NamedTuple):
 
 
 class Nearby(Protocol):
-    """The surroundings of the robot called `name`. Thread-safe."""
+    """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe."""
 
     name: str
+    policy: GivingWayPolicy
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         """Robots within RANGE_M of a point [m]. Raises NotReachable if their positions are unknown."""
@@ -51,8 +53,8 @@ class Nearby(Protocol):
 class PoolNearby:
     """Nearby by a data pool that a PoolFollower keeps up to date."""
 
-    def __init__(self, pool: DataPool, name: str) -> None:
-        self._pool, self.name = pool, name
+    def __init__(self, pool: DataPool, name: str, policy: GivingWayPolicy = DEFAULT_POLICY) -> None:
+        self._pool, self.name, self.policy = pool, name, policy
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         lag_s = self._pool.lag_s
@@ -78,9 +80,7 @@ class PoolNearby:
         return near.distance_m if near else math.inf
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
-        snapshot = self._pool.snapshot()
-        return movable_objects(snapshot, self.name, held) if snapshot.is_known else TemporaryObstacles()
+        return movable_objects(self._pool.snapshot(), self.name, held, self.policy)
 
     def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
-        snapshot = self._pool.snapshot()
-        return temporary_obstacles(snapshot, self.name, also, goal, held) if snapshot.is_known else TemporaryObstacles()
+        return temporary_obstacles(self._pool.snapshot(), self.name, also, goal, held, self.policy)

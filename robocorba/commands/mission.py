@@ -25,7 +25,7 @@ from robocorba.settings import Settings
 if TYPE_CHECKING:
     from robocorba.corba.remote.agents import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.missions.record import StoredPlan
+    from robocorba.missions.subplan import StoredPlan
     from robocorba.programs.icons import Destination
 
 #: Interval between queries of the leader [s].
@@ -107,7 +107,7 @@ def report(
 ) -> None:
     """Print the report of a mission that has ended, and write it as a web page beside its JSON."""
     from robocorba.missions import page, timeline
-    from robocorba.missions.record import REPORT_FILE
+    from robocorba.missions.report import REPORT_FILE
 
     with reporting("mission"):
         folder = Settings.read(state=state).state / MISSIONS
@@ -126,7 +126,7 @@ def report(
 
 
 def tables(report: dict[str, Any]) -> list[Table]:
-    """Tables of the phases and of the message latencies. report: of `record.as_json`."""
+    """Tables of the phases and of the message latencies. report: of `MissionReport.as_json`."""
     from robocorba.missions import page
 
     phases = Table(*map(escape, page.PHASES), title=f"{report['mission']}: {report['result']}", title_justify="left")
@@ -211,7 +211,7 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[s
 
 
 def _latest(pool: RemotePool) -> StoredPlan | None:
-    from robocorba.missions.record import decode_plan
+    from robocorba.missions.subplan import StoredPlan
 
     plans = pool.plans()
-    return decode_plan(plans[-1].content) if plans else None
+    return StoredPlan.decode(plans[-1].content) if plans else None

@@ -43,10 +43,6 @@ STEP_ASIDE_M_S = 0.2
 PAUSES_S = (0.2, 0.8)
 #: Interval between searches for a path around the blocking robot [s].
 REPLAN_INTERVAL_S = 0.5
-#: Time after which a blocked robot takes the path of the map, without such a path [s].
-MAX_PAUSE_S = 10.0
-#: A drive fails when it is blocked more often than this.
-MAX_BLOCKAGES = 8
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +70,7 @@ class BaseMovements(Movements):
         limit [m/s], 0 for the controller's. Also raises PathError, InvalidRide, ElevatorFull."""
         goal, limit = Place(floor, x, y), self._speed(speed)
         points = (self._path_around(goal, limit) if around_obstacles else None) or self._path_past_objects(goal, limit)
-        for _ in range(MAX_BLOCKAGES):
+        for _ in range(self._nearby.policy.max_blockages if self._nearby else 0):
             try:
                 self._drive_along(points, heading, limit)
                 return
@@ -83,7 +79,7 @@ class BaseMovements(Movements):
                     raise
                 _log.info("%s", blocked)
                 self._step_aside(self._nearby, blocked.other)
-                points = self._path_after_blockage(blocked.other, goal, limit)
+                points = self._path_after_blockage(self._nearby, blocked.other, goal, limit)
         self._drive_along(points, heading, limit)
 
     def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
@@ -138,9 +134,9 @@ class BaseMovements(Movements):
                 self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE), nearby, avoid_walls=True))
         self.wait(random.uniform(*PAUSES_S))
 
-    def _path_after_blockage(self, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
-        """A path around another robot as soon as there is one; after MAX_PAUSE_S the map's path."""
-        deadline = self.clock() + MAX_PAUSE_S
+    def _path_after_blockage(self, nearby: Nearby, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
+        """A path around another robot as soon as there is one; after the policy's longest pause the map's path."""
+        deadline = self.clock() + nearby.policy.max_pause_s
         while self.clock() < deadline:
             if points := self._path_around(goal, speed, other.name):
                 return points

@@ -25,12 +25,15 @@ class SensorStop(RobotError):
 
 
 class ExecutionControl:
-    """interrupt: ends the running motion with an error. hold: pauses the robot (True) or lets it continue.
+    """interrupt: ends the running motion with an error. hold: pauses the robot (True) or lets it continue. look_s:
+    interval at which waiting threads check their conditions and interruptions [s].
 
     One thread runs the program; any thread may control it."""
 
-    def __init__(self, interrupt: Callable[[RobotError], None], hold: Callable[[bool], None]) -> None:
-        self._interrupt, self._hold = interrupt, hold
+    def __init__(
+        self, interrupt: Callable[[RobotError], None], hold: Callable[[bool], None], look_s: float = LOOK_S
+    ) -> None:
+        self._interrupt, self._hold, self._look_s = interrupt, hold, look_s
         self._lock = threading.Lock()
         self._interruptions: list[RobotError] = []
         self._is_released = threading.Event()
@@ -98,7 +101,7 @@ class ExecutionControl:
             with self._lock:
                 if self._interruptions:
                     raise self._interruptions[0]
-            if self._is_released.wait(LOOK_S):
+            if self._is_released.wait(self._look_s):
                 return
 
     def at_icon(self) -> None:
@@ -121,4 +124,4 @@ class ExecutionControl:
                 return True
             if waited_s >= limit_s:
                 return False
-            time.sleep(LOOK_S)
+            time.sleep(self._look_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from robocorba.control.execution_control import ExecutionControl
+from robocorba.control.execution_control import LOOK_S, ExecutionControl
 from robocorba.control.high_controller import HighController
 from robocorba.control.session import BuildingSession
 from robocorba.motion.motion import Motion
@@ -13,9 +13,9 @@ from robocorba.motion.motion import Motion
 class Movements:
     """Base class for the movements of a robot's parts. One thread at a time moves the robot; any may use `course`."""
 
-    def __init__(self, controller: HighController, session: BuildingSession) -> None:
+    def __init__(self, controller: HighController, session: BuildingSession, look_s: float = LOOK_S) -> None:
         self.controller, self.session = controller, session
-        self.course = ExecutionControl(controller.cancel, self._hold)
+        self.course = ExecutionControl(controller.cancel, self._hold, look_s)
 
     def move(self, motion: Motion) -> None:
         """Run a motion to its end."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control.arms import ArmMovements
 from robocorba.control.base import BaseMovements
+from robocorba.control.execution_control import LOOK_S
 from robocorba.control.high_controller import HighController
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
@@ -16,7 +17,7 @@ from robocorba.programs.base_checks import Planner
 
 
 class Robot(BaseMovements, ArmMovements):
-    """nearby: other robots and obstacles; without it the robot does not give way."""
+    """nearby: other robots and obstacles; without it the robot does not give way. look_s: see ExecutionControl."""
 
     def __init__(
         self,
@@ -26,8 +27,9 @@ class Robot(BaseMovements, ArmMovements):
         kinematics: InverseKinematics,
         planner: Planner,
         nearby: Nearby | None = None,
+        look_s: float = LOOK_S,
     ) -> None:
-        super().__init__(controller, session)
+        super().__init__(controller, session, look_s)
         self.sensors, self.kinematics = sensors, kinematics
         self._planner, self._nearby = planner, nearby
         self._held = {}

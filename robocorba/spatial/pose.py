@@ -7,6 +7,8 @@ from typing import NamedTuple, TypeAlias
 
 #: A point of a floor: x and y [m].
 XY: TypeAlias = tuple[float, float]
+#: x and y [m], heading [rad].
+Pose2D: TypeAlias = tuple[float, float, float]
 
 
 class Pose(NamedTuple):

@@ -30,7 +30,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
-from robocorba.missions.record import StoredPlan, decode_plan
+from robocorba.missions.subplan import StoredPlan
 from robocorba.names import MISSIONS
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
@@ -182,7 +182,7 @@ class MissionSystem:
     def kept(self, leader: str) -> StoredPlan | None:
         """The plan of the mission that a robot leads, or led last."""
         plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
-        return decode_plan(plans[-1].content) if plans else None
+        return StoredPlan.decode(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
         """Wait for a phase; fails if the mission ends before."""

@@ -1,4 +1,4 @@
-"""What a leader knows of a building that is only a map."""
+"""A World that consists of a map only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from robocorba.testing.buildings import with_all
 
 
 class MapWorld:
-    """Everything is where the map has it, and weighs as much as in the simulated building."""
+    """Objects are at their places on the map; each has the same mass."""
 
     def __init__(self, building: Building, mass_kg: float = 2.0) -> None:
         self._building, self._mass_kg = building, mass_kg

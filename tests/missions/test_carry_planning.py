@@ -1,4 +1,4 @@
-"""How robots carry an object together: their way, or what blocks it."""
+"""How robots carry an object together: their path, or what blocks it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from shapely import Polygon
 
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
+from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import BoxShape, Building, Door, Element, Elevator, ElevatorDoor, Floor, MapObject, Side, Wall
 from robocorba.maps.samples import load_sample
-from robocorba.missions.carry import MARGIN_M, CarryPlan, plan_carry, warm_up
+from robocorba.missions.carry_planning import CarryPlan, plan_carry, warm_up
+from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
 from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
 
@@ -55,20 +57,20 @@ def two_floors(cabin_m: float, door_m: float) -> Building:
 
 
 def check(building: Building, plan: CarryPlan, carried: str = "", blocked: tuple[Obstacle, ...] = ()) -> None:
-    """The whole body, wherever its trajectories have it, is clear of everything."""
+    """The whole body is clear of all obstacles, all along its trajectories."""
     footprint = plan.footprint()
-    places = plan.formation.places()
+    places = plan.formation.carrier_poses()
     for leg in plan.legs:
-        stands = [item.geometry for item in obstacles(building, leg.floor) if item.name != carried]
-        everything = shapely.union_all([*stands, *(item.geometry for item in blocked)])
+        on_map = [item.geometry for item in obstacles(building, leg.floor) if item.name != carried]
+        everything = shapely.union_all([*on_map, *(item.geometry for item in blocked)])
         shapely.prepare(everything)
         trajectory = Trajectory(leg.poses, places)
         for t in np.arange(0.0, trajectory.duration + 0.1, 0.1):
             body = placed(footprint, trajectory.at(t)[0])
             assert everything.distance(body) > MARGIN_M - 0.006, (leg.floor, t)
-        for place in plan.formation.places(0.3):
+        for place in plan.formation.carrier_poses(BACK_OFF_M):
             x, y, _ = trajectory.carrier(trajectory.duration, place)[0]
-            assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > plan.radius_m - 1e-6
+            assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > RADIUS_M - 1e-6
 
 
 def reached(pose: np.ndarray, goal: tuple[float, float, float]) -> bool:
@@ -118,7 +120,7 @@ def test_the_papers_table_goes_to_its_destination(count: int) -> None:
 
 
 @pytest.mark.parametrize("goal", [(11.3, 3.1, math.pi / 2), (6.7, 7.75, 0.0), (6.7, 7.75, math.pi)])
-def test_two_take_it_through_doors(goal: tuple[float, float, float]) -> None:
+def test_two_robots_carry_the_table_through_doors(goal: tuple[float, float, float]) -> None:
     building = load_sample("paper-scene")
     plan = plan_carry(building, "table", None, ("L1", *goal), 2)
     assert reached(plan.legs[0].poses[-1], goal)
@@ -162,14 +164,14 @@ def corridor(width_m: float) -> Building:
 
 
 def test_a_bend_that_a_long_table_cannot_take_is_named() -> None:
-    def places(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
+    def start_and_goal(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
         middle = width_m / 2
         return ("L1", 3.0, middle, 0.0), ("L1", 9.0 - middle, 6.0, math.pi / 2)
 
     wide, narrow = corridor(2.6), corridor(1.5)
-    check(wide, plan_carry(wide, TABLE, *places(2.6), 2))
+    check(wide, plan_carry(wide, TABLE, *start_and_goal(2.6), 2))
     with pytest.raises(ImpossibleCarry) as raised:
-        plan_carry(narrow, TABLE, *places(1.5), 2)
+        plan_carry(narrow, TABLE, *start_and_goal(1.5), 2)
     (blocker,) = raised.value.blockers
     assert blocker.name in ("L1", "corner-south", "corner-east")
     assert "to turn at L1 (" in blocker.reason or "for it at L1 (" in blocker.reason
@@ -188,23 +190,21 @@ def test_two_carry_a_box_up_one_floor() -> None:
     check(building, plan)
 
 
-def test_a_cabin_that_is_too_small_is_named() -> None:
+@pytest.mark.parametrize(
+    ("cabin_m", "door_m", "outline", "reason"),
+    [(2.0, 1.8, TABLE, "2.00 m by 2.00 m"), (3.5, 0.7, BOX, "its door is 0.70 m wide")],
+)
+def test_a_cabin_or_a_door_that_is_too_small_is_named(
+    cabin_m: float, door_m: float, outline: Polygon, reason: str
+) -> None:
     with pytest.raises(ImpossibleCarry) as raised:
-        plan_carry(two_floors(2.0, 1.8), TABLE, ("L1", 2.5, 2.5, 0.0), ("L2", 9.0, 2.5, 0.0), 2)
+        plan_carry(two_floors(cabin_m, door_m), outline, ("L1", 2.5, 2.5, 0.0), ("L2", 9.0, 2.5, 0.0), 2)
     (blocker,) = raised.value.blockers
     assert (blocker.kind, blocker.name) == ("elevator", "E1")
-    assert "2.00 m by 2.00 m" in blocker.reason
+    assert reason in blocker.reason
 
 
-def test_an_elevators_narrow_door_is_named() -> None:
-    with pytest.raises(ImpossibleCarry) as raised:
-        plan_carry(two_floors(3.5, 0.7), BOX, ("L1", 2.5, 2.5, 0.0), ("L2", 9.0, 2.5, 0.0), 2)
-    (blocker,) = raised.value.blockers
-    assert (blocker.kind, blocker.name) == ("elevator", "E1")
-    assert "its door is 0.70 m wide" in blocker.reason
-
-
-def test_a_cabin_whose_doors_are_shut_is_no_way_through() -> None:
+def test_closed_elevator_doors_are_obstacles() -> None:
     """A shaft across the whole corridor, with a door on each side."""
     doors = (ElevatorDoor("L1", side=Side.LEFT, width=2.5), ElevatorDoor("L1", side=Side.RIGHT, width=2.5))
     building = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=doors))
@@ -212,7 +212,7 @@ def test_a_cabin_whose_doors_are_shut_is_no_way_through() -> None:
         plan_carry(building, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2)
 
 
-def test_start_and_goal_that_are_not_free_are_told() -> None:
+def test_an_error_names_what_occupies_start_or_goal() -> None:
     building = floor("L1", 9.0, 7.0, MapObject(name="shelf", shape=BoxShape(size=(2.0, 0.5)), at=(6.0, 4.2)))
     with pytest.raises(ImpossibleCarry) as raised:
         plan_carry(building, TABLE, ("L1", 2.5, 3.0, 0.0), ("L1", 6.0, 3.8, 0.0), 2)
@@ -222,7 +222,7 @@ def test_start_and_goal_that_are_not_free_are_told() -> None:
         plan_carry(building, TABLE, ("L1", 0.5, 3.0, 0.0), ("L1", 6.0, 2.0, 0.0), 2)
 
 
-def test_what_is_said_to_stand_elsewhere_stands_there() -> None:
+def test_objects_are_avoided_where_they_are_now() -> None:
     crate = MapObject(name="crate", shape=BoxShape(size=(1.0, 1.0)), at=(6.0, 3.5), movable=True)
     building = floor("L1", 12.0, 7.0, crate)
     start, goal = ("L1", 2.5, 3.5, 0.0), ("L1", 6.0, 3.5, 0.0)
@@ -235,7 +235,7 @@ def test_what_is_said_to_stand_elsewhere_stands_there() -> None:
         plan_carry(building, TABLE, start, goal, 2, blocked={"L1": [moved, shapely.box(5.5, 3.0, 6.5, 4.0)]})
 
 
-def test_a_robot_in_the_way_is_gone_round() -> None:
+def test_the_path_leads_around_a_robot() -> None:
     building = floor("L1", 12.0, 7.0)
     robot = Obstacle("robot", "C", shapely.Point(6.0, 3.5).buffer(0.4))
     plan = plan_carry(building, TABLE, ("L1", 2.5, 3.5, 0.0), ("L1", 9.5, 3.5, 0.0), 2, blocked={"L1": [robot]})
@@ -254,12 +254,12 @@ def test_a_robot_in_the_way_is_gone_round() -> None:
         (TABLE, None, ("L1", 6.0, 3.0, 0.0), 2),
     ],
 )
-def test_what_makes_no_sense_is_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
+def test_invalid_requests_are_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InvalidCarry):
         plan_carry(load_sample("paper-scene"), thing, start, goal, count)
 
 
-def test_floors_that_no_elevator_joins() -> None:
+def test_floors_without_a_connecting_elevator() -> None:
     building = two_floors(3.0, 2.0)
     building = Building("apart", building.floors)
     with pytest.raises(ImpossibleCarry, match="no elevator leads from L1 to L2"):
