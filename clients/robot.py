@@ -28,7 +28,7 @@ from robocorba.data_pool.plans import Plans
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.missions import carry
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         checker = Checker(planner)
         if settings.channel:
             carry.warm_up()
-        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
+        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE_LIMITS))
         log_on(session, orb, settings)
         plans = Plans()
         reports = settings.common.state / MISSIONS

@@ -24,7 +24,7 @@ from robocorba.kinematics.body import Body, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import at_least, at_most, quantile, summarize, timed_ms
 
@@ -43,7 +43,7 @@ def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats
     found: list[Floats] = []
     while len(found) < count:
         joints = HOME.copy()
-        joints[ARM[side]] = chance.uniform(LOWER[ARM[side]], UPPER[ARM[side]])
+        joints[ARM[side]] = chance.uniform(JOINT_LOWER[ARM[side]], JOINT_UPPER[ARM[side]])
         if not are_clear or not body.collisions(joints):
             found.append(joints)
     return found
@@ -147,7 +147,7 @@ def main() -> int:
 def forward(body: Body) -> list[dict[str, Any]]:
     """Rows for the durations of forward kinematics and collision queries."""
     chance = np.random.default_rng(18)
-    everywhere = list(chance.uniform(LOWER, UPPER, (QUESTIONS, len(JOINTS))))
+    everywhere = list(chance.uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))
     rows = []
     for what, ask in (
         ("one hand, forward", lambda joints: body.hand(Side.LEFT, joints)),

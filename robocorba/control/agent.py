@@ -24,7 +24,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.errors.simulation import InvalidChoice, SimulationError
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.programs.base_checks import Planner
 from robocorba.programs.program import Program
@@ -254,8 +254,8 @@ class ControlAgent:
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""
-        if not 0.0 < speed <= BASE.speed:
-            raise InvalidChoice("speed", f"{speed} is not above 0 and at most {BASE.speed:g} m/s")
+        if not 0.0 < speed <= BASE_LIMITS.speed:
+            raise InvalidChoice("speed", f"{speed} is not above 0 and at most {BASE_LIMITS.speed:g} m/s")
         self._cap = speed
         if self._controller:
             self._controller.speed_cap = speed
@@ -304,7 +304,9 @@ class ControlAgent:
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building
-        controller = HighController(made, BASE, LOWER, UPPER, SPEED, self._follow, self._record, self._log_on)
+        controller = HighController(
+            made, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, self._follow, self._record, self._log_on
+        )
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)

@@ -14,7 +14,7 @@ from robocorba.control.virtual_controller import VirtualController
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.simulation import SimulationError
-from robocorba.kinematics.smartpal import ACCELERATION, JOINTS, LOWER, SPEED, UPPER
+from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
 #: Greatest time step of the joints [s].
@@ -38,7 +38,9 @@ class SimulatedAdaptor(RobotAdaptor):
         self._is_started = False
         self._lock = threading.Lock()
         self._time = 0.0
-        self._joints = VirtualController(np.zeros(len(JOINTS)), LOWER, UPPER, SPEED, ACCELERATION)
+        self._joints = VirtualController(
+            np.zeros(len(JOINTS)), JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, JOINT_ACCELERATION
+        )
 
     def start(self, argv: Sequence[str]) -> bool:
         if self._is_started:

@@ -20,7 +20,18 @@ import numpy as np
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed
-from robocorba.kinematics.smartpal import ACCELERATION, ARM, BASE, GRIP, JOINTS, LOWER, LUMBAR, SPEED, UPPER, Side
+from robocorba.kinematics.smartpal import (
+    ARM,
+    BASE_LIMITS,
+    GRIP,
+    JOINT_ACCELERATION,
+    JOINT_LOWER,
+    JOINT_SPEED,
+    JOINT_UPPER,
+    JOINTS,
+    LUMBAR,
+    Side,
+)
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.spatial.frames import turned
 from robocorba.spatial.grids import Floats
@@ -140,8 +151,10 @@ class SmartPalAdaptor(RobotAdaptor):
             raise AdaptorFailed(str(error)) from None
         self._get_ready(units)
         self._set_place(units, given.pose)
-        units.set_base_limits(BASE.speed, BASE.turn, BASE.acceleration, BASE.turn_acceleration)
-        units.set_arm_acceleration(float((SPEED / ACCELERATION)[ARM[Side.LEFT]].max()))
+        units.set_base_limits(
+            BASE_LIMITS.speed, BASE_LIMITS.turn, BASE_LIMITS.acceleration, BASE_LIMITS.turn_acceleration
+        )
+        units.set_arm_acceleration(float((JOINT_SPEED / JOINT_ACCELERATION)[ARM[Side.LEFT]].max()))
         self._set_jog_timeout(units, ActorCommand().valid_s)
         self._last, self._reads = None, 0
         self._targets, self._jogs, self._positions, self._moves_until = {}, {}, {}, {}
@@ -258,7 +271,7 @@ class SmartPalAdaptor(RobotAdaptor):
     # ---- write ----
 
     def _joint_calls(self, units: SmartPalUnits, command: ActorCommand) -> list[Callable[[], Any]]:
-        wanted = np.clip(command.joints, LOWER, UPPER)
+        wanted = np.clip(command.joints, JOINT_LOWER, JOINT_UPPER)
         moving = command.joint_velocities if len(command.joint_velocities) else np.zeros(len(JOINTS))
         calls: list[Callable[[], Any]] = []
         for side in Side:
@@ -266,12 +279,12 @@ class SmartPalAdaptor(RobotAdaptor):
             if self._must_send_jog(f"{side.value} arm", speeds):
                 calls.append(_bound(units.jog_arm, side, speeds))
         if self._is_new_target("lumbar", wanted[LUMBAR]):
-            speed, acceleration = float(SPEED[LUMBAR][0]), float(ACCELERATION[LUMBAR][0])
+            speed, acceleration = float(JOINT_SPEED[LUMBAR][0]), float(JOINT_ACCELERATION[LUMBAR][0])
             calls.append(_bound(units.move_lumbar, *wanted[LUMBAR].tolist(), speed, acceleration))
         for side in Side:
             row = GRIP[side]
             if self._is_new_target(f"{side.value} grip", wanted[row : row + 1]):
-                target = float(wanted[row]), float(SPEED[row]), float(ACCELERATION[row])
+                target = float(wanted[row]), float(JOINT_SPEED[row]), float(JOINT_ACCELERATION[row])
                 calls.append(_bound(units.move_grip, side, *target))
         return calls
 
@@ -280,7 +293,7 @@ class SmartPalAdaptor(RobotAdaptor):
         error = np.zeros(len(wanted)) if self._last is None else wanted - self._last[2][rows]
         if not moving.any() and np.abs(error).max() < _AT_REST_RAD:
             return np.zeros(len(wanted))
-        return np.asarray(np.clip(moving + GAIN * error, -SPEED[rows], SPEED[rows]))
+        return np.asarray(np.clip(moving + GAIN * error, -JOINT_SPEED[rows], JOINT_SPEED[rows]))
 
     def _is_new_target(self, part: str, target: Floats) -> bool:
         before = self._targets.get(part)

@@ -9,7 +9,7 @@ import numpy as np
 
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import JOINTS, LOWER, UPPER, Side
+from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from robocorba.spatial.grids import Floats
 
 #: Depth up to which overlapping links do not count as colliding [m].
@@ -58,7 +58,7 @@ class Body:
 
 def within_limits(joints: Floats, slack_rad: float = 1e-9) -> bool:
     """Whether every joint is in its range; NaN is not."""
-    return bool(np.all((joints >= LOWER - slack_rad) & (joints <= UPPER + slack_rad)))
+    return bool(np.all((joints >= JOINT_LOWER - slack_rad) & (joints <= JOINT_UPPER + slack_rad)))
 
 
 def _names(model: mujoco.MjModel) -> Iterable[str]:

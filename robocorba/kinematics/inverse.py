@@ -16,7 +16,7 @@ from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import Body
 from robocorba.kinematics.chain import NEAR, TURN_M, chains_of, solve_pose
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, LUMBAR, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
 from robocorba.spatial.grids import Floats, Longs
 
 #: A comfortable arm (7,) [rad]: the elbow bent and slightly aside, the wrist in the middle of its range.
@@ -42,7 +42,7 @@ class InverseKinematics:
         self._comfort = np.zeros(len(JOINTS))
         for side in Side:
             self._comfort[ARM[side]] = COMFORTABLE_ARM
-        spread = np.random.default_rng(1).uniform(LOWER, UPPER, (MAX_RESTARTS - 1, len(JOINTS)))
+        spread = np.random.default_rng(1).uniform(JOINT_LOWER, JOINT_UPPER, (MAX_RESTARTS - 1, len(JOINTS)))
         spread[::2, ARM[Side.RIGHT]] = spread[::2, ARM[Side.LEFT]]  # tasks of two hands are often symmetrical
         self.restarts = np.vstack([self._comfort, spread])
         self._solve({}, 0.0, self._comfort, False, False, False)  # compiles the kernels
@@ -107,7 +107,9 @@ class InverseKinematics:
 
         best, least, colliding = seed, math.inf, ""
         for joints in self._seeds(seed, moving, leaps):
-            left = solve_pose(self._chains, joints, places, attitudes, weights, moving, LOWER, UPPER, self._comfort)
+            left = solve_pose(
+                self._chains, joints, places, attitudes, weights, moving, JOINT_LOWER, JOINT_UPPER, self._comfort
+            )
             if left < NEAR:
                 touching = self.body.collisions(joints) if avoid_collisions else []
                 if not touching:
@@ -120,7 +122,7 @@ class InverseKinematics:
     def _seeds(self, seed: Floats, moving: Longs, leaps: bool) -> Iterator[Floats]:
         """Start joints; those that may move are within their limits."""
         joints = np.array(seed, float)
-        joints[moving] = np.clip(joints[moving], LOWER[moving], UPPER[moving])
+        joints[moving] = np.clip(joints[moving], JOINT_LOWER[moving], JOINT_UPPER[moving])
         yield joints.copy()
         for restart in self.restarts if leaps else ():
             joints[moving] = restart[moving]

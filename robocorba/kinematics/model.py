@@ -29,7 +29,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from robocorba.kinematics.smartpal import HEIGHT_M, JOINTS, LOWER, UPPER, Side
+from robocorba.kinematics.smartpal import HEIGHT_M, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 
 #: Position of the left shoulder, and lengths to elbow, wrist, end of the arm and control point [m].
 SHOULDER_M = (-0.025, 0.200, 1.1265)
@@ -46,7 +46,7 @@ PROXIMITY_SENSORS = 8
 ACROSS, ALONG, UP = (0, 1, 0), (1, 0, 0), (0, 0, 1)
 #: Dimensions of a finger, and half the gap between parallel fingers [m]: closed fingers meet at their tips.
 _FINGER_LENGTH_M, _FINGER_M = 0.090, 0.006
-_GAP_M = _FINGER_LENGTH_M * math.tan(UPPER[-1]) / 2
+_GAP_M = _FINGER_LENGTH_M * math.tan(JOINT_UPPER[-1]) / 2
 
 #: Angles are radians. Assumed inertia [kg m^2] and friction [N m s/rad] that motors and gears add to a joint.
 _SETTINGS = """
@@ -134,7 +134,7 @@ def _link(parent: mujoco.MjsBody, name: str, at: Vector, *joints: tuple[str, Vec
 
 def _add_joint(body: mujoco.MjsBody, name: str, axis: Vector, at: Vector = (0, 0, 0)) -> None:
     row = JOINTS.index(name)
-    body.add_joint(name=name, axis=axis, pos=at, range=(LOWER[row], UPPER[row]), limited=True)
+    body.add_joint(name=name, axis=axis, pos=at, range=(JOINT_LOWER[row], JOINT_UPPER[row]), limited=True)
 
 
 def _capsule(body: mujoco.MjsBody, start: Vector, end: Vector, radius_m: float, mass_kg: float, colour: Vector) -> None:

@@ -41,14 +41,14 @@ _ARM_DEGREES = ((-45, 180), (-109.5, 14.5), (-120, 120), (-1.5, 129.5), (-120, 1
 _LUMBAR_DEGREES = ((-11.5, 0.5), (-0.5, 120.5))
 _GRIP_DEGREES = (-58, 8)
 _DEGREES = (*_ARM_DEGREES, *_ARM_DEGREES, *_LUMBAR_DEGREES, _GRIP_DEGREES, _GRIP_DEGREES)
-LOWER: Floats = np.radians([lower for lower, _ in _DEGREES])
-UPPER: Floats = np.radians([upper for _, upper in _DEGREES])
+JOINT_LOWER: Floats = np.radians([lower for lower, _ in _DEGREES])
+JOINT_UPPER: Floats = np.radians([upper for _, upper in _DEGREES])
 #: Angles of an open and of a closed gripper [rad]; minus opens.
 OPEN_RAD, SHUT_RAD = math.radians(-58), math.radians(8)
 
 #: Assumed limits of joint speed [rad/s] and acceleration [rad/s^2]: arms, lumbar, grippers.
-SPEED: Floats = np.radians([*[90.0] * 14, *[30.0] * 2, *[120.0] * 2])
-ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 2])
+JOINT_SPEED: Floats = np.radians([*[90.0] * 14, *[30.0] * 2, *[120.0] * 2])
+JOINT_ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 2])
 
 RADIUS_M, MASS_KG, HEIGHT_M = 0.40, 127.0, 1.325
-BASE = Limits(1.0, math.radians(100), 1.0, math.radians(100))
+BASE_LIMITS = Limits(1.0, math.radians(100), 1.0, math.radians(100))

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from robocorba.kinematics.smartpal import BASE
+from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.planning.request import Place
 from robocorba.programs.arm_checks import ArmChecks, ArmsAt
@@ -94,8 +94,8 @@ def require(
 
 def _check_alone(path: str, icon: Icon, report: CheckReport) -> None:
     """Report parameters of one icon that contradict each other."""
-    if isinstance(icon, MbaseVelocity) and math.hypot(icon.ahead, icon.left) > BASE.speed:
-        report.find(path, "ahead, left", f"together they are faster than {BASE.speed:g} m/s")
+    if isinstance(icon, MbaseVelocity) and math.hypot(icon.ahead, icon.left) > BASE_LIMITS.speed:
+        report.find(path, "ahead, left", f"together they are faster than {BASE_LIMITS.speed:g} m/s")
     if isinstance(icon, MhandPose):
         angles = {"roll": icon.roll, "pitch": icon.pitch, "yaw": icon.yaw}
         missing = [name for name, angle in angles.items() if angle is None]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.kinematics.smartpal import ACCELERATION, LOWER, SPEED, UPPER
+from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.smartpal.codes import Answer
 from robocorba.smartpal.dynamics import BASE, Dynamics
 from robocorba.smartpal.setpoint import Setpoint, braking_speed
@@ -27,8 +27,8 @@ class AxesUnit(Unit):
     def __init__(self, name: str, dynamics: Dynamics, rows: slice) -> None:
         super().__init__(name, dynamics)
         self._rows = rows
-        self.lower, self.upper = LOWER[rows], UPPER[rows]
-        self.max_speed, self.max_acceleration = SPEED[rows], ACCELERATION[rows]
+        self.lower, self.upper = JOINT_LOWER[rows], JOINT_UPPER[rows]
+        self.max_speed, self.max_acceleration = JOINT_SPEED[rows], JOINT_ACCELERATION[rows]
         self._axes = [Setpoint(position) for position in dynamics.joints[rows].tolist()]
 
     @property

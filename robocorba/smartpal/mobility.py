@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from robocorba.kinematics.smartpal import BASE
+from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.smartpal.codes import Answer, AxesState, MobilityState
 from robocorba.smartpal.dynamics import STEP_S, Dynamics
 from robocorba.smartpal.segment import Arc, BasePose, Line, Segment, from_frame, rotated, to_frame
@@ -16,7 +16,7 @@ from robocorba.smartpal.setpoint import Setpoint
 from robocorba.smartpal.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, Unit
 
 #: Maximum speed [mm/s, degrees/s] and, with the same values, acceleration [mm/s^2, degrees/s^2].
-MAX_MM_S, MAX_DEG_S = 1000.0 * BASE.speed, math.degrees(BASE.turn)
+MAX_MM_S, MAX_DEG_S = 1000.0 * BASE_LIMITS.speed, math.degrees(BASE_LIMITS.turn)
 #: The same limits at power-up.
 INITIAL_MM_S, INITIAL_DEG_S = 100.0, 10.0
 #: Deceleration that the wheels hold [m/s^2, rad/s^2]: half of gravity, wheels about 0.25 m from the centre. Assumed.

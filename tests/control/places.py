@@ -24,7 +24,7 @@ from robocorba.control.simulated_adaptor import SimulatedAdaptor
 from robocorba.errors.robots import MotionFailed, RobotLost
 from robocorba.errors.simulation import SessionExpired
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
@@ -187,7 +187,7 @@ class Channel:
 
 
 def controller(adaptor: RobotAdaptor) -> HighController:
-    return HighController(adaptor, BASE, LOWER, UPPER, SPEED)
+    return HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
 
 
 def robot(place: Place, session: InProcessSession) -> Robot:

@@ -10,7 +10,7 @@ import pytest
 
 from robocorba.kinematics.body import Body, within_limits
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LOWER, LUMBAR, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, JOINT_LOWER, JOINT_UPPER, LUMBAR, Side
 from robocorba.spatial.grids import Floats
 
 from .postures import HOME, anywhere, at
@@ -108,9 +108,9 @@ def test_what_runs_into_what(body: Body, degrees: dict[str, float], pair: set[st
 
 
 def test_limits_of_joints() -> None:
-    assert within_limits(LOWER) and within_limits(UPPER) and within_limits(HOME)
+    assert within_limits(JOINT_LOWER) and within_limits(JOINT_UPPER) and within_limits(HOME)
     for row in range(len(HOME)):
-        for beyond in (LOWER[row] - 0.001, UPPER[row] + 0.001, math.nan, math.inf):
+        for beyond in (JOINT_LOWER[row] - 0.001, JOINT_UPPER[row] + 0.001, math.nan, math.inf):
             joints = HOME.copy()
             joints[row] = beyond
             assert not within_limits(joints)

@@ -17,7 +17,7 @@ from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import Body, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LOWER, LUMBAR, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, GRIP, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.spatial.grids import Floats
 
@@ -148,7 +148,7 @@ def test_a_hand_that_has_to_turn_half_round(inverse: InverseKinematics) -> None:
 
 def test_a_seed_out_of_limits_ends_within(inverse: InverseKinematics) -> None:
     target = HandPose(0.4, 0.2, 0.9)
-    for beyond in (UPPER + 1, LOWER - 1):
+    for beyond in (JOINT_UPPER + 1, JOINT_LOWER - 1):
         seed = HOME.copy()
         seed[ARM[Side.LEFT]] = beyond[ARM[Side.LEFT]]
         assert is_at(Side.LEFT, inverse.solve(Side.LEFT, target, seed), target)
@@ -183,7 +183,7 @@ def test_without_leaps_only_the_seed_is_tried(inverse: InverseKinematics) -> Non
 def test_an_arm_left_free_bends_at_ease(inverse: InverseKinematics) -> None:
     """Redundant joints end away from their limits where the target leaves it open."""
     found = inverse.solve(Side.LEFT, BODY.hand(Side.LEFT, READY), at(left_3=-60, left_5=60, left_4=60))
-    room = np.minimum(found - LOWER, UPPER - found)[ARM[Side.LEFT]]
+    room = np.minimum(found - JOINT_LOWER, JOINT_UPPER - found)[ARM[Side.LEFT]]
     assert room.min() > math.radians(5)
 
 

@@ -12,7 +12,7 @@ import pytest
 from robocorba.control import smartpal_adaptor
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
-from robocorba.kinematics.smartpal import JOINTS, SPEED, Side
+from robocorba.kinematics.smartpal import JOINT_SPEED, JOINTS, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.spatial.grids import Floats
 
@@ -111,7 +111,7 @@ def test_arms_get_what_is_wanted_and_what_takes_back_the_error(units: Units, ada
     assert adaptor.write(ActorCommand(joints=joints, joint_velocities=moving))
     left, right = (order[2] for order in orders(units, "jog_arm"))
     assert left == pytest.approx([0.3 + smartpal_adaptor.GAIN * 0.05, *[smartpal_adaptor.GAIN * 0.05] * 6])
-    assert right == pytest.approx([SPEED[7], *[0.0] * 6])
+    assert right == pytest.approx([JOINT_SPEED[7], *[0.0] * 6])
 
 
 def test_what_stands_is_neither_told_so_again_nor_asked_for_each_time(units: Units, adaptor: SmartPalAdaptor) -> None:
