@@ -20,7 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
@@ -37,7 +37,7 @@ HOME = np.zeros(len(JOINTS))
 Solve = Callable[[HandPose], Floats | None]
 
 
-def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats]:
+def postures(body: SmartPalBody, side: Side, count: int, are_clear: bool) -> list[Floats]:
     """Random joint angles of an arm, with the other arm hanging. are_clear: only postures without collisions."""
     chance = np.random.default_rng(17)
     found: list[Floats] = []
@@ -99,7 +99,9 @@ def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
     return solve
 
 
-def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) -> tuple[dict[str, Any], list[float]]:
+def measure(
+    body: SmartPalBody, side: Side, by: str, solve: Solve, truth: list[Floats]
+) -> tuple[dict[str, Any], list[float]]:
     """A row, and the duration of each solve [ms]."""
     solved, times = 0, []
     solve(body.hand(side, truth[0]))
@@ -124,7 +126,7 @@ def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) 
 
 def main() -> int:
     """Exit code: 0 if every mark was reached."""
-    body, inverse = Body(), InverseKinematics()
+    body, inverse = SmartPalBody(), InverseKinematics()
     rows, times, marks = [], {}, []
     for side in Side:
         anywhere = postures(body, side, POSES, False)
@@ -144,7 +146,7 @@ def main() -> int:
     return 0 if summarize("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
 
 
-def forward(body: Body) -> list[dict[str, Any]]:
+def forward(body: SmartPalBody) -> list[dict[str, Any]]:
     """Rows for the durations of forward kinematics and collision queries."""
     chance = np.random.default_rng(18)
     everywhere = list(chance.uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))

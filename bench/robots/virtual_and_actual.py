@@ -28,7 +28,7 @@ from matplotlib.axes import Axes
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.programs import program
 from robocorba.programs.icons import kind
@@ -72,7 +72,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=3, help="default: %(default)s")
     options = parser.parse_args()
-    body = Body()
+    body = SmartPalBody()
     ends: list[StateDifference] = []
     parts: list[tuple[list[Part], list[Part]]] = []
     with tempfile.TemporaryDirectory() as folder, claimed_ports() as port, Orb(Address("127.0.0.1", port)) as orb:
@@ -132,7 +132,7 @@ def parts_of(file: Path) -> list[Part]:
 # ---- differences ----
 
 
-def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> list[dict[str, Any]]:
+def compared(run: int, virtual: list[Part], actual: list[Part], body: SmartPalBody) -> list[dict[str, Any]]:
     """A row for each tick of the robot that took longer for an icon."""
     found, began_s = [], 0.0
     kinds = {path: kind(icon) for path, icon in program.walk(program.load(PROGRAM))}
@@ -165,7 +165,7 @@ def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> l
     return found
 
 
-def _hand_mm(body: Body, side: Side, joints: Floats, other: Floats) -> float:
+def _hand_mm(body: SmartPalBody, side: Side, joints: Floats, other: Floats) -> float:
     return math.dist(body.hand(side, joints).position, body.hand(side, other).position) * MM
 
 

@@ -16,7 +16,7 @@ from robocorba.spatial.grids import Floats
 _TOUCH_M = 1e-4
 
 
-class Body:
+class SmartPalBody:
     """SmartPal's links, without forces and time. Joints are (18,) [rad], in the order of `smartpal.JOINTS`; positions
     are in the robot's frame.
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.chain import NEAR, TURN_M, chains_of, solve_pose
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
@@ -36,8 +36,8 @@ class InverseKinematics:
     posture; without, the answer follows from the seed, as a hand on a straight line needs. Raises Unreachable with
     the remaining error. Not thread-safe."""
 
-    def __init__(self, body: Body | None = None) -> None:
-        self.body = body or Body()
+    def __init__(self, body: SmartPalBody | None = None) -> None:
+        self.body = body or SmartPalBody()
         self._chains = chains_of(self.body.model)
         self._comfort = np.zeros(len(JOINTS))
         for side in Side:

@@ -22,7 +22,7 @@ LINE_STEP_M = 0.01
 
 
 class BodyModel(Protocol):
-    """The part of `robocorba.kinematics.body.Body` used here."""
+    """The part of `robocorba.kinematics.body.SmartPalBody` used here."""
 
     def hand(self, side: Side, joints: Floats) -> HandPose: ...
 

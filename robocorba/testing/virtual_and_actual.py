@@ -14,7 +14,7 @@ from typing import NamedTuple
 from robocorba.control.agent import AgentState
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import Side
 from robocorba.testing.processes import ROBOCORBA, Launcher
 
@@ -32,7 +32,7 @@ class StateDifference(NamedTuple):
     hands_m: dict[Side, float]
 
 
-def apart(one: AgentState, other: AgentState, body: Body) -> StateDifference:
+def apart(one: AgentState, other: AgentState, body: SmartPalBody) -> StateDifference:
     """The differences between the states of two robots."""
     a, b = one.actor, other.actor
     hands = {side: math.dist(body.hand(side, a.joints).position, body.hand(side, b.joints).position) for side in Side}

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
@@ -23,7 +23,7 @@ from robocorba.spatial.grids import Floats
 
 from .postures import HOME, anywhere, at
 
-BODY, INVERSE = Body(), InverseKinematics()
+BODY, INVERSE = SmartPalBody(), InverseKinematics()
 SIDES = st.sampled_from(list(Side))
 SEEDS = st.integers(0, 2**32 - 1)
 READY = at()
@@ -42,7 +42,7 @@ def test_where_a_hand_can_be_it_gets(side: Side, seed: int) -> None:
     assert np.array_equal(found[rest], HOME[rest])
 
 
-def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: Body, inverse: InverseKinematics) -> None:
+def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: SmartPalBody, inverse: InverseKinematics) -> None:
     for side in Side:
         solved = asked = 0
         for joints in anywhere(400, 11):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, RADIUS_M, Side
@@ -30,20 +30,20 @@ def test_the_postures_of_the_missions_are_there() -> None:
 
 @pytest.mark.parametrize("right", POSTURES)
 @pytest.mark.parametrize("left", POSTURES)
-def test_postures_keep_limits_and_are_clear_of_the_body(body: Body, left: str, right: str) -> None:
+def test_postures_keep_limits_and_are_clear_of_the_body(body: SmartPalBody, left: str, right: str) -> None:
     assert within_limits(taking(left, right))
     assert body.collisions(taking(left, right)) == []
 
 
 @pytest.mark.parametrize("end", POSTURES)
 @pytest.mark.parametrize("start", POSTURES)
-def test_the_way_from_posture_to_posture_is_clear(body: Body, start: str, end: str) -> None:
+def test_the_way_from_posture_to_posture_is_clear(body: SmartPalBody, start: str, end: str) -> None:
     for share in np.linspace(0, 1, 41):
         joints = (1 - share) * taking(start, start) + share * taking(end, end)
         assert body.collisions(joints) == []
 
 
-def test_what_the_postures_are_for(body: Body) -> None:
+def test_what_the_postures_are_for(body: SmartPalBody) -> None:
     hands = {name: body.hand(Side.LEFT, taking(name, name)) for name in POSTURES}
     for name in ("ready", "reach", "carry"):
         assert hands[name][3:] == pytest.approx((0, 0, 0), abs=1e-9)  # level, ahead
@@ -55,7 +55,7 @@ def test_what_the_postures_are_for(body: Body) -> None:
 
 @pytest.mark.parametrize("height_m", [0.6, 0.7, 0.8, 0.9, 1.0])
 @pytest.mark.parametrize("spacing_m", [0.3, 0.5])
-def test_tables_are_gripped(body: Body, inverse: InverseKinematics, height_m: float, spacing_m: float) -> None:
+def test_tables_are_gripped(body: SmartPalBody, inverse: InverseKinematics, height_m: float, spacing_m: float) -> None:
     hands = grip_table(height_m, 0.45, spacing_m)
     joints = inverse.solve_both(*hands, HOME, use_lumbar=True)
     assert within_limits(joints)
@@ -71,7 +71,7 @@ def test_tables_are_gripped(body: Body, inverse: InverseKinematics, height_m: fl
 @pytest.mark.parametrize("height_m", [0.85, 1.0])
 @pytest.mark.parametrize("aside_m", [-0.1, 0.0, 0.15])
 def test_both_hold_the_sheet(
-    body: Body, inverse: InverseKinematics, between_m: float, height_m: float, aside_m: float
+    body: SmartPalBody, inverse: InverseKinematics, between_m: float, height_m: float, aside_m: float
 ) -> None:
     """In one frame: the giver stands at the origin, the taker faces it."""
     handing = hand_over(between_m, height_m, aside_m)

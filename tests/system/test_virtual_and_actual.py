@@ -14,7 +14,7 @@ import pytest
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.maps import native
 from robocorba.maps.model import Building, Floor, Wall
 from robocorba.programs.builder import ProgramBuilder
@@ -114,7 +114,7 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
             assert each.state.program.result is Result.DONE
             assert each.state.at.floor == "L2"
         assert (virtual.state.adaptor, ran.state.adaptor) == ("simulated", "smartpal")
-        found = apart(virtual.state, ran.state, Body())
+        found = apart(virtual.state, ran.state, SmartPalBody())
         assert found.base_m <= BASE_M
         assert found.turned_rad <= TURNED_RAD
         assert max(found.hands_m.values()) <= HAND_M
