@@ -27,7 +27,7 @@ from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, fau
 from robocorba.clients.robot_film import RobotShapes, Views, sheet
 from robocorba.clients.robot_processes import ActualRobot, Running, robocorba, servers
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
@@ -215,9 +215,9 @@ def _have_ended(states: Mapping[str, AgentState]) -> bool:
     """Whether all programs are done. Raises MotionFailed if one has failed."""
     for name, state in states.items():
         report = state.program
-        if report.result not in (Result.NO_RESULT, Result.DONE):
+        if report.result not in (ProgramResult.NO_RESULT, ProgramResult.DONE):
             raise MotionFailed(f"{name}: {report.icon} {report.kind}: {report.reason}")
-    return all(state.program.result is Result.DONE for state in states.values())
+    return all(state.program.result is ProgramResult.DONE for state in states.values())
 
 
 def _describe(program: Program, path: str) -> str:

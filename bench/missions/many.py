@@ -35,7 +35,7 @@ import psutil
 from matplotlib.axes import Axes
 
 from bench.common.processes import Process
-from robocorba.control.runner import Report, Result
+from robocorba.control.runner import ProgramResult, Report
 from robocorba.errors.base import RoboCorbaError
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
@@ -215,7 +215,7 @@ def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[fl
                 report = place.agent(f"l{room.number}").state().program
             except RoboCorbaError as error:  # too busy to answer, or gone
                 report = Report(reason=str(error))
-            if report.result is not Result.NO_RESULT or time.monotonic() - began > DEADLINE_S:
+            if report.result is not ProgramResult.NO_RESULT or time.monotonic() - began > DEADLINE_S:
                 running.remove(room)
                 yield room, report
         time.sleep(1.0)

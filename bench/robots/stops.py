@@ -32,7 +32,7 @@ from bench.common.namespaces import CLONE_NEWNET, Namespace
 from bench.common.processes import Process
 from bench.robots.place import FLOOR, NAME, RecordedRobot, faults, servers, stand_in
 from bench.robots.recorded_robot import HANG_S
-from robocorba.control.agent import Condition
+from robocorba.control.agent import AgentCondition
 from robocorba.control.high_controller import SPEED_CAP
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError
@@ -153,7 +153,7 @@ class Stage:
     def _reported(self) -> tuple[float, str]:
         def stop_reason() -> str:
             state = self.robot.agent.state()
-            return state.reason if state.condition is Condition.STOPPED else ""
+            return state.reason if state.condition is AgentCondition.STOPPED else ""
 
         reason = eventually(stop_reason, PATIENCE_S, "that the agent reports the stop")
         return time.monotonic(), str(reason)
@@ -175,11 +175,11 @@ class Stage:
         def is_back() -> bool:
             try:
                 state = self.robot.agent.state()
-                if state.condition is Condition.STOPPED:
+                if state.condition is AgentCondition.STOPPED:
                     self.robot.agent.reset_stop()
-                elif state.condition is not Condition.IDLE:
+                elif state.condition is not AgentCondition.IDLE:
                     self.robot.agent.abort()
-                return self.robot.agent.state().condition is Condition.IDLE
+                return self.robot.agent.state().condition is AgentCondition.IDLE
             except (NotReachable, RobotError):
                 return False
 

@@ -26,7 +26,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS, Side
@@ -113,7 +113,7 @@ def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple
         robot = stack.enter_context(robot_process(folder, orb, ROBOT, *arguments))
         robot.robocorba("program", "run", str(PROGRAM), "--robot", ROBOT)
         state = robot.agent.state()
-        assert (state.adaptor, state.program.result) == (adaptor, Result.DONE)
+        assert (state.adaptor, state.program.result) == (adaptor, ProgramResult.DONE)
         return state, parts_of(folder / "ticks.csv")
 
 

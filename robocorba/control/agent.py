@@ -15,7 +15,7 @@ from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, OtherRobots, Report, Result, Runner
+from robocorba.control.runner import IconBegun, OtherRobots, ProgramResult, Report, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
@@ -52,7 +52,7 @@ END_LIMIT_S = 5.0
 _log = logging.getLogger(__name__)
 
 
-class Condition(Enum):
+class AgentCondition(Enum):
     """Condition of a control agent."""
 
     IDLE = 0
@@ -67,7 +67,7 @@ class AgentState(NamedTuple):
 
     name: str
     adaptor: str
-    condition: Condition
+    condition: AgentCondition
     reason: str
     at: Pose
     actor: RobotState
@@ -290,12 +290,12 @@ class ControlAgent:
             raise IllegalOrder("move", f"is stopped: {self._controller.stopped}")
         return self._robot
 
-    def _condition(self, controller: HighController) -> Condition:
+    def _condition(self, controller: HighController) -> AgentCondition:
         if controller.stopped:
-            return Condition.STOPPED
+            return AgentCondition.STOPPED
         if not self._is_running:
-            return Condition.IDLE
-        return Condition.PAUSED if self._robot and self._robot.course.is_paused else Condition.RUNNING
+            return AgentCondition.IDLE
+        return AgentCondition.PAUSED if self._robot and self._robot.course.is_paused else AgentCondition.RUNNING
 
     # ---- implementation ----
 
@@ -319,7 +319,7 @@ class ControlAgent:
         return self._thread is not None and self._thread.is_alive()
 
     def _refuse_while_running(self, order: str) -> None:
-        if self._is_running and self._report.result is not Result.NO_RESULT:
+        if self._is_running and self._report.result is not ProgramResult.NO_RESULT:
             self._join()  # its thread is about to end
         if self._is_running:
             raise IllegalOrder(order, "runs a program")
@@ -390,7 +390,7 @@ class ControlAgent:
 
     def _record(self, state: RobotState, command: ActorCommand) -> None:
         report = self._report
-        if self._ticks and report.icon and report.result is Result.NO_RESULT:
+        if self._ticks and report.icon and report.result is ProgramResult.NO_RESULT:
             floor = self.session.latest.at.floor
             self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
 

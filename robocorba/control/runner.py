@@ -29,7 +29,7 @@ MAX_ICONS_BEGUN = 1000
 BLIND_LIMIT_S = 1.0
 
 
-class Result(Enum):
+class ProgramResult(Enum):
     """Result of a program."""
 
     NO_RESULT = 0
@@ -43,7 +43,7 @@ class Report(NamedTuple):
     reason: why the program failed or was aborted. seconds: since its start."""
 
     name: str = ""
-    result: Result = Result.NO_RESULT
+    result: ProgramResult = ProgramResult.NO_RESULT
     icon: str = ""
     kind: str = ""
     reason: str = ""
@@ -95,7 +95,7 @@ class Runner:
     @property
     def report(self) -> Report:
         report = self._last_report
-        if report.result is Result.NO_RESULT:
+        if report.result is ProgramResult.NO_RESULT:
             return report._replace(seconds=time.monotonic() - self._started_at)
         return report
 
@@ -104,13 +104,13 @@ class Runner:
         try:
             self._others.subscribe(_awaited(self._program), self._events.append)
             self._run_icons("icons", self._program.icons)
-            self._update(result=Result.DONE, icon="", kind="")
+            self._update(result=ProgramResult.DONE, icon="", kind="")
         except Aborted as error:
-            self._update(result=Result.ABORTED, reason=str(error))
+            self._update(result=ProgramResult.ABORTED, reason=str(error))
         except RoboCorbaError as error:
-            self._update(result=Result.FAILED, reason=str(error))
+            self._update(result=ProgramResult.FAILED, reason=str(error))
         except Exception as error:
-            self._update(result=Result.FAILED, reason=f"{type(error).__name__}: {error}")
+            self._update(result=ProgramResult.FAILED, reason=f"{type(error).__name__}: {error}")
             raise
         return self.report
 

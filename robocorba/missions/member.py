@@ -7,7 +7,7 @@ import time
 
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, Report, Result
+from robocorba.control.runner import IconBegun, ProgramResult, Report
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.missions.carry_progress import CarryProgress
@@ -112,7 +112,7 @@ class Member:
                 self._wait_for(number)
                 self._do_step(number)
             self._wait_for_end()
-            self._update_report(Result.DONE)
+            self._update_report(ProgramResult.DONE)
         except RoboCorbaError as error:
             self._fail(error)
         except Exception as error:
@@ -170,7 +170,7 @@ class Member:
         self._robot.course.settle(lambda why: True)
         self._executor.end_safely()
         reason = self._order.reason if was_ordered else str(wrong)
-        self._update_report(Result.ABORTED if was_ordered else Result.FAILED, reason)
+        self._update_report(ProgramResult.ABORTED if was_ordered else ProgramResult.FAILED, reason)
 
     def _abort(self, reason: str) -> None:
         with self._changed:
@@ -183,7 +183,7 @@ class Member:
     def _phase(self) -> str:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""
 
-    def _update_report(self, result: Result = Result.NO_RESULT, reason: str = "") -> None:
+    def _update_report(self, result: ProgramResult = ProgramResult.NO_RESULT, reason: str = "") -> None:
         self.report = Report(
             self.report.name,
             result,

@@ -12,7 +12,7 @@ import pytest
 
 from robocorba.collision_avoidance import giving_way
 from robocorba.control import base
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.missions import leader, member, mission_agent
 from robocorba.missions.leader import MissionReport
@@ -101,7 +101,7 @@ def test_all_steps_are_done_together(crew: Crew) -> None:
     assert found["phases"][0]["waited_for"] == "A"
     assert found["latency_ms"]["bus"]["count"] > 10
     eventually(lambda: free(crew), "all are free again")
-    assert crew.agents["B"].state.program.result is Result.DONE
+    assert crew.agents["B"].state.program.result is ProgramResult.DONE
     again = crew.leader("B").lead("test", Given([Wait()], [Wait()]))
     assert again.result == "done"
 

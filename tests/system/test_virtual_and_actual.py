@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.maps import native
@@ -111,7 +111,7 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
         for each in (virtual, ran):
             assert [line.split("\t")[1] for line in each.printed[:-1]] == KINDS
             assert each.printed[-1].startswith(f"done\t{len(KINDS) - 1} icons\t")  # one was stopped
-            assert each.state.program.result is Result.DONE
+            assert each.state.program.result is ProgramResult.DONE
             assert each.state.at.floor == "L2"
         assert (virtual.state.adaptor, ran.state.adaptor) == ("simulated", "smartpal")
         found = apart(virtual.state, ran.state, SmartPalBody())

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.control.agent import AgentState, Condition
-from robocorba.control.runner import IconBegun, Report, Result
+from robocorba.control.agent import AgentCondition, AgentState
+from robocorba.control.runner import IconBegun, ProgramResult, Report
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
 from robocorba.errors import robots as errors
@@ -15,9 +15,9 @@ from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba
 
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in Condition}
+_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in AgentCondition}
 _CONDITION_OF = {struct: condition for condition, struct in _CONDITIONS.items()}
-_RESULTS = {result: getattr(RoboCorba, result.name) for result in Result}
+_RESULTS = {result: getattr(RoboCorba, result.name) for result in ProgramResult}
 _RESULT_OF = {struct: result for result, struct in _RESULTS.items()}
 
 
