@@ -12,7 +12,7 @@ from robocorba import logs
 from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
 from robocorba.corba.calls import describe
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
         stack.callback(follower.close)
         nearby = PoolNearby(follower.pool, settings.name)
-        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, checker, ticks, nearby)
+        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, checker, ticks, nearby)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
 

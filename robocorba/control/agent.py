@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, TypeVar
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
 from robocorba.control.runner import IconBegun, OtherRobots, ProgramResult, Report, Runner
 from robocorba.control.sensors import Sensors
@@ -99,16 +99,16 @@ class ControlAgent:
 
     def __init__(
         self,
-        surroundings: Surroundings,
+        context: AdaptorContext,
         planner: Planner,
         others: OtherRobots,
         check: Callable[[Program, AgentState], None] = lambda program, state: None,
         ticks: TickFile | None = None,
         nearby: Nearby | None = None,
     ) -> None:
-        self._surroundings, self._planner, self._others, self._check = surroundings, planner, others, check
+        self._context, self._planner, self._others, self._check = context, planner, others, check
         self._ticks, self._nearby = ticks, nearby
-        self.name, self.session = surroundings.name, surroundings.session
+        self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
         self._controller: HighController | None = None
@@ -152,7 +152,7 @@ class ControlAgent:
             if controller is None:
                 raise IllegalOrder("switch to another robot", "was never started")
             argv_before = controller.argv
-            model_switcher.make(adaptor, self._surroundings)  # raises UnknownAdaptor before anything is stopped
+            model_switcher.make(adaptor, self._context)  # raises UnknownAdaptor before anything is stopped
             controller.close()
             try:
                 self._start_adaptor(adaptor, argv)
@@ -300,7 +300,7 @@ class ControlAgent:
     # ---- implementation ----
 
     def _start_adaptor(self, adaptor: str, argv: Sequence[str]) -> None:
-        made = model_switcher.make(adaptor, self._surroundings)
+        made = model_switcher.make(adaptor, self._context)
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.session import BuildingSession
 from robocorba.control.virtual_controller import VirtualController
 from robocorba.errors.paths import UnknownFloor
@@ -23,9 +23,9 @@ JOINT_STEP_S = 0.01
 MAX_GAP_S = 0.2
 
 
-def adaptor(surroundings: Surroundings) -> RobotAdaptor:
+def adaptor(context: AdaptorContext) -> RobotAdaptor:
     """The entry point `simulated` of the adaptors."""
-    return SimulatedAdaptor(surroundings.session)
+    return SimulatedAdaptor(context.session)
 
 
 class SimulatedAdaptor(RobotAdaptor):

@@ -15,7 +15,7 @@ import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import HighController
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
 from robocorba.control.runner import ReceivedEvent
 from robocorba.control.sensors import Sensors
@@ -42,13 +42,13 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 PATIENCE_S = 20.0
 
 
-def documented_adaptor() -> Callable[[Surroundings], RobotAdaptor]:
+def documented_adaptor() -> Callable[[AdaptorContext], RobotAdaptor]:
     """The factory in docs/adaptors.md."""
     (source,) = re.findall(r"```python\n(.*?)```", (DOCS / "adaptors.md").read_text(), re.DOTALL)
     assert len(source.splitlines()) < 60
     found: dict[str, Any] = {}
     exec(compile(source, "docs/adaptors.md", "exec"), found)
-    factory: Callable[[Surroundings], RobotAdaptor] = found["adaptor"]
+    factory: Callable[[AdaptorContext], RobotAdaptor] = found["adaptor"]
     return factory
 
 

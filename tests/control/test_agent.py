@@ -10,7 +10,7 @@ import pytest
 
 from robocorba.control import model_switcher
 from robocorba.control.agent import BODY_BLOCKED_M, AgentCondition, AgentState, ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
@@ -42,7 +42,7 @@ def check(program: Program, state: AgentState) -> None:
 
 @pytest.fixture
 def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(Surroundings("A", session, None), place.planner, Channel(), check)
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), check)
     agent.start("simulated")
     yield agent
     session.is_away = False
@@ -234,10 +234,10 @@ def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m:
     """The robot of docs/adaptors.md; it begins somewhat away from its body."""
     make = model_switcher.make
 
-    def with_disc(name: str, surroundings: Surroundings) -> object:
+    def with_disc(name: str, context: AdaptorContext) -> object:
         if name != "disc":
-            return make(name, surroundings)
-        disc: Any = documented_adaptor()(surroundings)
+            return make(name, context)
+        disc: Any = documented_adaptor()(context)
         start = disc.start
 
         def start_away(argv: Sequence[str]) -> bool:
@@ -253,7 +253,7 @@ def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m:
 
 
 def test_nothing_before_the_start(place: Place, session: InProcessSession) -> None:
-    agent = ControlAgent(Surroundings("A", session, None), place.planner, Channel())
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel())
     agent.stop()
     agent.abort()
     with pytest.raises(IllegalOrder, match="was never started"):

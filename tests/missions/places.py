@@ -12,7 +12,7 @@ import msgpack
 
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
 from robocorba.missions.leader import Leader
@@ -84,8 +84,8 @@ class Crew:
         for name, at in robots.items():
             pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
-            surroundings = Surroundings(name, place.session(name, at), None)
-            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name))
+            context = AdaptorContext(name, place.session(name, at), None)
+            agent = ControlAgent(context, place.planner, Channel(), nearby=PoolNearby(pool, name))
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(bus.end(name), name)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 from omniORB import CORBA
 
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.smartpal_adaptor import Place, SmartPalAdaptor
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
@@ -238,14 +238,14 @@ class RemoteSmartPalUnits:
         raise UnitFailed(unit, code, reason)
 
 
-def adaptor(surroundings: Surroundings) -> SmartPalAdaptor:
+def adaptor(context: AdaptorContext) -> SmartPalAdaptor:
     """The entry point `smartpal` of the adaptors."""
 
     def body_place() -> Place:
-        at = surroundings.session.latest.at
+        at = context.session.latest.at
         return at.x, at.y, at.heading
 
-    return SmartPalAdaptor(units_at(surroundings.orb), body_place)
+    return SmartPalAdaptor(units_at(context.orb), body_place)
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:
