@@ -32,7 +32,7 @@ class InverseKinematics:
 
     In all methods `seed` (18,) are the start joints, best the present ones; joints that need not move keep their
     angles. With `use_lumbar` the trunk may move, which also moves the other arm. With `avoid_collisions` no two links
-    collide in the answer. With `leaps` the solver also tries other seeds, which may lead to a very different
+    collide in the answer. With `allow_restarts` the solver also tries other seeds, which may lead to a very different
     posture; without, the answer follows from the seed, as a hand on a straight line needs. Raises Unreachable with
     the remaining error. Not thread-safe."""
 
@@ -55,10 +55,10 @@ class InverseKinematics:
         *,
         use_lumbar: bool = False,
         avoid_collisions: bool = True,
-        leaps: bool = True,
+        allow_restarts: bool = True,
     ) -> Floats:
         """Joints for one hand at a pose."""
-        return self._solve({side: target}, 1.0, seed, use_lumbar, avoid_collisions, leaps)
+        return self._solve({side: target}, 1.0, seed, use_lumbar, avoid_collisions, allow_restarts)
 
     def solve_position(
         self,
@@ -68,10 +68,10 @@ class InverseKinematics:
         *,
         use_lumbar: bool = False,
         avoid_collisions: bool = True,
-        leaps: bool = True,
+        allow_restarts: bool = True,
     ) -> Floats:
         """Joints for one hand at the position of `target`, with any attitude."""
-        return self._solve({side: target}, 0.0, seed, use_lumbar, avoid_collisions, leaps)
+        return self._solve({side: target}, 0.0, seed, use_lumbar, avoid_collisions, allow_restarts)
 
     def solve_both(
         self,
@@ -81,10 +81,12 @@ class InverseKinematics:
         *,
         use_lumbar: bool = False,
         avoid_collisions: bool = True,
-        leaps: bool = True,
+        allow_restarts: bool = True,
     ) -> Floats:
         """Joints for both hands simultaneously."""
-        return self._solve({Side.LEFT: left, Side.RIGHT: right}, 1.0, seed, use_lumbar, avoid_collisions, leaps)
+        return self._solve(
+            {Side.LEFT: left, Side.RIGHT: right}, 1.0, seed, use_lumbar, avoid_collisions, allow_restarts
+        )
 
     def _solve(
         self,
@@ -93,7 +95,7 @@ class InverseKinematics:
         seed: Floats,
         use_lumbar: bool,
         avoid_collisions: bool,
-        leaps: bool,
+        allow_restarts: bool,
     ) -> Floats:
         places, attitudes, weights = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 2))
         free = list(range(len(JOINTS)))[LUMBAR] if use_lumbar else []
@@ -106,7 +108,7 @@ class InverseKinematics:
         moving = np.array(free, np.int64)
 
         best, least, colliding = seed, math.inf, ""
-        for joints in self._seeds(seed, moving, leaps):
+        for joints in self._seeds(seed, moving, allow_restarts):
             left = solve_pose(
                 self._chains, joints, places, attitudes, weights, moving, JOINT_LOWER, JOINT_UPPER, self._comfort
             )
@@ -119,12 +121,12 @@ class InverseKinematics:
                 best, least = joints, left
         raise self._unreachable(goals, turns_count > 0, best, colliding)
 
-    def _seeds(self, seed: Floats, moving: Longs, leaps: bool) -> Iterator[Floats]:
+    def _seeds(self, seed: Floats, moving: Longs, allow_restarts: bool) -> Iterator[Floats]:
         """Start joints; those that may move are within their limits."""
         joints = np.array(seed, float)
         joints[moving] = np.clip(joints[moving], JOINT_LOWER[moving], JOINT_UPPER[moving])
         yield joints.copy()
-        for restart in self.restarts if leaps else ():
+        for restart in self.restarts if allow_restarts else ():
             joints[moving] = restart[moving]
             yield joints.copy()
 

@@ -35,9 +35,9 @@ class Kinematics(Protocol):
     @property
     def body(self) -> BodyModel: ...
 
-    def solve(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
+    def solve(self, side: Side, target: HandPose, seed: Floats, *, allow_restarts: bool = True) -> Floats: ...
 
-    def solve_position(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
+    def solve_position(self, side: Side, target: HandPose, seed: Floats, *, allow_restarts: bool = True) -> Floats: ...
 
 
 def joints_of(icon: HandIcon) -> list[int]:
@@ -103,6 +103,6 @@ def _line(icon: MhandOffset, joints: Floats, kinematics: Kinematics) -> list[Flo
     for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
         for side, at in start.items():
             target = at._replace(x=at.x + share * icon.dx, y=at.y + share * icon.dy, z=at.z + share * icon.dz)
-            joints = kinematics.solve(side, target, joints, leaps=False)
+            joints = kinematics.solve(side, target, joints, allow_restarts=False)
         found.append(joints)
     return found

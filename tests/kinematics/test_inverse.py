@@ -167,17 +167,19 @@ def test_a_hand_led_along_a_line_goes_in_small_steps(inverse: InverseKinematics)
     joints, start = READY, BODY.hand(Side.LEFT, READY)
     for step in range(1, 31):
         target = start._replace(x=start.x + 0.004 * step, z=start.z + 0.002 * step, y=start.y - 0.001 * step)
-        led = inverse.solve(Side.LEFT, target, joints, leaps=False)
+        led = inverse.solve(Side.LEFT, target, joints, allow_restarts=False)
         assert np.abs(led - joints).max() < 0.06
         assert is_at(Side.LEFT, led, target)
         joints = led
-    assert np.abs(inverse.solve(Side.LEFT, target, joints, leaps=False) - joints).max() < 1e-4
+    assert np.abs(inverse.solve(Side.LEFT, target, joints, allow_restarts=False) - joints).max() < 1e-4
 
 
 def test_without_leaps_only_the_seed_is_tried(inverse: InverseKinematics) -> None:
     with pytest.raises(Unreachable):
         for joints in anywhere(30, 6):
-            inverse.solve(Side.LEFT, BODY.hand(Side.LEFT, joints), joints * 0, leaps=False, avoid_collisions=False)
+            inverse.solve(
+                Side.LEFT, BODY.hand(Side.LEFT, joints), joints * 0, allow_restarts=False, avoid_collisions=False
+            )
 
 
 def test_an_arm_left_free_bends_at_ease(inverse: InverseKinematics) -> None:
