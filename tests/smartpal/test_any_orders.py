@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, Side
-from robocorba.smartpal.codes import Alarm, AlarmType, Answer, AxesState
-from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready
 
 UNITS = ("Mobility", "Lumbar", "MnpL", "MnpR", "GripperL", "GripperR")

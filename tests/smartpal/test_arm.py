@@ -10,9 +10,9 @@ import pytest
 
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, Side
-from robocorba.smartpal.arm import MAX_MOTIONS, Arm
-from robocorba.smartpal.codes import Answer, AxesState
-from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal_stand_in.arm import MAX_MOTIONS, Arm
+from robocorba.smartpal_stand_in.codes import Answer, AxesState
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from robocorba.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
-from robocorba.smartpal.dynamics import BASE, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
-from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal_stand_in.dynamics import BASE, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, speed
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, ARM_JOINTS, Side
-from robocorba.smartpal.arm_kinematics import ArmKinematics
-from robocorba.smartpal.axes import AxesUnit
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import Dynamics
-from robocorba.smartpal.motion import Motion, joint_motion, max_line_rate
-from robocorba.smartpal.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
+from robocorba.smartpal_stand_in.arm_kinematics import ArmKinematics
+from robocorba.smartpal_stand_in.axes import AxesUnit
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import Dynamics
+from robocorba.smartpal_stand_in.motion import Motion, joint_motion, max_line_rate
+from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
 from robocorba.spatial.grids import Floats
 
 #: Length of the motion queue. Assumed.

@@ -7,8 +7,8 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 
-from robocorba.smartpal.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
-from robocorba.smartpal.dynamics import Dynamics, DynamicsState
+from robocorba.smartpal_stand_in.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.dynamics import Dynamics, DynamicsState
 
 #: Delay from switching a servo on until its unit is ready [s]. Assumed.
 SERVO_ON_S = 0.3

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import BASE, Dynamics
-from robocorba.smartpal.setpoint import Setpoint, braking_speed
-from robocorba.smartpal.unit import Unit
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import BASE, Dynamics
+from robocorba.smartpal_stand_in.setpoint import Setpoint, braking_speed
+from robocorba.smartpal_stand_in.unit import Unit
 
 #: Deceleration of an axis that brakes, as a multiple of its maximum acceleration. Assumed.
 BRAKING_FACTOR = 10.0

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 
 from robocorba.errors.base import FieldError
 from robocorba.errors.robots import RobotError
-from robocorba.smartpal.codes import Alarm
-from robocorba.smartpal.unit import Unit
+from robocorba.smartpal_stand_in.codes import Alarm
+from robocorba.smartpal_stand_in.unit import Unit
 
 #: Longest delay of a call [s].
 MAX_DELAY_S = 5.0

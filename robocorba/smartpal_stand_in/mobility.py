@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from robocorba.kinematics.smartpal import BASE_LIMITS
-from robocorba.smartpal.codes import Answer, AxesState, MobilityState
-from robocorba.smartpal.dynamics import STEP_S, Dynamics
-from robocorba.smartpal.segment import Arc, BasePose, Line, Segment, from_frame, rotated, to_frame
-from robocorba.smartpal.setpoint import Setpoint
-from robocorba.smartpal.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, Unit
+from robocorba.smartpal_stand_in.codes import Answer, AxesState, MobilityState
+from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
+from robocorba.smartpal_stand_in.segment import Arc, BasePose, Line, Segment, from_frame, rotated, to_frame
+from robocorba.smartpal_stand_in.setpoint import Setpoint
+from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, Unit
 
 #: Maximum speed [mm/s, degrees/s] and, with the same values, acceleration [mm/s^2, degrees/s^2].
 MAX_MM_S, MAX_DEG_S = 1000.0 * BASE_LIMITS.speed, math.degrees(BASE_LIMITS.turn)

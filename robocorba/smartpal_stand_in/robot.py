@@ -10,14 +10,14 @@ from collections.abc import Callable
 import numpy as np
 
 from robocorba.kinematics.smartpal import ARM_JOINTS, Side
-from robocorba.smartpal.arm import Arm
-from robocorba.smartpal.dynamics import STEP_S, Dynamics
-from robocorba.smartpal.faults import Faults
-from robocorba.smartpal.gripper import Gripper
-from robocorba.smartpal.lumbar import Lumbar
-from robocorba.smartpal.mobility import Mobility
-from robocorba.smartpal.segment import BasePose
-from robocorba.smartpal.unit import Unit
+from robocorba.smartpal_stand_in.arm import Arm
+from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
+from robocorba.smartpal_stand_in.faults import Faults
+from robocorba.smartpal_stand_in.gripper import Gripper
+from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.mobility import Mobility
+from robocorba.smartpal_stand_in.segment import BasePose
+from robocorba.smartpal_stand_in.unit import Unit
 
 #: Interval at which the dynamics thread wakes [s].
 WAKE_INTERVAL_S = 0.003
