@@ -38,7 +38,7 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.samples import sample_path
 from robocorba.programs import icons
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps, walk
 from robocorba.settings import Address
 from robocorba.video import VideoFile

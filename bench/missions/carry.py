@@ -32,7 +32,7 @@ from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building
 from robocorba.maps.samples import load_sample, sample_path
 from robocorba.planning.request import Place
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions

@@ -41,7 +41,7 @@ from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
 from robocorba.names import MISSIONS
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, missions

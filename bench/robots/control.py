@@ -26,7 +26,7 @@ from bench.robots.place import RecordedRobot, servers, stand_in
 from robocorba.control.high_controller import SPEED_CAP, TICK_S
 from robocorba.corba.orb import Orb
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize

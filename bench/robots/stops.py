@@ -37,7 +37,7 @@ from robocorba.control.high_controller import SPEED_CAP
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.settings import Address
 from robocorba.stubs import _GlobalIDL

@@ -15,7 +15,7 @@ from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import Velocity
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 

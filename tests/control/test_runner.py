@@ -14,7 +14,7 @@ from robocorba.control.runner import ProgramResult, ReceivedEvent, Report, Runne
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, eventually, robot
 

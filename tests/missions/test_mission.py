@@ -21,7 +21,7 @@ from robocorba.missions.subplan import Approach, Carry, Gather, Wait
 from robocorba.missions.trajectory import Trajectory
 from robocorba.motion import driving
 from robocorba.planning.request import Place as Spot
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from tests.control.places import Place, eventually
 from tests.missions.places import Bus, Crew, Given

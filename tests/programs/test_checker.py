@@ -17,8 +17,8 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.samples import load_sample
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest, Place
-from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.checker import MAX_ICONS_CHECKED, UNKNOWN_START, Start, check, require
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.hands import home
 from robocorba.programs.icons import CloserThan, Destination, FartherThan, Holding, Result
 from robocorba.programs.report import CheckReport

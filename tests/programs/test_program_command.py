@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robocorba.commands.program import app
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Holding
 from robocorba.programs.program import dumps, schema
 

@@ -20,7 +20,7 @@ from robocorba.corba.remote.agents import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
 from robocorba.errors.services import NotReachable
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command

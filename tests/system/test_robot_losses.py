@@ -16,7 +16,7 @@ from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
 from robocorba.errors.robots import IllegalOrder
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 from robocorba.supervision.launch import module_command

@@ -17,7 +17,7 @@ from robocorba.corba.orb import Orb
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.maps import native
 from robocorba.maps.model import Building, Floor, Wall
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
 from robocorba.testing.actual_robot import StandIn, running_stand_in
