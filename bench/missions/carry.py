@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.places import random_places
 from bench.common.processes import Process
 from robocorba.corba.event_client import EventClient
@@ -223,7 +224,7 @@ def main() -> int:
     title += f", actual: {', '.join(actual)}" if actual else ""
     name = f"{NAME}_actual" if actual else NAME
     is_reached = summarize(
-        name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes)
+        RESULTS / name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes)
     )
     return 0 if is_reached else 1
 

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 from omniORB import CORBA
 
+from bench import RESULTS
 from robocorba.control.agent import AgentCondition
 from robocorba.corba.remote.agents import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
@@ -293,7 +294,7 @@ def main() -> int:
     marks = [at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0)]
     title = f"{options.missions} missions of three robots, with a fault each, and one without"
     rows = [row(fault, those) for fault, those in by_fault.items()]
-    return 0 if summarize(NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1
+    return 0 if summarize(RESULTS / NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1
 
 
 def _draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:

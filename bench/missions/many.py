@@ -34,6 +34,7 @@ import msgspec
 import psutil
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from robocorba.control.runner import ProgramResult, Report
 from robocorba.errors.base import RoboCorbaError
@@ -404,7 +405,11 @@ def main() -> int:
     print(f"simulated seconds in a second: {statistics.median(paces):.2f} at the median, {min(paces):.2f} at least")
     title = f"{len(outcomes)} simultaneous missions, {len(starts)} robots: {done} done, {collisions} collisions"
     is_reached = summarize(
-        NAME, title, [one.row() for one in outcomes], marks(outcomes, spread_s, wrong), partial(_draw, outcomes)
+        RESULTS / NAME,
+        title,
+        [one.row() for one in outcomes],
+        marks(outcomes, spread_s, wrong),
+        partial(_draw, outcomes),
     )
     return 0 if is_reached else 1
 

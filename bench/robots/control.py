@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.robots.place import RecordedRobot, servers, stand_in
 from robocorba.control.high_controller import SPEED_CAP, TICK_S
@@ -183,7 +184,7 @@ def main() -> int:
 
     bound = f"others on {others}" if options.pin else "others anywhere"
     title = f"control loop at {1 / TICK_S:g} Hz, {options.seconds:g} s, core {busy} kept busy, {bound}"
-    return 0 if summarize(NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
+    return 0 if summarize(RESULTS / NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
 
 
 if __name__ == "__main__":

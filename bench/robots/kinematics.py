@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import SmartPalBody, within_limits
 from robocorba.kinematics.inverse import InverseKinematics
@@ -143,7 +144,7 @@ def main() -> int:
                 marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
     rows += forward(body)
     title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
-    return 0 if summarize("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
+    return 0 if summarize(RESULTS / "kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
 
 
 def forward(body: SmartPalBody) -> list[dict[str, Any]]:

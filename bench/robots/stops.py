@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.namespaces import CLONE_NEWNET, Namespace
 from bench.common.processes import Process
 from bench.robots.place import FLOOR, NAME, RecordedRobot, faults, servers, stand_in
@@ -376,7 +377,7 @@ def main() -> int:
         axes.invert_yaxis()
 
     title = f"a robot at {SPEED_CAP:g} m/s that has to stop"
-    return 0 if summarize(BENCH, title, rows, marks, draw) else 1
+    return 0 if summarize(RESULTS / BENCH, title, rows, marks, draw) else 1
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
@@ -85,9 +86,9 @@ def main() -> int:
             ends.append(apart(virtual, actual, body))
             parts.append((virtual_parts, actual_parts))
     ticks = [tick for run, (one, other) in enumerate(parts, 1) for tick in compared(run, one, other, body)]
-    write_csv(f"{NAME}_ticks", ticks)
+    write_csv(RESULTS / f"{NAME}_ticks", ticks)
     is_reached = summarize(
-        NAME,
+        RESULTS / NAME,
         f"{PROGRAM.stem} on a virtual and on an actual robot, runs: {options.runs}; differences in mm and degrees",
         rows(ticks, parts, ends),
         marks(ends),

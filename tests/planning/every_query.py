@@ -14,9 +14,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from rich.progress import track
 
+from bench import RESULTS
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest, RouteMode
-from robocorba.testing.report import PROGRESS, RESULTS, Mark, at_least, at_most, summarize
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
 from tests.planning.adversary import Adversary, Query
 from tests.planning.every_building import DRAWN, IMPORTED, Case, buildings_at_random, grids, rooms_at_random
 from tests.planning.judge import Judge, Verdict
@@ -134,7 +135,7 @@ def show(tallies: Sequence[Tally]) -> bool:
 
     wrong = total["touched"] + total["other faults"] + total["refused wrongly"] + total["too long"]
     title = f"{wrong:,} of {total['queries']:,} answers are wrong"
-    return summarize("every_query", title, [tally.row() for tally in tallies], marks, draw)
+    return summarize(RESULTS / "every_query", title, [tally.row() for tally in tallies], marks, draw)
 
 
 if __name__ == "__main__":
