@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 
 from bench import RESULTS
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import SmartPalBody, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
@@ -53,7 +53,7 @@ def postures(body: SmartPalBody, side: Side, count: int, are_clear: bool) -> lis
 def ours(inverse: InverseKinematics, side: Side, avoid_collisions: bool) -> Solve:
     def solve(target: HandPose) -> Floats | None:
         try:
-            return inverse.solve(side, target, HOME, avoid_collisions=avoid_collisions)
+            return inverse.solve({side: target}, HOME, avoid_collisions=avoid_collisions)
         except Unreachable:
             return None
 
@@ -112,7 +112,8 @@ def measure(
         times.append(took)
         if found is not None:
             way, turn = body.hand(side, found).distance(target)
-            solved += way < NEAR_M and turn < NEAR_RAD and within_limits(found)
+            is_within = np.allclose(found, np.clip(found, JOINT_LOWER, JOINT_UPPER), rtol=0.0, atol=1e-9)
+            solved += way < NEAR_M and turn < NEAR_RAD and is_within
     row = {
         "arm": side.value,
         "by": by,

@@ -35,9 +35,14 @@ class Kinematics(Protocol):
     @property
     def body(self) -> BodyModel: ...
 
-    def solve(self, side: Side, target: HandPose, seed: Floats, *, allow_restarts: bool = True) -> Floats: ...
-
-    def solve_position(self, side: Side, target: HandPose, seed: Floats, *, allow_restarts: bool = True) -> Floats: ...
+    def solve(
+        self,
+        targets: Mapping[Side, HandPose],
+        seed: Floats,
+        *,
+        with_attitude: bool = True,
+        allow_restarts: bool = True,
+    ) -> Floats: ...
 
 
 def joints_of(icon: HandIcon) -> list[int]:
@@ -90,9 +95,8 @@ def _posed(icon: MhandPose, joints: Floats, kinematics: Kinematics) -> Floats:
     targets = dict.fromkeys(sides(icon.hand), pose)
     if icon.hand == "both":
         targets[Side.RIGHT] = pose.mirrored()
-    solve = kinematics.solve_position if icon.roll is None else kinematics.solve
     for side, target in targets.items():
-        joints = solve(side, target, joints)
+        joints = kinematics.solve({side: target}, joints, with_attitude=icon.roll is not None)
     return joints
 
 
@@ -103,6 +107,6 @@ def _line(icon: MhandOffset, joints: Floats, kinematics: Kinematics) -> list[Flo
     for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
         for side, at in start.items():
             target = at._replace(x=at.x + share * icon.dx, y=at.y + share * icon.dy, z=at.z + share * icon.dz)
-            joints = kinematics.solve(side, target, joints, allow_restarts=False)
+            joints = kinematics.solve({side: target}, joints, allow_restarts=False)
         found.append(joints)
     return found

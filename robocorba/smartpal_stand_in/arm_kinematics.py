@@ -93,7 +93,7 @@ class ArmKinematics:
     def _solve(self, target: HandPose, seed: Floats) -> Floats:
         with self._lock:
             solved = self._inverse.solve(
-                self._side, target, self._all_joints(seed), avoid_collisions=False, allow_restarts=False
+                {self._side: target}, self._all_joints(seed), avoid_collisions=False, allow_restarts=False
             )
         return solved[ARM[self._side]]
 

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from robocorba.kinematics.body import SmartPalBody, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, JOINT_LOWER, JOINT_UPPER, LUMBAR, Side
+from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LUMBAR, Side
 from robocorba.spatial.grids import Floats
 
 from .postures import HOME, anywhere, at
@@ -107,15 +107,6 @@ def test_what_runs_into_nothing(body: SmartPalBody, degrees: dict[str, float]) -
 )
 def test_what_runs_into_what(body: SmartPalBody, degrees: dict[str, float], pair: set[str]) -> None:
     assert pair in [set(found) for found in body.collisions(at(**degrees))]
-
-
-def test_limits_of_joints() -> None:
-    assert within_limits(JOINT_LOWER) and within_limits(JOINT_UPPER) and within_limits(HOME)
-    for row in range(len(HOME)):
-        for beyond in (JOINT_LOWER[row] - 0.001, JOINT_UPPER[row] + 0.001, math.nan, math.inf):
-            joints = HOME.copy()
-            joints[row] = beyond
-            assert not within_limits(joints)
 
 
 def test_poses_there_and_back(body: SmartPalBody) -> None:

@@ -91,7 +91,7 @@ class Play:
         return self
 
     def _state(self, robot: str, side: Side, hand: HandPose, is_shut: bool, off_m: float = 0.0) -> RobotState:
-        joints = self._kinematics.solve(side, hand, np.zeros(len(JOINTS)))
+        joints = self._kinematics.solve({side: hand}, np.zeros(len(JOINTS)))
         joints[GRIP[side]] = SHUT_RAD if is_shut else OPEN_RAD
         x, y, heading = PLACES[robot]
         return RobotState(0.0, x + off_m, y, heading, joints=joints)
