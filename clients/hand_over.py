@@ -39,7 +39,7 @@ from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.samples import sample_path
 from robocorba.programs import icons
 from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import Program, dumps, walk
+from robocorba.programs.program import Program, dumps, icons_with_paths
 from robocorba.settings import Address
 from robocorba.video import VideoFile
 
@@ -222,7 +222,7 @@ def _have_ended(states: Mapping[str, AgentState]) -> bool:
 
 def _describe(program: Program, path: str) -> str:
     """An icon in words, such as: gripper right close."""
-    icon = dict(walk(program))[path]
+    icon = dict(icons_with_paths(program))[path]
     about = getattr(icon, "condition", icon)
     parts = (getattr(about, name, None) for name in ("hand", "action", "posture", "type", "result"))
     return " ".join([icons.kind(icon), *filter(None, parts)])

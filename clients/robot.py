@@ -33,7 +33,7 @@ from robocorba.missions import carry
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.programs import program
-from robocorba.programs.checker import Start, require
+from robocorba.programs.checker import Start, check
 from robocorba.programs.program import Program
 from robocorba.repeating import Repeating
 from robocorba.settings import RobotSettings
@@ -52,7 +52,7 @@ class Checker:
     def __call__(self, wanted: Program, state: AgentState) -> None:
         at = state.at
         start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
-        require(wanted, self._kinematics, self._planner, start)
+        check(wanted, self._kinematics, self._planner, start).require_valid()
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:

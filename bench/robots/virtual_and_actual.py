@@ -136,7 +136,7 @@ def parts_of(file: Path) -> list[Part]:
 def compared(run: int, virtual: list[Part], actual: list[Part], body: SmartPalBody) -> list[dict[str, Any]]:
     """A row for each tick of the robot that took longer for an icon."""
     found, began_s = [], 0.0
-    kinds = {path: kind(icon) for path, icon in program.walk(program.load(PROGRAM))}
+    kinds = {path: kind(icon) for path, icon in program.icons_with_paths(program.load(PROGRAM))}
     for one, other in zip(virtual, actual, strict=True):
         assert one.icon == other.icon
         seconds = max(one, other, key=lambda part: float(part.seconds[-1])).seconds

@@ -19,7 +19,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
 from robocorba.programs import hands, icons
 from robocorba.programs.icons import Condition, Icon, Outcome, kind, sides
-from robocorba.programs.program import Program, walk
+from robocorba.programs.program import Program, icons_with_paths
 
 #: Most events that are kept until a condition uses them; then the oldest are dropped.
 MAX_EVENTS = 1000
@@ -157,7 +157,7 @@ class Runner:
     @_do.register(icons.MhandOffset)
     @_do.register(icons.Lumbar)
     def _(self, icon: Any, path: str) -> None:
-        postures = hands.way(icon, self._robot.joints, self._robot.kinematics)
+        postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
         self._robot.move_joints_along(postures, icon.seconds or 0.0)
 
     @_do.register
@@ -268,7 +268,9 @@ class Runner:
 
 def _awaited(program: Program) -> list[tuple[str, str]]:
     """Patterns of types and sources of the events that a program's conditions use."""
-    conditions = [icon.condition for _, icon in walk(program) if isinstance(icon, icons.WaitUntil | icons.Branch)]
+    conditions = [
+        icon.condition for _, icon in icons_with_paths(program) if isinstance(icon, icons.WaitUntil | icons.Branch)
+    ]
     return sorted({(each.type, each.source) for each in conditions if isinstance(each, icons.Event)})
 
 

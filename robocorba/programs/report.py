@@ -8,8 +8,8 @@ from robocorba.errors.robots import InvalidProgram
 
 
 class ProgramFinding(NamedTuple):
-    """An error: `parameter` of the icon at a path such as icons[2].then[0], and what is wrong. Parameters that are
-    wrong in combination are joined, such as `x, y, z`."""
+    """An error of a program. icon: its path, such as icons[2].then[0]. parameter: of the icon; parameters that are
+    wrong in combination are joined, such as `x, y, z`. what: the reason."""
 
     icon: str
     parameter: str
@@ -24,7 +24,7 @@ class ProgramFinding(NamedTuple):
 
 
 class Note(NamedTuple):
-    """What could not be proved of an icon, or what was assumed; with an empty path, of the whole program."""
+    """What could not be checked of an icon, or what was assumed. icon: its path, empty for the whole program."""
 
     icon: str
     what: str
@@ -34,7 +34,7 @@ class Note(NamedTuple):
 
 
 class CheckReport:
-    """Notes and findings in the order found, with the first finding of each parameter only."""
+    """Findings and notes of a check, in the order found; only the first finding of each parameter."""
 
     def __init__(self) -> None:
         self._findings: dict[tuple[str, str], ProgramFinding] = {}
@@ -49,14 +49,17 @@ class CheckReport:
         return tuple(self._notes)
 
     @property
-    def is_sound(self) -> bool:
+    def is_valid(self) -> bool:
         """Whether there are no findings."""
         return not self._findings
 
-    def find(self, icon: str, parameter: str, what: str) -> None:
-        """Add a finding."""
+    def require_valid(self) -> None:
+        """Raise InvalidProgram for the first finding."""
+        for finding in self.findings:
+            raise finding.error()
+
+    def add_finding(self, icon: str, parameter: str, what: str) -> None:
         self._findings.setdefault((icon, parameter), ProgramFinding(icon, parameter, what))
 
-    def note(self, icon: str, what: str) -> None:
-        """Add a note."""
+    def add_note(self, icon: str, what: str) -> None:
         self._notes.setdefault(Note(icon, what))

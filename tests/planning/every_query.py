@@ -9,12 +9,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
 from rich.progress import track
 
-from bench import RESULTS
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest, RouteMode
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
@@ -22,6 +22,7 @@ from tests.planning.adversary import Adversary, Query
 from tests.planning.every_building import DRAWN, IMPORTED, Case, buildings_at_random, grids, rooms_at_random
 from tests.planning.judge import Judge, Verdict
 
+RESULTS = Path(__file__).parents[2] / "bench" / "results"
 #: Queries in each mode, spread evenly over all buildings.
 QUERIES = 10_000
 #: Time limit for one building in one mode [s]: a slow planner gets fewer queries there.
