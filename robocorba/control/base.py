@@ -1,4 +1,4 @@
-"""Movements of a robot's base: driving along paths, giving way to other robots, riding elevators."""
+"""Movements of a robot's base: it drives along paths, yields to other robots, rides elevators."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ class BaseMovements(Movements):
         self._drive_along(points, heading, limit)
 
     def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
-        """By the map, with movable objects at their present poses: along the roadmap, or through free space where an
-        object blocks the roadmap. Also from a place where the robot touches an obstacle."""
+        """A path by the map, with movable objects at their present poses: along the roadmap, or through free space if
+        an object blocks the roadmap. It may begin where the robot touches an obstacle."""
         request = self._request(goal, speed)
         if self._nearby:
             objects = self._nearby.movable_objects(self.session.latest.holding)
@@ -114,7 +114,7 @@ class BaseMovements(Movements):
         return found
 
     def _path_around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
-        """Around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
+        """A path around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
         here = self.session.latest
         point = (goal.x, goal.y) if goal.floor == here.at.floor else None
         known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else TemporaryObstacles()
@@ -139,7 +139,7 @@ class BaseMovements(Movements):
         self.wait(random.uniform(*PAUSES_S))
 
     def _path_after_blockage(self, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
-        """A path around another robot as soon as there is one; after MAX_PAUSE_S the map's path."""
+        """Wait for a path around another robot; after MAX_PAUSE_S take the map's path."""
         deadline = self.clock() + MAX_PAUSE_S
         while self.clock() < deadline:
             if points := self._path_around(goal, speed, other.name):

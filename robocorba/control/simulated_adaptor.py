@@ -1,4 +1,4 @@
-"""The SmartPal simulate adaptor: the robot's body at the simulation server, and its joints' virtual controller."""
+"""The adaptor of the virtual SmartPal: its body at the simulation server, and the virtual controller of its joints."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from robocorba.errors.simulation import SimulationError
 from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
-#: Greatest time step of the joints [s].
+#: Maximum time step of the joints [s].
 JOINT_STEP_S = 0.01
-#: Greatest time between two states that moves joints [s]. Joints don't move for longer while the server is away.
+#: Maximum time for which the joints move between two states [s], after the server did not answer for longer.
 MAX_GAP_S = 0.2
 
 

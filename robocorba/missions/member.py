@@ -66,7 +66,7 @@ class Member:
                 self._order = order
             self._changed.notify_all()
         if is_end and order.end != "done":
-            self._robot.course.abort(order.reason)
+            self._robot.execution.abort(order.reason)
 
     def check_timeouts(self) -> None:
         """To be called periodically: check the leader's timeout and the step's time limit."""
@@ -78,7 +78,7 @@ class Member:
         elif now > self._late_at:
             self._late_at = float("inf")
             limit_s = self._subplan.steps[self._step].limit_s
-            self._robot.course.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
+            self._robot.execution.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
 
     def state(self) -> State:
         """The status message for the leader."""
@@ -125,7 +125,7 @@ class Member:
     def _wait_for(self, number: int) -> None:
         """Wait until the leader's start time of a step. Raises Aborted, or the robot's interruption."""
         while True:
-            self._robot.course.check()
+            self._robot.execution.check()
             with self._changed:
                 order = self._order
                 if order.end:
@@ -150,7 +150,7 @@ class Member:
 
     def _wait_for_end(self) -> None:
         while True:
-            self._robot.course.check()
+            self._robot.execution.check()
             with self._changed:
                 if self._order.end == "done":
                     return
@@ -167,7 +167,7 @@ class Member:
             deadline = time.monotonic() + END_ORDER_TIMEOUT_S
             with self._changed:
                 self._changed.wait_for(lambda: bool(self._order.end), max(0.0, deadline - time.monotonic()))
-        self._robot.course.settle(lambda why: True)
+        self._robot.execution.settle(lambda why: True)
         self._executor.end_safely()
         reason = self._order.reason if was_ordered else str(wrong)
         self._update_report(ProgramResult.ABORTED if was_ordered else ProgramResult.FAILED, reason)
@@ -178,7 +178,7 @@ class Member:
                 mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=time.time()
             )
             self._changed.notify_all()
-        self._robot.course.abort(reason)
+        self._robot.execution.abort(reason)
 
     def _phase(self) -> str:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""

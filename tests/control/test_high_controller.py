@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
@@ -281,14 +280,14 @@ def test_each_start_is_prepared(adaptor: Watched) -> None:
     assert len(prepared) >= 2
 
 
-def test_the_end_ends_a_motion(adaptor: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
-    high = controller(adaptor)
+def test_the_end_ends_a_motion(adaptor: Watched) -> None:
+    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, hang_limit_s=1.0)
     high.start(())
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), math.inf))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     high.close()
     thread.join(5.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
-    monkeypatch.setattr(high_controller, "HANG_LIMIT_S", 0.0)
+    time.sleep(1.1)  # longer than hang_limit_s
     high.check_alive()
     assert high.stopped == ""

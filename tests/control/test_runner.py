@@ -146,7 +146,7 @@ def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
 
 def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
     builder = ProgramBuilder("slow").mbase_velocity(0.2, 0.0, 0.0, 1.0).wait(0.1).mbase_velocity(0.0, 0.2, 0.0, 60.0)
-    course = smartpal.course
+    course = smartpal.execution
     course.reset(True)
     runner, thread = begin(smartpal, builder)
     eventually(lambda: course.is_paused, "before the first icon")

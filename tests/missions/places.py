@@ -93,7 +93,7 @@ class Crew:
 
     def leader(self, name: str) -> Leader:
         agent = self.agents[name]
-        course = agent.robot.course
+        course = agent.robot.execution
         course.reset(False)
         transport = Transport(self.bus.end(name), name)
         return Leader(

@@ -232,7 +232,7 @@ def test_a_step_that_takes_too_long_is_named(crew: Crew) -> None:
 def test_a_leader_that_is_interrupted_ends_it(crew: Crew) -> None:
     thread, reports = leading(crew, Given([Wait(), Wait()], [near("B", 1.5, 60.0), Wait()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.agents["A"].robot.course.abort("enough")
+    crew.agents["A"].robot.execution.abort("enough")
     thread.join(60.0)
     assert "enough" in reports[0].reason
     eventually(lambda: free(crew), "all are free again")

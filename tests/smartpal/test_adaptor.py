@@ -50,7 +50,7 @@ class Units:
             raise AdaptorFailed(f"{unit} does not answer")
         self.calls.append(("stop", unit))
 
-    def place(self) -> tuple[float, float, float]:
+    def pose(self) -> tuple[float, float, float]:
         time.sleep(self.delay_s)
         return self.odometry
 
@@ -189,10 +189,9 @@ def test_a_stop_names_who_did_not_and_stops_the_others(units: Units, adaptor: Sm
     assert not adaptor.stop()
 
 
-def test_a_robot_that_does_not_get_ready(units: Units, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(smartpal_adaptor, "START_LIMIT_S", 0.2)
+def test_a_robot_that_does_not_get_ready(units: Units) -> None:
     units.never_ready = {"Lumbar"}
-    adaptor = SmartPalAdaptor(lambda naming: units)
+    adaptor = SmartPalAdaptor(lambda naming: units, start_limit_s=0.2)
     with pytest.raises(UnitFailed, match="fever"):
         adaptor.start(ARGUMENTS)
     assert not adaptor.read(RobotState())
@@ -201,7 +200,7 @@ def test_a_robot_that_does_not_get_ready(units: Units, monkeypatch: pytest.Monke
 
 
 def places(units: Units) -> list[tuple[Any, ...]]:
-    return [order[1:] for order in orders(units, "set_place")]
+    return [order[1:] for order in orders(units, "set_pose")]
 
 
 def test_a_robot_is_told_where_it_stands_when_it_is_started_first(units: Units) -> None:
