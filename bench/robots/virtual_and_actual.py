@@ -38,7 +38,7 @@ from robocorba.spatial.grids import Floats
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.processes import Launcher, claimed_ports, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, apart, robot_process
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
 
 NAME, ROBOT = "virtual_and_actual", "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
@@ -83,7 +83,7 @@ def main() -> int:
                 with PROGRESS.status(f"run {run} of {options.runs}, {adaptor}"):
                     found[adaptor] = one_run(Path(folder) / f"{run}-{adaptor}", port, orb, adaptor, run)
             (virtual, virtual_parts), (actual, actual_parts) = found.values()
-            ends.append(apart(virtual, actual, body))
+            ends.append(difference(virtual, actual, body))
             parts.append((virtual_parts, actual_parts))
     ticks = [tick for run, (one, other) in enumerate(parts, 1) for tick in compared(run, one, other, body)]
     write_csv(RESULTS / f"{NAME}_ticks", ticks)

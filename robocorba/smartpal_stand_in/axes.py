@@ -9,7 +9,7 @@ import numpy as np
 
 from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.smartpal_stand_in.codes import Answer
-from robocorba.smartpal_stand_in.dynamics import BASE, Dynamics
+from robocorba.smartpal_stand_in.dynamics import BASE_AXES, Dynamics
 from robocorba.smartpal_stand_in.setpoint import Setpoint, braking_speed
 from robocorba.smartpal_stand_in.unit import Unit
 
@@ -95,7 +95,7 @@ class AxesUnit(Unit):
             self._axes = [Setpoint(position) for position in self._latest.joints[self._rows].tolist()]
 
     def _jam(self, on: bool) -> None:
-        first = len(BASE) + self._rows.start
+        first = len(BASE_AXES) + self._rows.start
         self._dynamics.jam(slice(first, first + 1), on)
 
 

@@ -23,7 +23,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.buildings import two_floors, with_all
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -114,7 +114,7 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
             assert each.state.program.result is ProgramResult.DONE
             assert each.state.at.floor == "L2"
         assert (virtual.state.adaptor, ran.state.adaptor) == ("simulated", "smartpal")
-        found = apart(virtual.state, ran.state, SmartPalBody())
+        found = difference(virtual.state, ran.state, SmartPalBody())
         assert found.base_m <= BASE_M
         assert found.turned_rad <= TURNED_RAD
         assert max(found.hands_m.values()) <= HAND_M
