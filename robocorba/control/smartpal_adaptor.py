@@ -371,27 +371,24 @@ def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
 
 def _stop_all(units: SmartPalUnits) -> None:
     """Stop all units in parallel, each in its own thread, so that none waits for another. Raises AdaptorFailed."""
-    failed: dict[str, str] = {}
+    failures = {unit: f"{unit} did not stop within {_STOP_LIMIT_S:g} s" for unit in units.names}
 
     def stop(unit: str) -> None:
         try:
             units.stop(unit)
         except AdaptorFailed as error:
-            failed[unit] = str(error)
+            failures[unit] = str(error)
         else:
-            stopped.add(unit)
+            del failures[unit]
 
-    stopped: set[str] = set()
     threads = [threading.Thread(target=stop, args=(unit,), name=f"stop {unit}", daemon=True) for unit in units.names]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + _STOP_LIMIT_S
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    late = f"did not stop within {_STOP_LIMIT_S:g} s"
-    missing = [failed.get(unit, f"{unit} {late}") for unit in units.names if unit not in stopped]
-    if missing:
-        raise AdaptorFailed("; ".join(missing))
+    if reasons := list(failures.values()):
+        raise AdaptorFailed("; ".join(reasons))
 
 
 class _Parser(argparse.ArgumentParser):

@@ -1,26 +1,10 @@
-"""Findings and notes of a program check."""
+"""The result of a program check: findings and notes."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from robocorba.errors.robots import InvalidProgram
-
-
-class ProgramFinding(NamedTuple):
-    """An error of a program. icon: its path, such as icons[2].then[0]. parameter: of the icon; parameters that are
-    wrong in combination are joined, such as `x, y, z`. what: the reason."""
-
-    icon: str
-    parameter: str
-    what: str
-
-    def __str__(self) -> str:
-        return str(self.error())
-
-    def error(self) -> InvalidProgram:
-        """The finding as an exception."""
-        return InvalidProgram(*self)
 
 
 class Note(NamedTuple):
@@ -37,11 +21,11 @@ class CheckReport:
     """Findings and notes of a check, in the order found; only the first finding of each parameter."""
 
     def __init__(self) -> None:
-        self._findings: dict[tuple[str, str], ProgramFinding] = {}
+        self._findings: dict[tuple[str, str], InvalidProgram] = {}
         self._notes: dict[Note, None] = {}
 
     @property
-    def findings(self) -> tuple[ProgramFinding, ...]:
+    def findings(self) -> tuple[InvalidProgram, ...]:
         return tuple(self._findings.values())
 
     @property
@@ -56,10 +40,11 @@ class CheckReport:
     def require_valid(self) -> None:
         """Raise InvalidProgram for the first finding."""
         for finding in self.findings:
-            raise finding.error()
+            raise finding
 
-    def add_finding(self, icon: str, parameter: str, what: str) -> None:
-        self._findings.setdefault((icon, parameter), ProgramFinding(icon, parameter, what))
+    def add_finding(self, icon: str, parameter: str, reason: str) -> None:
+        """Parameters that are wrong in combination are joined, such as `x, y, z`."""
+        self._findings.setdefault((icon, parameter), InvalidProgram(icon, parameter, reason))
 
     def add_note(self, icon: str, what: str) -> None:
         self._notes.setdefault(Note(icon, what))

@@ -92,7 +92,7 @@ def test_a_hand_that_can_not(build: Build, parameter: str, what: str, arms: Call
     report = arms(build)
     last = len(built(build).program().icons) - 1
     assert wrong(report) == [(f"icons[{last}]", parameter)]
-    assert what in report.findings[0].what
+    assert what in report.findings[0].reason
 
 
 def test_a_way_is_judged_from_where_the_program_has_brought_the_arm(arms: Callable[[Build], CheckReport]) -> None:
@@ -225,7 +225,7 @@ def test_a_base_gets_where_it_can(base: Callable[..., CheckReport]) -> None:
 def test_a_base_that_can_not(build: Build, parameter: str, what: str, base: Callable[..., CheckReport]) -> None:
     report = base(lambda a: build(a.wait(1)))
     assert wrong(report) == [("icons[1]", parameter)]
-    assert what in report.findings[0].what
+    assert what in report.findings[0].reason
 
 
 def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., CheckReport]) -> None:
@@ -239,7 +239,7 @@ def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., CheckRepor
 def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(base: Callable[..., CheckReport]) -> None:
     report = base(lambda a: a.mbase_path("L3", 21.25, 5.0), Start(Place("L1", 0.1, 4.0)))
     assert wrong(report) == [("icons[0]", "")]
-    assert "start L1" in report.findings[0].what
+    assert "start L1" in report.findings[0].reason
 
 
 def test_where_nobody_knows_where_a_drive_begins_it_says_so(base: Callable[..., CheckReport]) -> None:
