@@ -36,7 +36,7 @@ from matplotlib.axes import Axes
 
 from bench import RESULTS
 from bench.common.processes import Process
-from robocorba.control.runner import ProgramResult, Report
+from robocorba.control.runner import ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
@@ -205,7 +205,9 @@ def begin(place: MissionSystem, of: Sequence[Room]) -> float:
     return began[-1] - began[0]
 
 
-def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[tuple[Room, Report]]:
+def ended(
+    place: MissionSystem, of: Sequence[Room], began: float, paces: list[float]
+) -> Iterator[tuple[Room, ProgramReport]]:
     """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in
     a second."""
     running = list(of)
@@ -215,14 +217,14 @@ def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[fl
             try:
                 report = place.agent(f"l{room.number}").state().program
             except RoboCorbaError as error:  # too busy to answer, or gone
-                report = Report(reason=str(error))
+                report = ProgramReport(reason=str(error))
             if report.result is not ProgramResult.NO_RESULT or time.monotonic() - began > DEADLINE_S:
                 running.remove(room)
                 yield room, report
         time.sleep(1.0)
 
 
-def outcome(place: MissionSystem, room: Room, report: Report) -> Outcome:
+def outcome(place: MissionSystem, room: Room, report: ProgramReport) -> Outcome:
     files = list((place.folder / f"l{room.number}" / MISSIONS).glob("*/report.json"))
     known = json.loads(files[0].read_text()) if files else {}
     attempts = {one["mission"] for one in known.get("events", ())}

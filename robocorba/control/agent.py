@@ -15,7 +15,7 @@ from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, OtherRobots, ProgramResult, Report, Runner
+from robocorba.control.runner import IconBegun, OtherRobots, ProgramReport, ProgramResult, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
@@ -73,14 +73,14 @@ class AgentState(NamedTuple):
     actor: RobotState
     speed_cap: float
     jitter_s: float
-    program: Report
+    program: ProgramReport
 
 
 class Task(Protocol):
     """A task of an agent: a program, or a part in a mission."""
 
     @property
-    def report(self) -> Report:
+    def report(self) -> ProgramReport:
         """Its progress, and its result once it has ended."""
 
     def begun(self, first: int) -> list[IconBegun]:
@@ -342,8 +342,8 @@ class ControlAgent:
         self._thread.start()
 
     @property
-    def _report(self) -> Report:
-        return self._task.report if self._task else Report()
+    def _report(self) -> ProgramReport:
+        return self._task.report if self._task else ProgramReport()
 
     def _log_on(self) -> None:
         """Before each start of the adaptor: log on if the server has no session for the robot. An actual robot's body

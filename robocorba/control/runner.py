@@ -38,7 +38,7 @@ class ProgramResult(Enum):
     FAILED = 3
 
 
-class Report(NamedTuple):
+class ProgramReport(NamedTuple):
     """Progress and result of a program. icon: the present icon, a path such as icons[2].then[0]; kind: its type.
     reason: why the program failed or was aborted. seconds: since its start."""
 
@@ -87,19 +87,19 @@ class Runner:
     def __init__(self, program: Program, robot: Robot, others: OtherRobots) -> None:
         self._program, self._robot, self._others = program, robot, others
         self._started_at = time.monotonic()
-        self._last_report = Report(program.name)
+        self._last_report = ProgramReport(program.name)
         self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
         self._last_outcome: Outcome = "done"
         self._events: deque[ReceivedEvent] = deque(maxlen=MAX_EVENTS)
 
     @property
-    def report(self) -> Report:
+    def report(self) -> ProgramReport:
         report = self._last_report
         if report.result is ProgramResult.NO_RESULT:
             return report._replace(seconds=time.monotonic() - self._started_at)
         return report
 
-    def run(self) -> Report:
+    def run(self) -> ProgramReport:
         """Run the program to its end. Its errors are in the returned report."""
         try:
             self._others.subscribe(_event_patterns(self._program), self._events.append)

@@ -35,14 +35,16 @@ SHOULDER_M = (-0.025, 0.200, 1.1265)
 UPPER_ARM_M, FOREARM_M, WRIST_M, HAND_M = 0.250, 0.280, 0.056, 0.110
 ELBOW_OFFSET_M = -0.02
 #: Footprint of the base: its back and front edge (x), and half its width [m].
-BACK_M, FRONT_M, HALF_WIDTH_M = -0.376, 0.237, 0.2775
+BASE_BACK_M, BASE_FRONT_M, BASE_HALF_WIDTH_M = -0.376, 0.237, 0.2775
 #: Assumed heights of the lumbar joints, of the base and of the proximity sensors [m].
-LUMBAR_LOWER_M, LUMBAR_UPPER_M, BASE_M, PROXIMITY_M = 0.38, 0.75, 0.30, 0.15
+LUMBAR_LOWER_HEIGHT_M, LUMBAR_UPPER_HEIGHT_M, BASE_HEIGHT_M, PROXIMITY_HEIGHT_M = 0.38, 0.75, 0.30, 0.15
 #: Assumed position of the laser at the waist [m].
 LASER_M = (0.13, 0.0, 0.60)
-PROXIMITY_SENSORS = 8
+#: Number of proximity sensors around the base.
+PROXIMITY_COUNT = 8
 
-ACROSS, ALONG, UP = (0, 1, 0), (1, 0, 0), (0, 0, 1)
+#: Axis of the joints that bend across the body.
+ACROSS = (0, 1, 0)
 #: Dimensions of a finger, and half the gap between parallel fingers [m]: closed fingers meet at their tips.
 _FINGER_LENGTH_M, _FINGER_M = 0.090, 0.006
 _GAP_M = _FINGER_LENGTH_M * math.tan(JOINT_UPPER[-1]) / 2
@@ -68,24 +70,25 @@ def specification() -> mujoco.MjSpec:
     counter-clockwise from ahead)."""
     spec = mujoco.MjSpec.from_string(_EMPTY_MODEL)
     base = spec.worldbody.add_body(name="base")
-    middle, half = (BACK_M + FRONT_M) / 2, (FRONT_M - BACK_M) / 2
-    _box(base, (middle, 0, (BASE_M + 0.03) / 2), (half, HALF_WIDTH_M, (BASE_M - 0.03) / 2), 73.0, _DARK)
-    for number in range(PROXIMITY_SENSORS):
-        bearing = number * math.tau / PROXIMITY_SENSORS
-        at = (middle + round(math.cos(bearing)) * half, round(math.sin(bearing)) * HALF_WIDTH_M, PROXIMITY_M)
+    middle, half = (BASE_BACK_M + BASE_FRONT_M) / 2, (BASE_FRONT_M - BASE_BACK_M) / 2
+    half_sides = half, BASE_HALF_WIDTH_M, (BASE_HEIGHT_M - 0.03) / 2
+    _box(base, (middle, 0, (BASE_HEIGHT_M + 0.03) / 2), half_sides, 73.0, _DARK)
+    for number in range(PROXIMITY_COUNT):
+        bearing = number * math.tau / PROXIMITY_COUNT
+        x, y = middle + round(math.cos(bearing)) * half, round(math.sin(bearing)) * BASE_HALF_WIDTH_M
         turned = (math.cos(bearing / 2), 0, 0, math.sin(bearing / 2))
-        base.add_site(name=f"proximity_{number + 1}", pos=at, quat=turned, size=[0.01] * 3)
+        base.add_site(name=f"proximity_{number + 1}", pos=(x, y, PROXIMITY_HEIGHT_M), quat=turned, size=[0.01] * 3)
 
-    waist = _link(base, "waist", (0, 0, LUMBAR_LOWER_M), ("lumbar_lower", ACROSS))
-    lumbar = LUMBAR_UPPER_M - LUMBAR_LOWER_M
+    waist = _link(base, "waist", (0, 0, LUMBAR_LOWER_HEIGHT_M), ("lumbar_lower", ACROSS))
+    lumbar = LUMBAR_UPPER_HEIGHT_M - LUMBAR_LOWER_HEIGHT_M
     _capsule(waist, (0, 0, 0), (0, 0, lumbar), 0.09, 10.0, _WHITE)
-    waist.add_site(name="laser", pos=(*LASER_M[:2], LASER_M[2] - LUMBAR_LOWER_M), size=[0.02] * 3)
+    waist.add_site(name="laser", pos=(*LASER_M[:2], LASER_M[2] - LUMBAR_LOWER_HEIGHT_M), size=[0.02] * 3)
 
     trunk = _link(waist, "trunk", (0, 0, lumbar), ("lumbar_upper", ACROSS))
-    shoulder = SHOULDER_M[2] - LUMBAR_UPPER_M
+    shoulder = SHOULDER_M[2] - LUMBAR_UPPER_HEIGHT_M
     _box(trunk, (-0.025, 0, shoulder / 2 + 0.04), (0.095, 0.130, shoulder / 2), 21.0, _WHITE)
     _box(trunk, (0.077, 0, shoulder - 0.09), (0.012, 0.110, 0.080), 2.0, _BLUE)  # the panel on its chest
-    head = _link(trunk, "head", (-0.025, 0, HEIGHT_M - LUMBAR_UPPER_M - 0.09))
+    head = _link(trunk, "head", (-0.025, 0, HEIGHT_M - LUMBAR_UPPER_HEIGHT_M - 0.09))
     head.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.09, 0, 0], mass=3.0, rgba=_WHITE)
 
     for side in Side:

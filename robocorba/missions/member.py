@@ -7,7 +7,7 @@ import time
 
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, ProgramResult, Report
+from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.missions.carry_progress import CarryProgress
@@ -41,7 +41,7 @@ class Member:
         self._failed, self._ended = "", False
         self._late_at = float("inf")
         self._begun: list[IconBegun] = []
-        self.report = Report(f"mission {self.mission}")
+        self.report = ProgramReport(f"mission {self.mission}")
 
     @property
     def has_ended(self) -> bool:
@@ -184,7 +184,7 @@ class Member:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""
 
     def _update_report(self, result: ProgramResult = ProgramResult.NO_RESULT, reason: str = "") -> None:
-        self.report = Report(
+        self.report = ProgramReport(
             self.report.name,
             result,
             f"steps[{self._step}]" if self._step >= 0 else "",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robocorba.control.robot import Robot
-from robocorba.control.runner import ProgramResult, ReceivedEvent, Report, Runner
+from robocorba.control.runner import ProgramReport, ProgramResult, ReceivedEvent, Runner
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
@@ -45,7 +45,7 @@ def smartpal(place: Place, session: InProcessSession) -> Iterator[Robot]:
     found.controller.close()
 
 
-def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None) -> tuple[Report, list[str]]:
+def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None) -> tuple[ProgramReport, list[str]]:
     """How it ended, and the kinds of icons that began."""
     runner = Runner(builder.program(), smartpal, channel or Channel())
     report = runner.run()
@@ -146,24 +146,24 @@ def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
 
 def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
     builder = ProgramBuilder("slow").mbase_velocity(0.2, 0.0, 0.0, 1.0).wait(0.1).mbase_velocity(0.0, 0.2, 0.0, 60.0)
-    course = smartpal.execution
-    course.reset(True)
+    execution = smartpal.execution
+    execution.reset(True)
     runner, thread = begin(smartpal, builder)
-    eventually(lambda: course.is_paused, "before the first icon")
+    eventually(lambda: execution.is_paused, "before the first icon")
     assert (runner.report.icon, runner.report.icons_done) == ("icons[0]", 0)
-    course.step()
-    eventually(lambda: runner.report.icon == "icons[1]" and course.is_paused, "before the second")
-    course.resume()
+    execution.step()
+    eventually(lambda: runner.report.icon == "icons[1]" and execution.is_paused, "before the second")
+    execution.resume()
     eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving")
-    course.pause()
+    execution.pause()
     eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
-    course.resume()
+    execution.resume()
     eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving again")
-    course.abort()
+    execution.abort()
     thread.join(10.0)
     assert (runner.report.result, runner.report.reason) == (ProgramResult.ABORTED, "somebody ended it")
     eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
-    course.reset(False)
+    execution.reset(False)
 
 
 @at(2.0, 2.95, -math.pi / 2)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robocorba.control.agent import AgentCondition, AgentState
-from robocorba.control.runner import IconBegun, ProgramResult, Report
+from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
 from robocorba.errors import robots as errors
@@ -95,14 +95,14 @@ def agent_state_of(struct: Any) -> AgentState:
     )
 
 
-def report(found: Report) -> Any:
+def report(found: ProgramReport) -> Any:
     return RoboCorba.ProgramReport(
         found.name, _RESULTS[found.result], found.icon, found.kind, found.reason, found.icons_done, found.seconds
     )
 
 
-def report_of(struct: Any) -> Report:
-    return Report(
+def report_of(struct: Any) -> ProgramReport:
+    return ProgramReport(
         struct.name,
         _RESULT_OF[struct.result],
         struct.icon,
