@@ -105,14 +105,14 @@ class Cooperation:
         here = Place(*agent.place[:3])
         planner = PLANNERS[type(icon)](icon, self._world, self._name, here)
         mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
-        course = agent.robot.course
+        execution = agent.robot.execution
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
             leader = Leader(
                 mission,
                 Transport(channel, self._name),
                 lambda: Place(*agent.place[:3]),
                 self._store_plan,
-                lambda: str(course.interruption or ""),
+                lambda: str(execution.interruption or ""),
             )
             report = leader.lead(kind(icon).replace("_", " "), planner)
         report.save(self._reports)

@@ -27,7 +27,7 @@ from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, fau
 from robocorba.clients.robot_film import RobotShapes, Views, sheet
 from robocorba.clients.robot_processes import ActualRobot, Running, robocorba, servers
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
@@ -38,8 +38,8 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.samples import sample_path
 from robocorba.programs import icons
-from robocorba.programs.builder import ProgramBuilder
-from robocorba.programs.program import Program, dumps, walk
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.program import Program, dumps, icons_with_paths
 from robocorba.settings import Address
 from robocorba.video import VideoFile
 
@@ -215,14 +215,14 @@ def _have_ended(states: Mapping[str, AgentState]) -> bool:
     """Whether all programs are done. Raises MotionFailed if one has failed."""
     for name, state in states.items():
         report = state.program
-        if report.result not in (Result.NO_RESULT, Result.DONE):
+        if report.result not in (ProgramResult.NO_RESULT, ProgramResult.DONE):
             raise MotionFailed(f"{name}: {report.icon} {report.kind}: {report.reason}")
-    return all(state.program.result is Result.DONE for state in states.values())
+    return all(state.program.result is ProgramResult.DONE for state in states.values())
 
 
 def _describe(program: Program, path: str) -> str:
     """An icon in words, such as: gripper right close."""
-    icon = dict(walk(program))[path]
+    icon = dict(icons_with_paths(program))[path]
     about = getattr(icon, "condition", icon)
     parts = (getattr(about, name, None) for name in ("hand", "action", "posture", "type", "result"))
     return " ".join([icons.kind(icon), *filter(None, parts)])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.clients.robot_film import in_building
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import GRIP, SHUT_RAD, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.motion.robot_state import RobotState
@@ -53,7 +53,7 @@ class Facts(NamedTuple):
 
 def facts(moments: Sequence[Moment]) -> Facts:
     """Evaluate the moments of a hand-over."""
-    body = Body()
+    body = SmartPalBody()
     gripped = _first(moments, 0, lambda moment: is_shut(moment.taker, TAKING))
     giving = _first(moments, 0, lambda moment: is_shut(moment.giver, GIVING))
     let_go = _first(moments, giving, lambda moment: not is_shut(moment.giver, GIVING))
@@ -92,12 +92,12 @@ def _first(moments: Sequence[Moment], start: int, is_met: Callable[[Moment], boo
     return next((number for number in range(start, len(moments)) if is_met(moments[number])), len(moments))
 
 
-def _hands(body: Body, moment: Moment) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+def _hands(body: SmartPalBody, moment: Moment) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
     """Control point (3,) [m] and direction (3,) of the giver's and of the taker's hand."""
     return _hand(body, moment.giver, GIVING), _hand(body, moment.taker, TAKING)
 
 
-def _hand(body: Body, state: RobotState, side: Side) -> tuple[Floats, Floats]:
+def _hand(body: SmartPalBody, state: RobotState, side: Side) -> tuple[Floats, Floats]:
     hand = body.hand(side, state.joints)
     at, tip = in_building(np.array([hand.position, hand.position + hand.rotation[:, 0]]), state)
     return at, tip - at

@@ -12,7 +12,7 @@ from robocorba import logs
 from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
 from robocorba.corba.calls import describe
@@ -28,12 +28,12 @@ from robocorba.data_pool.plans import Plans
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.programs import program
-from robocorba.programs.checker import Start, require
+from robocorba.programs.checker import Start, check
 from robocorba.programs.program import Program
 from robocorba.repeating import Repeating
 from robocorba.settings import RobotSettings
@@ -52,7 +52,7 @@ class Checker:
     def __call__(self, wanted: Program, state: AgentState) -> None:
         at = state.at
         start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
-        require(wanted, self._kinematics, self._planner, start)
+        check(wanted, self._kinematics, self._planner, start).require_valid()
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         checker = Checker(planner)
         if settings.channel:
             carry_planning.warm_up()
-        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
+        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE_LIMITS))
         log_on(session, orb, settings)
         plans = Plans()
         reports = settings.common.state / MISSIONS
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
         stack.callback(follower.close)
         nearby = PoolNearby(follower.pool, settings.name)
-        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, checker, ticks, nearby)
+        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, checker, ticks, nearby)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
 

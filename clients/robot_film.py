@@ -12,7 +12,7 @@ import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.pose import HandPose
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
@@ -37,7 +37,7 @@ class RobotShapes:
     """The shapes of a robot's links."""
 
     def __init__(self) -> None:
-        self.body = Body()
+        self.body = SmartPalBody()
         model = self.body.model
         self._links = [
             (model.body(int(model.geom_bodyid[geom])).name, _shape(model, geom)) for geom in range(model.ngeom)

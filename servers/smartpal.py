@@ -11,7 +11,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
 from robocorba.kinematics.smartpal import Side
 from robocorba.settings import SmartPalSettings
-from robocorba.smartpal.robot import RealTime, SmartPal
+from robocorba.smartpal_stand_in.robot import RealTime, SmartPal
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

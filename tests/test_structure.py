@@ -20,7 +20,7 @@ DOMAIN = {
     "maps": "errors spatial",
     "motion": "errors spatial",
     "kinematics": "errors spatial",
-    "smartpal": "errors spatial kinematics",
+    "smartpal_stand_in": "errors spatial kinematics",
     "planning": "errors spatial maps",
     "data_pool": "errors spatial maps",
     "simulation": "errors spatial maps planning",

@@ -15,6 +15,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from bench import RESULTS
 from robocorba.testing import report
 from robocorba.testing.federation import channels
 from robocorba.testing.federation_chaos import NAMING, Chaos, Outcome
@@ -61,7 +62,8 @@ def main() -> int:
     by_victim = {victim: [o for o in outcomes if o.victim == victim] for victim in VICTIMS}
     by_victim = {victim: of_it for victim, of_it in by_victim.items() if of_it}
     samples = {f"after kill of {victim}": [o.to_links_s for o in of_it] for victim, of_it in by_victim.items()}
-    report.write("event_chaos", TITLE, [row(*of_one) for of_one in by_victim.items()], samples, "s to links up")
+    rows = [row(*of_one) for of_one in by_victim.items()]
+    report.summarize_samples(RESULTS / "event_chaos", TITLE, rows, samples, "s to links up")
 
     wrong = [outcome for outcome in outcomes if not outcome.is_right or outcome.links_after_ready_s > MARK_S]
     for outcome in wrong:

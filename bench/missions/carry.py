@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.places import random_places
 from bench.common.processes import Process
 from robocorba.corba.event_client import EventClient
@@ -32,7 +33,7 @@ from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building
 from robocorba.maps.samples import load_sample, sample_path
 from robocorba.planning.request import Place
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions
@@ -223,7 +224,7 @@ def main() -> int:
     title += f", actual: {', '.join(actual)}" if actual else ""
     name = f"{NAME}_actual" if actual else NAME
     is_reached = summarize(
-        name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes)
+        RESULTS / name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes)
     )
     return 0 if is_reached else 1
 

@@ -28,7 +28,8 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 from omniORB import CORBA
 
-from robocorba.control.agent import Condition
+from bench import RESULTS
+from robocorba.control.agent import AgentCondition
 from robocorba.corba.remote.agents import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
@@ -223,7 +224,7 @@ class Chaos:
         for name in names:
             with contextlib.suppress(RoboCorbaError):
                 agent = self.place.agent(name)
-                if agent.state().condition is Condition.STOPPED and not _soon(partial(_reset, agent), 15.0):
+                if agent.state().condition is AgentCondition.STOPPED and not _soon(partial(_reset, agent), 15.0):
                     wrong.append(f"the emergency stop of {name} cannot be reset")
         if not _soon(lambda: all(map(self.place.is_free, names)), 40.0):
             wrong.append(f"not free: {[name for name in names if not self.place.is_free(name)]}")
@@ -244,7 +245,7 @@ def _reset(agent: RemoteAgent) -> bool:
     except NotReachable:
         raise
     except RoboCorbaError:
-        return agent.state().condition is not Condition.STOPPED
+        return agent.state().condition is not AgentCondition.STOPPED
     return True
 
 
@@ -293,7 +294,7 @@ def main() -> int:
     marks = [at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0)]
     title = f"{options.missions} missions of three robots, with a fault each, and one without"
     rows = [row(fault, those) for fault, those in by_fault.items()]
-    return 0 if summarize(NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1
+    return 0 if summarize(RESULTS / NAME, title, rows, marks, lambda axes: _draw(axes, outcomes)) else 1
 
 
 def _draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:

@@ -34,14 +34,15 @@ import msgspec
 import psutil
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
-from robocorba.control.runner import Report, Result
+from robocorba.control.runner import ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
 from robocorba.names import MISSIONS
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, missions
@@ -204,7 +205,9 @@ def begin(place: MissionSystem, of: Sequence[Room]) -> float:
     return began[-1] - began[0]
 
 
-def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[tuple[Room, Report]]:
+def ended(
+    place: MissionSystem, of: Sequence[Room], began: float, paces: list[float]
+) -> Iterator[tuple[Room, ProgramReport]]:
     """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in
     a second."""
     running = list(of)
@@ -214,14 +217,14 @@ def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[fl
             try:
                 report = place.agent(f"l{room.number}").state().program
             except RoboCorbaError as error:  # too busy to answer, or gone
-                report = Report(reason=str(error))
-            if report.result is not Result.NO_RESULT or time.monotonic() - began > DEADLINE_S:
+                report = ProgramReport(reason=str(error))
+            if report.result is not ProgramResult.NO_RESULT or time.monotonic() - began > DEADLINE_S:
                 running.remove(room)
                 yield room, report
         time.sleep(1.0)
 
 
-def outcome(place: MissionSystem, room: Room, report: Report) -> Outcome:
+def outcome(place: MissionSystem, room: Room, report: ProgramReport) -> Outcome:
     files = list((place.folder / f"l{room.number}" / MISSIONS).glob("*/report.json"))
     known = json.loads(files[0].read_text()) if files else {}
     attempts = {one["mission"] for one in known.get("events", ())}
@@ -404,7 +407,11 @@ def main() -> int:
     print(f"simulated seconds in a second: {statistics.median(paces):.2f} at the median, {min(paces):.2f} at least")
     title = f"{len(outcomes)} simultaneous missions, {len(starts)} robots: {done} done, {collisions} collisions"
     is_reached = summarize(
-        NAME, title, [one.row() for one in outcomes], marks(outcomes, spread_s, wrong), partial(_draw, outcomes)
+        RESULTS / NAME,
+        title,
+        [one.row() for one in outcomes],
+        marks(outcomes, spread_s, wrong),
+        partial(_draw, outcomes),
     )
     return 0 if is_reached else 1
 

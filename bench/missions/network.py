@@ -25,6 +25,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bench import RESULTS
 from bench.common.namespaces import Namespace
 from bench.common.processes import Process
 from bench.missions.carry import BUILDING, CREW, GOAL, LEADER, SKEW_MS, STARTS, Outcome, carry, draw, marks, spread_out
@@ -219,7 +220,7 @@ def main() -> int:
     print(json.dumps({"quiet": quiet._asdict(), "flooded": flooded._asdict()}))
     title = f"the paper's scene over links of {options.delay:g} ms one way, {len(outcomes)} missions"
     reached = [*marks(outcomes), *crossing_marks(quiet, flooded, crossed, received)]
-    return 0 if summarize(NAME, title, rows, reached, lambda axes: draw(axes, outcomes)) else 1
+    return 0 if summarize(RESULTS / NAME, title, rows, reached, lambda axes: draw(axes, outcomes)) else 1
 
 
 def watched(both: TwoNetworks) -> Crossed:

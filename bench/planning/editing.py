@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from omniORB import CORBA
 
+from bench import RESULTS
 from bench.common.places import random_trips
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.calls import describe
@@ -37,7 +38,7 @@ from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
 from robocorba.settings import Address
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import PROGRESS, quantile, timed_ms, write
+from robocorba.testing.report import PROGRESS, quantile, summarize_samples, timed_ms
 
 ROUNDS, EDITS, EDITORS, PLANNERS = 3, 1000, 2, 4
 #: Duration of the queries without edits, and of the warm-up before them [s].
@@ -115,7 +116,13 @@ def main() -> None:
             missed += [f"round {round_}: {what}" for what in lost]
             if gap > MAX_GAP_MS:
                 missed.append(f"round {round_}: a planner waited {gap:.0f} ms, {MAX_GAP_MS:g} ms are allowed")
-    write("editing", f"{EDITS} edits by {EDITORS} clients beside {PLANNERS} planners", rows, samples, "milliseconds")
+    summarize_samples(
+        RESULTS / "editing",
+        f"{EDITS} edits by {EDITORS} clients beside {PLANNERS} planners",
+        rows,
+        samples,
+        "milliseconds",
+    )
     if missed:
         sys.exit("editing: " + "; ".join(missed[:10]))
 

@@ -24,6 +24,7 @@ from matplotlib.axes import Axes
 from rich.progress import track
 from scipy import ndimage
 
+from bench import RESULTS
 from robocorba.errors.paths import PathError
 from robocorba.maps.model import Building, Wall
 from robocorba.planning.planner import PathPlanner
@@ -232,7 +233,11 @@ def show(found: Sequence[Found]) -> bool:
     times = [took for one in found for took in one.times["query"]]
     median = f"{statistics.median(times):.1f} ms at the median" if times else "no query answered in time"
     return summarize(
-        "geometric", f"geometric paths on {SIZE} x {SIZE} cells: {median}", [one.row() for one in found], marks, draw
+        RESULTS / "geometric",
+        f"geometric paths on {SIZE} x {SIZE} cells: {median}",
+        [one.row() for one in found],
+        marks,
+        draw,
     )
 
 

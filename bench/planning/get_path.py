@@ -17,13 +17,14 @@ from typing import Any
 
 from omniORB import CORBA
 
+from bench import RESULTS
 from bench.common.places import random_places
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 from robocorba.planning.request import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import quantile, write
+from robocorba.testing.report import quantile, summarize_samples
 
 CALLS, ROUNDS = 2200, 5
 
@@ -70,7 +71,9 @@ def measure(name: str) -> None:
                 )
     ratio = statistics.median(row["getPath / null call"] for row in rows)
     title = f"getPath over IIOP, {name}, medians of {len(pairs)} random queries: {ratio:.2f} null calls"
-    write(f"get_path_{name}", title, rows, {"null call": null, "canned answer": canned_, "getPath": path}, "us")
+    summarize_samples(
+        RESULTS / f"get_path_{name}", title, rows, {"null call": null, "canned answer": canned_, "getPath": path}, "us"
+    )
 
 
 @contextlib.contextmanager

@@ -26,6 +26,7 @@ import shapely
 from rich.progress import track
 from shapely import LineString, STRtree
 
+from bench import RESULTS
 from bench.common.buildings import grid_building
 from bench.common.places import random_trips
 from robocorba.clients.robot_processes import servers
@@ -39,7 +40,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest, Place, RouteMode
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
-from robocorba.testing.report import PROGRESS, quantile, timed_ms, write
+from robocorba.testing.report import PROGRESS, quantile, summarize_samples, timed_ms
 
 ROUNDS, TRIPS = 5, 300
 #: networkx is slow: it gets one in this many trips.
@@ -119,7 +120,7 @@ def in_process(planner: PathPlanner, peer: Peer, trips: Sequence[Trip]) -> list[
     median, ratio = statistics.median(fast), statistics.median(ratios)
     title = f"100,000 nodes, 10 floors: {median:.2f} ms at the median, networkx {ratio:.1f} x as long"
     samples = {"RoboCorba": fast, "networkx A*": slow, "networkx A* with our estimate": informed}
-    write("large_building", title, rows, samples, "milliseconds")
+    summarize_samples(RESULTS / "large_building", title, rows, samples, "milliseconds")
     return [
         *([f"the planner's median is above {MAX_MEDIAN_MS:g} ms"] if median > MAX_MEDIAN_MS else []),
         *([f"networkx takes less than {MIN_RATIO:g} x as long"] if ratio < MIN_RATIO else []),
@@ -306,7 +307,9 @@ def over_iiop(building: Building, trips: Sequence[Trip]) -> list[str]:
                 )
     median = statistics.median(path)
     title = f"getPath over IIOP, 100,000 nodes, 10 floors: {median:.2f} ms at the median"
-    write("large_building_server", title, rows, {"null call": null, "getPath": path}, "milliseconds")
+    summarize_samples(
+        RESULTS / "large_building_server", title, rows, {"null call": null, "getPath": path}, "milliseconds"
+    )
     return [f"getPath's median over IIOP is above {MAX_MEDIAN_MS:g} ms"] if median > MAX_MEDIAN_MS else []
 
 

@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.robots.place import RecordedRobot, servers, stand_in
 from robocorba.control.high_controller import SPEED_CAP, TICK_S
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.smartpal import ACCELERATION, BASE, JOINTS, LOWER, SPEED, UPPER
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize
@@ -85,13 +86,13 @@ def broken_limits(ticks: Floats) -> dict[str, int]:
     more = 1.0 + SLACK
     found = {
         "base: speed": np.hypot(base[:, 0], base[:, 1]) > SPEED_CAP * more,
-        "base: turn": np.abs(base[:, 2]) > BASE.turn * more,
-        "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE.acceleration * TICK_S * more,
-        "base: turn acceleration": np.abs(np.diff(base[:, 2])) > BASE.turn_acceleration * TICK_S * more,
-        "joints: position": (joints < LOWER - SLACK) | (joints > UPPER + SLACK),
-        "joints: speed": np.abs(speeds) > SPEED * more,
-        "joints: acceleration": np.abs(np.diff(speeds, axis=0)) > ACCELERATION * passed * more + SLACK,
-        "joints: leaps": np.abs(np.diff(joints, axis=0)) > SPEED * passed * more + SLACK,
+        "base: turn": np.abs(base[:, 2]) > BASE_LIMITS.turn * more,
+        "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE_LIMITS.acceleration * TICK_S * more,
+        "base: turn acceleration": np.abs(np.diff(base[:, 2])) > BASE_LIMITS.turn_acceleration * TICK_S * more,
+        "joints: position": (joints < JOINT_LOWER - SLACK) | (joints > JOINT_UPPER + SLACK),
+        "joints: speed": np.abs(speeds) > JOINT_SPEED * more,
+        "joints: acceleration": np.abs(np.diff(speeds, axis=0)) > JOINT_ACCELERATION * passed * more + SLACK,
+        "joints: leaps": np.abs(np.diff(joints, axis=0)) > JOINT_SPEED * passed * more + SLACK,
     }
     return {name: int(np.count_nonzero(is_beyond)) for name, is_beyond in found.items()}
 
@@ -183,7 +184,7 @@ def main() -> int:
 
     bound = f"others on {others}" if options.pin else "others anywhere"
     title = f"control loop at {1 / TICK_S:g} Hz, {options.seconds:g} s, core {busy} kept busy, {bound}"
-    return 0 if summarize(NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
+    return 0 if summarize(RESULTS / NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.robots.data_pool_client import LOOK_S
 from bench.simulation.building import robots
@@ -206,10 +207,10 @@ def main() -> int:
             memory = memory_rows(naming, folder, floors, rider, sum(len(found["change"]) for found in runs))
     rows = [row_of(number, found) for number, found in enumerate(runs, 1)]
     title = f"{options.robots} robots that move on {len(floors)} floors, {len(floors) + 1} pools, {options.seconds:g} s"
-    is_reached = summarize(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, runs))
+    is_reached = summarize(RESULTS / NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, runs))
     title = f"Data pools with {options.robots} robots on {len(floors)} floors"
     are_reached = summarize(
-        f"{NAME}_memory", title, memory, memory_marks_of(memory), lambda axes: _draw_memory(axes, memory)
+        RESULTS / f"{NAME}_memory", title, memory, memory_marks_of(memory), lambda axes: _draw_memory(axes, memory)
     )
     return 0 if is_reached and are_reached else 1
 

@@ -19,12 +19,13 @@ import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from robocorba.spatial.grids import Floats
 from robocorba.testing.report import at_least, at_most, quantile, summarize, timed_ms
 
@@ -37,13 +38,13 @@ HOME = np.zeros(len(JOINTS))
 Solve = Callable[[HandPose], Floats | None]
 
 
-def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats]:
+def postures(body: SmartPalBody, side: Side, count: int, are_clear: bool) -> list[Floats]:
     """Random joint angles of an arm, with the other arm hanging. are_clear: only postures without collisions."""
     chance = np.random.default_rng(17)
     found: list[Floats] = []
     while len(found) < count:
         joints = HOME.copy()
-        joints[ARM[side]] = chance.uniform(LOWER[ARM[side]], UPPER[ARM[side]])
+        joints[ARM[side]] = chance.uniform(JOINT_LOWER[ARM[side]], JOINT_UPPER[ARM[side]])
         if not are_clear or not body.collisions(joints):
             found.append(joints)
     return found
@@ -52,7 +53,7 @@ def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats
 def ours(inverse: InverseKinematics, side: Side, avoid_collisions: bool) -> Solve:
     def solve(target: HandPose) -> Floats | None:
         try:
-            return inverse.solve(side, target, HOME, avoid_collisions=avoid_collisions)
+            return inverse.solve({side: target}, HOME, avoid_collisions=avoid_collisions)
         except Unreachable:
             return None
 
@@ -99,7 +100,9 @@ def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
     return solve
 
 
-def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) -> tuple[dict[str, Any], list[float]]:
+def measure(
+    body: SmartPalBody, side: Side, by: str, solve: Solve, truth: list[Floats]
+) -> tuple[dict[str, Any], list[float]]:
     """A row, and the duration of each solve [ms]."""
     solved, times = 0, []
     solve(body.hand(side, truth[0]))
@@ -109,7 +112,8 @@ def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) 
         times.append(took)
         if found is not None:
             way, turn = body.hand(side, found).distance(target)
-            solved += way < NEAR_M and turn < NEAR_RAD and within_limits(found)
+            is_within = np.allclose(found, np.clip(found, JOINT_LOWER, JOINT_UPPER), rtol=0.0, atol=1e-9)
+            solved += way < NEAR_M and turn < NEAR_RAD and is_within
     row = {
         "arm": side.value,
         "by": by,
@@ -124,7 +128,7 @@ def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) 
 
 def main() -> int:
     """Exit code: 0 if every mark was reached."""
-    body, inverse = Body(), InverseKinematics()
+    body, inverse = SmartPalBody(), InverseKinematics()
     rows, times, marks = [], {}, []
     for side in Side:
         anywhere = postures(body, side, POSES, False)
@@ -141,13 +145,13 @@ def main() -> int:
                 marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
     rows += forward(body)
     title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
-    return 0 if summarize("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
+    return 0 if summarize(RESULTS / "kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
 
 
-def forward(body: Body) -> list[dict[str, Any]]:
+def forward(body: SmartPalBody) -> list[dict[str, Any]]:
     """Rows for the durations of forward kinematics and collision queries."""
     chance = np.random.default_rng(18)
-    everywhere = list(chance.uniform(LOWER, UPPER, (QUESTIONS, len(JOINTS))))
+    everywhere = list(chance.uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))
     rows = []
     for what, ask in (
         ("one hand, forward", lambda joints: body.hand(Side.LEFT, joints)),

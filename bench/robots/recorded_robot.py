@@ -23,7 +23,7 @@ import numpy as np
 from robocorba.clients import robot
 from robocorba.control import model_switcher
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
 #: Most ticks that are recorded: one hour.
@@ -106,8 +106,8 @@ def main(folder: str, arguments: Sequence[str]) -> None:
     atexit.register(recorder.close)
     make = model_switcher.make
 
-    def recorded(name: str, surroundings: Surroundings) -> RobotAdaptor:
-        return RecordedAdaptor(make(name, surroundings), recorder)
+    def recorded(name: str, context: AdaptorContext) -> RobotAdaptor:
+        return RecordedAdaptor(make(name, context), recorder)
 
     model_switcher.make = recorded
     robot.main(arguments)

@@ -28,16 +28,17 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.namespaces import CLONE_NEWNET, Namespace
 from bench.common.processes import Process
 from bench.robots.place import FLOOR, NAME, RecordedRobot, faults, servers, stand_in
 from bench.robots.recorded_robot import HANG_S
-from robocorba.control.agent import Condition
+from robocorba.control.agent import AgentCondition
 from robocorba.control.high_controller import SPEED_CAP
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.settings import Address
 from robocorba.stubs import _GlobalIDL
@@ -153,7 +154,7 @@ class Stage:
     def _reported(self) -> tuple[float, str]:
         def stop_reason() -> str:
             state = self.robot.agent.state()
-            return state.reason if state.condition is Condition.STOPPED else ""
+            return state.reason if state.condition is AgentCondition.STOPPED else ""
 
         reason = eventually(stop_reason, PATIENCE_S, "that the agent reports the stop")
         return time.monotonic(), str(reason)
@@ -175,11 +176,11 @@ class Stage:
         def is_back() -> bool:
             try:
                 state = self.robot.agent.state()
-                if state.condition is Condition.STOPPED:
+                if state.condition is AgentCondition.STOPPED:
                     self.robot.agent.reset_stop()
-                elif state.condition is not Condition.IDLE:
+                elif state.condition is not AgentCondition.IDLE:
                     self.robot.agent.abort()
-                return self.robot.agent.state().condition is Condition.IDLE
+                return self.robot.agent.state().condition is AgentCondition.IDLE
             except (NotReachable, RobotError):
                 return False
 
@@ -376,7 +377,7 @@ def main() -> int:
         axes.invert_yaxis()
 
     title = f"a robot at {SPEED_CAP:g} m/s that has to stop"
-    return 0 if summarize(BENCH, title, rows, marks, draw) else 1
+    return 0 if summarize(RESULTS / BENCH, title, rows, marks, draw) else 1
 
 
 if __name__ == "__main__":

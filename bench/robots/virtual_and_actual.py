@@ -25,10 +25,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.programs import program
 from robocorba.programs.icons import kind
@@ -37,7 +38,7 @@ from robocorba.spatial.grids import Floats
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.processes import Launcher, claimed_ports, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, apart, robot_process
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
 
 NAME, ROBOT = "virtual_and_actual", "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
@@ -72,7 +73,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=3, help="default: %(default)s")
     options = parser.parse_args()
-    body = Body()
+    body = SmartPalBody()
     ends: list[StateDifference] = []
     parts: list[tuple[list[Part], list[Part]]] = []
     with tempfile.TemporaryDirectory() as folder, claimed_ports() as port, Orb(Address("127.0.0.1", port)) as orb:
@@ -82,12 +83,12 @@ def main() -> int:
                 with PROGRESS.status(f"run {run} of {options.runs}, {adaptor}"):
                     found[adaptor] = one_run(Path(folder) / f"{run}-{adaptor}", port, orb, adaptor, run)
             (virtual, virtual_parts), (actual, actual_parts) = found.values()
-            ends.append(apart(virtual, actual, body))
+            ends.append(difference(virtual, actual, body))
             parts.append((virtual_parts, actual_parts))
     ticks = [tick for run, (one, other) in enumerate(parts, 1) for tick in compared(run, one, other, body)]
-    write_csv(f"{NAME}_ticks", ticks)
+    write_csv(RESULTS / f"{NAME}_ticks", ticks)
     is_reached = summarize(
-        NAME,
+        RESULTS / NAME,
         f"{PROGRAM.stem} on a virtual and on an actual robot, runs: {options.runs}; differences in mm and degrees",
         rows(ticks, parts, ends),
         marks(ends),
@@ -113,7 +114,7 @@ def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple
         robot = stack.enter_context(robot_process(folder, orb, ROBOT, *arguments))
         robot.robocorba("program", "run", str(PROGRAM), "--robot", ROBOT)
         state = robot.agent.state()
-        assert (state.adaptor, state.program.result) == (adaptor, Result.DONE)
+        assert (state.adaptor, state.program.result) == (adaptor, ProgramResult.DONE)
         return state, parts_of(folder / "ticks.csv")
 
 
@@ -132,10 +133,10 @@ def parts_of(file: Path) -> list[Part]:
 # ---- differences ----
 
 
-def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> list[dict[str, Any]]:
+def compared(run: int, virtual: list[Part], actual: list[Part], body: SmartPalBody) -> list[dict[str, Any]]:
     """A row for each tick of the robot that took longer for an icon."""
     found, began_s = [], 0.0
-    kinds = {path: kind(icon) for path, icon in program.walk(program.load(PROGRAM))}
+    kinds = {path: kind(icon) for path, icon in program.icons_with_paths(program.load(PROGRAM))}
     for one, other in zip(virtual, actual, strict=True):
         assert one.icon == other.icon
         seconds = max(one, other, key=lambda part: float(part.seconds[-1])).seconds
@@ -165,7 +166,7 @@ def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> l
     return found
 
 
-def _hand_mm(body: Body, side: Side, joints: Floats, other: Floats) -> float:
+def _hand_mm(body: SmartPalBody, side: Side, joints: Floats, other: Floats) -> float:
     return math.dist(body.hand(side, joints).position, body.hand(side, other).position) * MM
 
 

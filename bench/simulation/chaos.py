@@ -16,6 +16,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
 from robocorba.testing.simulation import (
     CLIENT_SPEED,
@@ -78,7 +79,7 @@ def main() -> int:
         f"{CLIENT_SPEED:g} m/s; poses of {LOST_S:g} s may be lost"
     )
     is_reached = summarize(
-        NAME, title, [row(member, outcomes) for member in TIMES], marks, lambda axes: _draw(axes, outcomes)
+        RESULTS / NAME, title, [row(member, outcomes) for member in TIMES], marks, lambda axes: _draw(axes, outcomes)
     )
     return 0 if is_reached else 1
 

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.simulation.building import RADIUS_M, office, robots
 from bench.simulation.headless_clients import PARTS, WandererProcess
 from robocorba.maps.model import Building
@@ -255,9 +256,13 @@ def main() -> int:
     parts = [parts_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
     title = f"office of 4 floors, two processes, medians of {options.rounds} rounds"
     summarize(
-        f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts)
+        RESULTS / f"{NAME}_parts",
+        f"{title}: us for a robot in {PERIOD_S} s",
+        parts,
+        [],
+        lambda axes: _draw_parts(axes, parts),
     )
-    return 0 if summarize(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
+    return 0 if summarize(RESULTS / NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
 
 
 def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:

@@ -19,6 +19,7 @@ import shapely
 from matplotlib.axes import Axes
 from shapely import LineString
 
+from bench import RESULTS
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.visible_obstacles import VisibleObstacles
 from robocorba.spatial.grids import Floats
@@ -116,7 +117,7 @@ def main() -> int:
         marks.append(at_least(f"{walls} walls, rays a second", statistics.median(rates["ours"]), least))
         marks.append(at_most(f"{walls} walls, largest difference from the peers, m", worst, 1e-6))
     title = f"{FULL.count} rays of {FULL.range_m:g} m, one core"
-    return 0 if summarize("rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
+    return 0 if summarize(RESULTS / "rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
 
 
 def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:

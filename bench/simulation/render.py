@@ -17,6 +17,7 @@ import shapely
 from matplotlib.axes import Axes
 from PIL import Image
 
+from bench import RESULTS
 from robocorba.maps.drawing import draw_floor
 from robocorba.maps.geometry import free_space
 from robocorba.maps.model import Building
@@ -125,7 +126,7 @@ def main() -> int:
     )
     marks = [at_most("a picture, median ms", statistics.median(took["ours"]), MAX_MS)]
     title = f"{ROBOTS} robots and {LASERS} lasers, {WIDTH_PX} pixels wide, {len(png) / 1000:.0f} kB"
-    return 0 if summarize("render", title, rows, marks, lambda axes: _draw(axes, took)) else 1
+    return 0 if summarize(RESULTS / "render", title, rows, marks, lambda axes: _draw(axes, took)) else 1
 
 
 def _draw(axes: Axes, took: dict[str, list[float]]) -> None:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.simulation.building import office, robots
 from bench.simulation.robots_client import Clients, Worked, pids_of
 from robocorba.clients.robot_processes import servers
@@ -229,11 +230,15 @@ def main() -> int:
     refused = sum(found["refused"] for _, found in log_ons)
     idle = f"null call (heartbeat, idle): {statistics.median(null):.3f} ms, p99 {quantile(null, 0.99):.3f} ms"
     title = f"{options.robots} robots at {RATE:g} Hz for {options.seconds:g} s; {idle}"
-    is_reached = summarize(NAME, title, rows, marks_of(rows, options.robots), lambda axes: _draw(axes, null, drives))
+    is_reached = summarize(
+        RESULTS / NAME, title, rows, marks_of(rows, options.robots), lambda axes: _draw(axes, null, drives)
+    )
     title = f"{options.robots} robots log on; {idle}"
     on_curves = {how: [ms for _, found in log_ons for ms in found[how]] for how in (BY_TURNS, AT_ONCE)}
     on_marks = log_on_marks_of(on_rows, options.robots, refused)
-    are_reached = summarize(f"{NAME}_log_on", title, on_rows, on_marks, lambda axes: _draw_curves(axes, on_curves))
+    are_reached = summarize(
+        RESULTS / f"{NAME}_log_on", title, on_rows, on_marks, lambda axes: _draw_curves(axes, on_curves)
+    )
     return 0 if is_reached and are_reached else 1
 
 

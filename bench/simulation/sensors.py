@@ -18,6 +18,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.simulation.building import office, robots
 from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, Worked, pids_of
@@ -156,12 +157,14 @@ def main() -> int:
                 with Clients(naming, PROCESSES, Path(folder)) as clients, PROGRESS.status(f"{sensors} sensors"):
                     rows += throughput(server, clients, state, options.seconds, options.runs)
     title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as possible"
-    summarize(NAME, title, rows, [], lambda axes: _draw(axes, rows))
+    summarize(RESULTS / NAME, title, rows, [], lambda axes: _draw(axes, rows))
     calls = [row for cores, found in rounds.items() for row in latency_rows(cores, found)]
     title = f"one client, idle system, medians of {ROUNDS} rounds of {CALLS} calls"
     return (
         0
-        if summarize(f"{NAME}_latency", title, calls, marks_of(calls), lambda axes: _draw_latency(axes, rounds))
+        if summarize(
+            RESULTS / f"{NAME}_latency", title, calls, marks_of(calls), lambda axes: _draw_latency(axes, rounds)
+        )
         else 1
     )
 

@@ -14,7 +14,7 @@ from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.collision_avoidance.temporary_obstacles import STATIONARY_M_S
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.spatial.frames import turned
@@ -29,7 +29,7 @@ NEAR_GOAL_M = 0.6
 #: Greatest speed inside the margin [m/s], at which a robot gets past its neighbour.
 CREEP_M_S = 0.02
 #: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for the delay of others' data.
-BRAKING_M_S2 = 0.6 * BASE.acceleration
+BRAKING_M_S2 = 0.6 * BASE_LIMITS.acceleration
 #: Two paths cross if the robots' rims come within MEET_M [m] during the next MEET_S [s].
 MEET_M, MEET_S = 0.15, 2.5
 #: A robot is blocked while it may drive at less than this share of its wanted speed.

@@ -9,7 +9,7 @@ from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles, movable_objects, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE
+from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.spatial.pose import XY
 
 #: A driving robot ignores robots farther away than this [m].
@@ -61,7 +61,7 @@ class PoolNearby:
         if lag_s > STALE_S:
             cause = self._pool.problem or f"the data pool lags by {lag_s:.2f} s, more than {STALE_S:g} s"
             raise NotReachable(f"positions of other robots are unknown: {cause}")
-        deviation_m = BASE.acceleration * lag_s * lag_s / 2.0
+        deviation_m = BASE_LIMITS.acceleration * lag_s * lag_s / 2.0
         return [
             OtherRobot(
                 other.name,

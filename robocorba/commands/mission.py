@@ -54,7 +54,7 @@ def move_table(
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
     from robocorba.corba.remote.agents import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.programs.builder import ProgramBuilder
+    from robocorba.programs.graphic_programming import ProgramBuilder
     from robocorba.programs.program import dumps
 
     stop = Stop()

@@ -59,7 +59,7 @@ def check(
         from robocorba.kinematics.inverse import InverseKinematics
         from robocorba.programs.checker import Start
         from robocorba.programs.checker import check as check_program
-        from robocorba.programs.program import walk
+        from robocorba.programs.program import icons_with_paths
 
         with _planner(building, naming) as planner:
             report = check_program(program, InverseKinematics(), planner, Start(place, heading))
@@ -67,9 +67,9 @@ def check(
             typer.echo(f"note: {note}")
         for finding in report.findings:
             typer.echo(f"{file}: {finding}", err=True)
-        if not report.is_sound:
+        if not report.is_valid:
             raise typer.Exit(1)
-        typer.echo(f"{file} is sound: {sum(1 for _ in walk(program))} icons")
+        typer.echo(f"{file} is valid: {sum(1 for _ in icons_with_paths(program))} icons")
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Movements of a robot's base: driving along paths, giving way to other robots, riding elevators."""
+"""Movements of a robot's base: it drives along paths, yields to other robots, rides elevators."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import PathError
 from robocorba.errors.robots import MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import Velocity
@@ -83,8 +83,8 @@ class BaseMovements(Movements):
         self._drive_along(points, heading, limit)
 
     def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
-        """By the map, with movable objects at their present poses: along the roadmap, or through free space where an
-        object blocks the roadmap. Also from a place where the robot touches an obstacle."""
+        """A path by the map, with movable objects at their present poses: along the roadmap, or through free space if
+        an object blocks the roadmap. It may begin where the robot touches an obstacle."""
         request = self._request(goal, speed)
         if self._nearby:
             objects = self._nearby.movable_objects(self.session.latest.holding)
@@ -110,7 +110,7 @@ class BaseMovements(Movements):
         return found
 
     def _path_around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
-        """Around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
+        """A path around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
         here = self.session.latest
         point = (goal.x, goal.y) if goal.floor == here.at.floor else None
         known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else TemporaryObstacles()
@@ -131,7 +131,7 @@ class BaseMovements(Movements):
         state = self.controller.state
         with contextlib.suppress(MotionFailed, NotReachable):
             if place := place_aside(nearby, (state.x, state.y), other):
-                self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE), nearby, avoid_walls=True))
+                self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE_LIMITS), nearby, avoid_walls=True))
         self.wait(random.uniform(*PAUSES_S))
 
     def _path_after_blockage(self, nearby: Nearby, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
@@ -164,11 +164,11 @@ class BaseMovements(Movements):
 
     def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
         """Drive straight to a point (x, y) [m] on this floor."""
-        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), precise_positioning=True))
+        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE_LIMITS), precise_positioning=True))
 
     def drive_by(self, ahead: float, left: float, turn: float, speed: float = 0.0, until_blocked: bool = False) -> None:
         """Drive by an offset, ahead and left [m], turn [rad]. until_blocked: return where an obstacle blocks it."""
-        motion = DriveBy(ahead, left, turn, self._speed(speed), BASE)
+        motion = DriveBy(ahead, left, turn, self._speed(speed), BASE_LIMITS)
         try:
             self.move(self._giving_way(motion, precise_positioning=True, avoid_walls=until_blocked))
         except Blocked as blocked:
@@ -191,7 +191,7 @@ class BaseMovements(Movements):
         speed: float,
         speeds: Sequence[float] | None = None,
     ) -> None:
-        self.move(self._giving_way(Drive(points, heading, speed, BASE, speeds), points[-1]))
+        self.move(self._giving_way(Drive(points, heading, speed, BASE_LIMITS, speeds), points[-1]))
 
     def _giving_way(
         self, motion: Motion, goal: XY | None = None, precise_positioning: bool = False, avoid_walls: bool = False

@@ -1,4 +1,4 @@
-"""Control of a running program: pause, step and end it from outside, or interrupt it by a sensor."""
+"""Control of a running program: other threads pause, step and end it, or interrupt it by a sensor."""
 
 from __future__ import annotations
 
@@ -73,13 +73,13 @@ class ExecutionControl:
         self._release()
 
     def interrupt(self, why: RobotError) -> None:
-        """Raise this error in the program's thread, at each check until it is settled."""
+        """Raise an error in the program's thread, at each check until `settle` drops it."""
         with self._lock:
             self._interruptions.append(why)
         self._interrupt(why)
 
     def settle(self, is_settled: Callable[[RobotError], bool]) -> None:
-        """Drop the interruptions that have been handled."""
+        """Drop the interruptions that `is_settled` accepts, because they were handled."""
         with self._lock:
             self._interruptions = [why for why in self._interruptions if not is_settled(why)]
 
@@ -105,7 +105,7 @@ class ExecutionControl:
                 return
 
     def at_icon(self) -> None:
-        """Called before each icon: pauses in stepping mode, and checks."""
+        """Call before each icon: pauses in stepping mode, and checks."""
         if self.is_stepping:
             self.pause()
         self.check()

@@ -1,4 +1,4 @@
-"""Running a robot's motions one after the other, interruptible from outside."""
+"""Runs a robot's motions one after the other; other threads can interrupt them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from robocorba.motion.motion import Motion
 
 
 class Movements:
-    """Base class for the movements of a robot's parts. One thread at a time moves the robot; any may use `course`."""
+    """Base class for the movements of a robot's parts. One thread at a time moves the robot; any thread may use
+    `execution`."""
 
     def __init__(self, controller: HighController, session: BuildingSession, look_s: float = LOOK_S) -> None:
         self.controller, self.session = controller, session
-        self.course = ExecutionControl(controller.cancel, self._hold, look_s)
+        self.execution = ExecutionControl(controller.cancel, self._hold, look_s)
 
     def move(self, motion: Motion) -> None:
         """Run a motion to its end."""
-        self.course.check()
+        self.execution.check()
         self.controller.move(motion)
 
     def wait(self, seconds: float, is_met: Callable[[], bool] = lambda: False) -> bool:
@@ -29,7 +30,7 @@ class Movements:
             self.controller.check()  # the clock of a robot that is stopped does not advance
             return is_met()
 
-        return self.course.wait_for(check, seconds, self.clock)
+        return self.execution.wait_for(check, seconds, self.clock)
 
     def clock(self) -> float:
         """The robot's time [s]."""

@@ -1,7 +1,7 @@
 """A SmartPal, virtual or actual: one method for each movement that icons consist of.
 
 Each method returns when the movement is done. It raises MotionFailed if the robot did not reach its target, RobotLost
-and IllegalOrder if it can't move, and the error with which its `course` is interrupted."""
+and IllegalOrder if it can't move, and the error with which its `execution` is interrupted."""
 
 from __future__ import annotations
 

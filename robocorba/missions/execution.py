@@ -139,7 +139,7 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Reach) -> None:
         side = Side(step.hand)
-        joints = self._robot.kinematics.solve(side, HandPose(*step.pose), self._robot.joints, use_lumbar=True)
+        joints = self._robot.kinematics.solve({side: HandPose(*step.pose)}, self._robot.joints, use_lumbar=True)
         self._robot.move_joints_along([joints])
 
     @execute.register
@@ -183,7 +183,7 @@ class StepExecutor:
         joints[[GRIP[side] for side in Side]] = OPEN_RAD
         hands = grip_table(height_m, ahead_m, HAND_SPACING_M)
         try:
-            joints = self._robot.kinematics.solve_both(*hands, joints, use_lumbar=True)
+            joints = self._robot.kinematics.solve(hands, joints, use_lumbar=True)
         except Unreachable as error:
             _log.warning("the hands cannot reach the edge at height %.2f m: %s", height_m, error)
             for side in Side:

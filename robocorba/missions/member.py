@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, Report, Result
+from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.missions.carry_control import CarryProgress
@@ -60,7 +60,7 @@ class Member:
         #: When the current step exceeds its time limit [s, monotonic].
         self._late_at = float("inf")
         self._begun: list[IconBegun] = []
-        self.report = Report(f"mission {self.mission}")
+        self.report = ProgramReport(f"mission {self.mission}")
 
     # ---- called by the mission agent ----
 
@@ -81,7 +81,7 @@ class Member:
                 self._order = order
             self._changed.notify_all()
         if is_end and order.end != "done":
-            self._robot.course.abort(order.reason)
+            self._robot.execution.abort(order.reason)
 
     def check_timeouts(self) -> None:
         """To be called periodically: check the leader's timeout and the step's time limit."""
@@ -93,7 +93,7 @@ class Member:
         elif now > self._late_at:
             self._late_at = float("inf")
             limit_s = self._subplan.steps[self._step].limit_s
-            self._robot.course.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
+            self._robot.execution.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
 
     def state(self) -> MemberState:
         """The status message for the leader."""
@@ -127,7 +127,7 @@ class Member:
                 self._wait_for(number)
                 self._do_step(number)
             self._wait_for_end()
-            self._update_report(Result.DONE)
+            self._update_report(ProgramResult.DONE)
         except RoboCorbaError as error:
             self._fail(error)
         except Exception as error:
@@ -140,7 +140,7 @@ class Member:
     def _wait_for(self, number: int) -> None:
         """Wait until the leader's start time of a step. Raises Aborted, or the robot's interruption."""
         while True:
-            self._robot.course.check()
+            self._robot.execution.check()
             with self._changed:
                 order = self._order
                 if order.end:
@@ -165,7 +165,7 @@ class Member:
 
     def _wait_for_end(self) -> None:
         while True:
-            self._robot.course.check()
+            self._robot.execution.check()
             with self._changed:
                 if self._order.end == "done":
                     return
@@ -181,10 +181,10 @@ class Member:
         if not was_ordered:
             with self._changed:
                 self._changed.wait_for(lambda: bool(self._order.end), self._policy.end_order_timeout_s)
-        self._robot.course.settle(lambda why: True)
+        self._robot.execution.settle(lambda why: True)
         self._executor.end_safely()
         reason = self._order.reason if was_ordered else str(error)
-        self._update_report(Result.ABORTED if was_ordered else Result.FAILED, reason)
+        self._update_report(ProgramResult.ABORTED if was_ordered else ProgramResult.FAILED, reason)
 
     def _abort(self, reason: str) -> None:
         with self._changed:
@@ -192,13 +192,13 @@ class Member:
                 mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=time.time()
             )
             self._changed.notify_all()
-        self._robot.course.abort(reason)
+        self._robot.execution.abort(reason)
 
     def _phase(self) -> str:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""
 
-    def _update_report(self, result: Result = Result.NO_RESULT, reason: str = "") -> None:
-        self.report = Report(
+    def _update_report(self, result: ProgramResult = ProgramResult.NO_RESULT, reason: str = "") -> None:
+        self.report = ProgramReport(
             self.report.name,
             result,
             f"steps[{self._step}]" if self._step >= 0 else "",

@@ -1,4 +1,4 @@
-"""A robot's own naming service and a servers/smartpal process bound in it, as real processes."""
+"""The stand-in for an actual robot as processes: its own naming service, and servers/smartpal bound there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class StandIn(NamedTuple):
-    """naming: of the robot itself. process: the stand-in. orb: of this process, for another naming service."""
+    """naming: the robot's own naming service. process: servers/smartpal. orb: of this process."""
 
     naming: Address
     process: Popen[str]
@@ -28,7 +28,7 @@ class StandIn(NamedTuple):
 
     @property
     def faults(self) -> Any:
-        """The stand-in's SmartPalFaults."""
+        """Its SmartPalFaults."""
         return self.orb.resolve_in_other_naming_service(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
 
     def unit(self, name: str, interface: Any) -> Any:
@@ -37,28 +37,28 @@ class StandIn(NamedTuple):
 
 @contextlib.contextmanager
 def running_stand_in(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[StandIn]:
-    """Both processes, ready, until the end of the `with`. orb: of this process if it already has one."""
+    """Run both processes; ready at the start of the `with`. orb: of this process if it already has one."""
     with claimed_ports() as port, Launcher(folder) as launch:
         naming = Address("127.0.0.1", port)
         names = folder / "names"
         names.mkdir(exist_ok=True)
-        own = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
-        launch(find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
+        options = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
+        launch(find_omninames(), *options, "-ORBendPoint", f"giop:tcp:{naming}")
         process = launch(
             *(*module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
             *("--endpoint", f"127.0.0.1:{port + 1}", "--naming", str(naming), *arguments),
             PYTHONPATH=str(ROOT),
         )
         with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
-            place = StandIn(naming, process, ours)
-            eventually(lambda: _is_ready(place), 60.0, "the stand-in")
-            yield place
+            robot = StandIn(naming, process, ours)
+            eventually(lambda: _is_ready(robot), 60.0, "the stand-in")
+            yield robot
 
 
-def _is_ready(place: StandIn) -> bool:
-    assert place.process.poll() is None, place.process.communicate()[1]
+def _is_ready(robot: StandIn) -> bool:
+    assert robot.process.poll() is None, robot.process.communicate()[1]
     try:
-        place.faults.none()
+        robot.faults.none()
     except NotReachable:
         return False
     return True

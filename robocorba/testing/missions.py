@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import msgspec
 from omniORB import CORBA
 
-from robocorba.control.agent import Condition
+from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
@@ -158,7 +158,7 @@ class MissionSystem:
             state = self.agent(name).state()
         except NotReachable:
             return False
-        return state.condition is Condition.IDLE and math.hypot(*state.actor.velocity[:2]) < 0.01
+        return state.condition is AgentCondition.IDLE and math.hypot(*state.actor.velocity[:2]) < 0.01
 
     # ---- missions ----
 

@@ -1,4 +1,6 @@
-"""Reports the results of a bench: a table, and JSON, CSV and PNG files in bench/results."""
+"""Reports the results of a bench: a table, and JSON, CSV and PNG files.
+
+In all functions `file` is the path of these files without a suffix."""
 
 from __future__ import annotations
 
@@ -18,7 +20,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-RESULTS = Path(__file__).resolve().parents[2] / "bench" / "results"
 #: Console for the progress of a bench.
 PROGRESS = Console(stderr=True)
 #: Load average of the minute before the bench; results of a busy machine are unreliable.
@@ -57,32 +58,6 @@ def at_least(what: str, value: float, limit: float) -> Mark:
     return Mark(what, value, "at least", limit)
 
 
-def write(
-    name: str, title: str, rows: Sequence[Mapping[str, Any]], samples: Mapping[str, Sequence[float]], unit: str
-) -> None:
-    """Print `rows` as a table, write them to NAME.json, and plot the distribution of each of `samples` to NAME.png.
-
-    All rows have the same columns; None prints as an empty cell."""
-    table = Table(title=title)
-    for column in rows[0]:
-        table.add_column(column)
-    for row in rows:
-        table.add_row(*map(cell, row.values()))
-    Console(width=140).print(table)
-    write_json(name, title, {"rows": rows})
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for label, values in samples.items():
-        ordered = sorted(values)
-        axes.plot(ordered, [i / len(ordered) for i in range(len(ordered))], label=label)
-    axes.set(xscale="log", xlabel=unit, ylabel="share of calls that took less", title=title)
-    axes.grid(alpha=0.3)
-    axes.legend()
-    figure.savefig(RESULTS / f"{name}.png", dpi=120)
-    Console().print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json and .png\n", soft_wrap=True)
-
-
 def cell(value: Any) -> str:
     """A value as text in a table."""
     if value is None:
@@ -92,8 +67,8 @@ def cell(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 
-def summarize(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
-    """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
+def summarize(file: Path, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
+    """Print rows and marks, write FILE.json, FILE.csv and FILE.png; whether every mark was reached.
 
     All rows have the same columns; None prints as an empty cell."""
     console = Console(width=160)
@@ -105,36 +80,48 @@ def summarize(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Ca
     console.print(table)
     for mark in marks:
         console.print(mark.sentence)
-    write_json(name, title, {"rows": list(rows), "marks": [mark.as_json() for mark in marks]})
-    write_csv(name, rows)
+    write_json(file, title, {"rows": list(rows), "marks": [mark.as_json() for mark in marks]})
+    write_csv(file, rows)
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     draw(axes)
     axes.set(title=title)
     axes.grid(alpha=0.3)
-    figure.savefig(RESULTS / f"{name}.png", dpi=120)
-    console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json, .csv and .png\n", soft_wrap=True)
+    figure.savefig(f"{file}.png", dpi=120)
+    console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {file}.json, .csv and .png\n", soft_wrap=True)
     return all(mark.is_reached for mark in marks)
 
 
-def write_json(name: str, title: str, found: Mapping[str, Any]) -> None:
-    """Write the results and the machine's properties to NAME.json."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
+def summarize_samples(file: Path, title: str, rows: Rows, samples: Mapping[str, Sequence[float]], unit: str) -> None:
+    """Like `summarize`, without marks; the picture shows the distribution of each of `samples`."""
+
+    def draw(axes: Axes) -> None:
+        for label, values in samples.items():
+            axes.plot(sorted(values), [i / len(values) for i in range(len(values))], label=label)
+        axes.set(xscale="log", xlabel=unit, ylabel="share of calls that took less")
+        axes.legend()
+
+    summarize(file, title, rows, (), draw)
+
+
+def write_json(file: Path, title: str, found: Mapping[str, Any]) -> None:
+    """Write the results and the machine's properties to FILE.json."""
+    file.parent.mkdir(parents=True, exist_ok=True)
     machine = {
         "machine": platform.machine(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         "load before": LOAD_BEFORE,
     }
-    (RESULTS / f"{name}.json").write_text(json.dumps({"title": title, **machine, **found}, indent=2) + "\n")
+    Path(f"{file}.json").write_text(json.dumps({"title": title, **machine, **found}, indent=2) + "\n")
 
 
-def write_csv(name: str, rows: Rows) -> None:
-    """Write NAME.csv."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    with (RESULTS / f"{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+def write_csv(file: Path, rows: Rows) -> None:
+    """Write FILE.csv."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with Path(f"{file}.csv").open("w", newline="") as target:
+        writer = csv.DictWriter(target, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
 

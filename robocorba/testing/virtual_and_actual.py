@@ -14,13 +14,13 @@ from typing import NamedTuple
 from robocorba.control.agent import AgentState
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import Side
 from robocorba.testing.processes import ROBOCORBA, Launcher
 
-#: Largest differences allowed at the end: position of the base [m], heading [rad], position of a hand [m].
+#: Maximum differences at the end: position of the base [m], heading [rad], position of a hand [m].
 BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
-#: Time for a command and for the end of a robot process [s].
+#: Timeout of a command, and of the end of a robot process [s].
 RUN_LIMIT_S, END_LIMIT_S = 180.0, 20.0
 
 
@@ -32,7 +32,7 @@ class StateDifference(NamedTuple):
     hands_m: dict[Side, float]
 
 
-def apart(one: AgentState, other: AgentState, body: Body) -> StateDifference:
+def difference(one: AgentState, other: AgentState, body: SmartPalBody) -> StateDifference:
     """The differences between the states of two robots."""
     a, b = one.actor, other.actor
     hands = {side: math.dist(body.hand(side, a.joints).position, body.hand(side, b.joints).position) for side in Side}

@@ -19,7 +19,7 @@ from robocorba.control.session import SessionState
 from robocorba.control.simulated_adaptor import SimulatedAdaptor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.maps.model import Building
 from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
@@ -58,7 +58,7 @@ class Crowd:
         for name, pool in self._pools.items():
             session = InStep(self.world, name)
             session.state()
-            controller = Stepped(SimulatedAdaptor(session), BASE, LOWER, UPPER, SPEED)
+            controller = Stepped(SimulatedAdaptor(session), BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
             controller.start(())
             sensors = Sensors(session, lambda controller=controller: controller.state, RADIUS_M)
             self._controllers.append(controller)

@@ -17,7 +17,7 @@ from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.motion.driving import Drive
@@ -64,7 +64,7 @@ class Base:
         state = self.state
         vx, vy = turned(*state.velocity[:2], state.heading)
         wx, wy = turned(*velocity[:2], state.heading)
-        share = min(1.0, BASE.acceleration * TICK_S / max(math.hypot(wx - vx, wy - vy), 1e-12))
+        share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(wx - vx, wy - vy), 1e-12))
         vx, vy = vx + share * (wx - vx), vy + share * (wy - vy)
         heading = state.heading + velocity[2] * TICK_S
         moving = *turned(vx, vy, -heading), velocity[2]
@@ -111,7 +111,7 @@ def test_robots_never_touch(drives: list[tuple[tuple[float, float], tuple[float,
     assume(all(math.dist(a, b) > 2 * RADIUS_M + MARGIN_M for i, a in enumerate(starts) for b in starts[:i]))
     bases = [Base(f"r{number}", *start) for number, start in enumerate(starts)]
     motions = [
-        GiveWay(Drive([goal], None, speed, BASE), base, goal)
+        GiveWay(Drive([goal], None, speed, BASE_LIMITS), base, goal)
         for base, (_, goal, speed) in zip(bases, drives, strict=True)
     ]
     nearest_m, ends = drive(bases, motions, 240.0)  # at 0.1 m/s 11 m take a while
@@ -122,7 +122,9 @@ def test_robots_never_touch(drives: list[tuple[tuple[float, float], tuple[float,
 def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> None:
     bases = [Base("a", -3.0, 0.0), Base("b", 0.0, -3.0)]
     goals = [(3.0, 0.0), (0.0, 3.0)]
-    motions = [GiveWay(Drive([goal], None, 0.4, BASE), base, goal) for base, goal in zip(bases, goals, strict=True)]
+    motions = [
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+    ]
     nearest_m, ends = drive(bases, motions)
     assert ends == ["there", "there"]
     assert nearest_m > MARGIN_M
@@ -134,7 +136,9 @@ def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> 
 def test_head_on_both_stop_and_name_the_other() -> None:
     bases = [Base("a", -2.0, 0.0), Base("b", 2.0, 0.0)]
     goals = [(2.0, 0.0), (-2.0, 0.0)]
-    motions = [GiveWay(Drive([goal], None, 0.4, BASE), base, goal) for base, goal in zip(bases, goals, strict=True)]
+    motions = [
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+    ]
     nearest_m, ends = drive(bases, motions)
     assert NEAR_MARGIN_M - 0.005 < nearest_m < MARGIN_M + 0.02
     assert ends[0].endswith("b is in the way")
@@ -144,15 +148,15 @@ def test_head_on_both_stop_and_name_the_other() -> None:
 def test_places_side_by_side_can_be_reached() -> None:
     bases = [Base("a", 0.0, 0.0), Base("b", 3.0, 0.5)]
     goal = 0.82, 0.0
-    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE), bases[1], goal)
-    nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE), bases[0]), motion])
+    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE_LIMITS), bases[1], goal)
+    nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE_LIMITS), bases[0]), motion])
     assert ends == ["there", "there"]
     assert nearest_m >= NEAR_MARGIN_M
 
 
 def test_a_robot_stops_before_a_wall() -> None:
     base = Base("a", 0.0, 0.0, wall_y=0.6)
-    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE), base, precise_positioning=True, avoid_walls=True)
+    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE_LIMITS), base, precise_positioning=True, avoid_walls=True)
     _, (end,) = drive([base], [motion])
     assert end.endswith("a wall or an object is in the way")
     assert base.state.y == pytest.approx(0.6 - RADIUS_M - 0.02, abs=0.005)
@@ -164,7 +168,7 @@ def test_a_robot_does_not_drive_without_positions_of_others() -> None:
             raise NotReachable("away")
 
     base = Blind("a", 0.0, 0.0)
-    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE), base)])
+    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE_LIMITS), base)])
     assert end.startswith("stuck at (0.00, 0.00)")
 
 

@@ -14,7 +14,7 @@ from robocorba.collision_avoidance import policy
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.agent import ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
 from robocorba.missions import leader, member
@@ -90,7 +90,7 @@ class Crew:
         for name, at in robots.items():
             pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
-            surroundings = Surroundings(name, place.session(name, at), None)
+            surroundings = AdaptorContext(name, place.session(name, at), None)
             agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name, giving_way))
             agent.start("simulated")
             self.agents[name] = agent
@@ -99,7 +99,7 @@ class Crew:
 
     def leader(self, name: str, leading: LeaderPolicy | None = None) -> Leader:
         agent = self.agents[name]
-        course = agent.robot.course
+        course = agent.robot.execution
         course.reset(False)
         return Leader(
             f"m{next(_numbers)}",

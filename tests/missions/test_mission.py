@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.missions.leader import LeaderPolicy
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.report import MissionReport
@@ -85,7 +85,7 @@ def test_steps_are_synchronized(crew: Crew) -> None:
     assert found["phases"][0]["waited_for"] == "A"
     assert found["latency_ms"]["bus"]["count"] > 10
     eventually(lambda: free(crew), "all are free again")
-    assert crew.agents["B"].state.program.result is Result.DONE
+    assert crew.agents["B"].state.program.result is ProgramResult.DONE
     again = crew.leader("B").lead("test", Given([Idle()], [Idle()]))
     assert again.result == "done"
 
@@ -215,7 +215,7 @@ def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
 def test_an_interrupted_leader_ends_the_mission(crew: Crew) -> None:
     thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.agents["A"].robot.course.abort("enough")
+    crew.agents["A"].robot.execution.abort("enough")
     thread.join(60.0)
     assert "enough" in reports[0].reason
     eventually(lambda: free(crew), "all are free again")

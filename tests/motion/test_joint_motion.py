@@ -11,7 +11,16 @@ from hypothesis import strategies as some
 
 from robocorba.control.virtual_controller import VirtualController
 from robocorba.errors.robots import MotionFailed
-from robocorba.kinematics.smartpal import ACCELERATION, GRIP, JOINTS, LOWER, SHUT_RAD, SPEED, UPPER, Side
+from robocorba.kinematics.smartpal import (
+    GRIP,
+    JOINT_ACCELERATION,
+    JOINT_LOWER,
+    JOINT_SPEED,
+    JOINT_UPPER,
+    JOINTS,
+    SHUT_RAD,
+    Side,
+)
 from robocorba.motion.joint_motion import FINGER_N_PER_RAD, SETTLE_S, GripMotion, JointMotion
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import RobotState
@@ -19,7 +28,7 @@ from robocorba.spatial.grids import Floats
 
 TICK_S = 0.02
 POSTURES = some.lists(some.floats(0.0, 1.0), min_size=len(JOINTS), max_size=len(JOINTS)).map(
-    lambda shares: LOWER + np.array(shares) * (UPPER - LOWER)
+    lambda shares: JOINT_LOWER + np.array(shares) * (JOINT_UPPER - JOINT_LOWER)
 )
 
 
@@ -27,7 +36,7 @@ class Arms:
     """A virtual controller that is led by motions; `stop_at` holds a joint at an angle."""
 
     def __init__(self, joints: Floats, blocked: int | None = None, stop_at: float = math.inf) -> None:
-        self.servo = VirtualController(joints, LOWER, UPPER, SPEED, ACCELERATION)
+        self.servo = VirtualController(joints, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, JOINT_ACCELERATION)
         self.time = 0.0
         self.track = [joints]
         self._blocked, self._stop_at = blocked, stop_at
@@ -49,7 +58,7 @@ class Arms:
 
 
 def moving(waypoints: list[Floats], seconds: float = 0.0) -> JointMotion:
-    return JointMotion(np.array(waypoints), JOINTS, SPEED, ACCELERATION, seconds)
+    return JointMotion(np.array(waypoints), JOINTS, JOINT_SPEED, JOINT_ACCELERATION, seconds)
 
 
 @settings(deadline=None, max_examples=15)
@@ -59,8 +68,8 @@ def test_any_way_is_gone_within_limits(begin: Floats, way: list[Floats]) -> None
     arms.run(moving([begin, *way]))
     assert np.abs(arms.servo.joints - way[-1]).max() < math.radians(0.1)
     track = np.array(arms.track)
-    assert (track >= LOWER - 1e-9).all() and (track <= UPPER + 1e-9).all()
-    assert (np.abs(np.diff(track, axis=0)) <= SPEED * TICK_S + 1e-9).all()
+    assert (track >= JOINT_LOWER - 1e-9).all() and (track <= JOINT_UPPER + 1e-9).all()
+    assert (np.abs(np.diff(track, axis=0)) <= JOINT_SPEED * TICK_S + 1e-9).all()
 
 
 @settings(deadline=None, max_examples=40)
@@ -72,8 +81,8 @@ def test_one_way_keeps_accelerations_too_and_takes_its_time(begin: Floats, end: 
     times = np.linspace(0.0, motion.seconds, 400)[:-1]
     wishes = [motion.wish(RobotState(joints=begin), time) for time in times.tolist()]
     velocities = np.array([wish.joint_velocities for wish in wishes if wish])
-    assert (np.abs(velocities) <= SPEED).all()
-    assert (np.abs(np.diff(velocities, axis=0)) / (times[1] - times[0]) <= ACCELERATION + 1e-6).all()
+    assert (np.abs(velocities) <= JOINT_SPEED).all()
+    assert (np.abs(np.diff(velocities, axis=0)) / (times[1] - times[0]) <= JOINT_ACCELERATION + 1e-6).all()
 
 
 def test_joints_that_do_not_come_are_named() -> None:
@@ -96,7 +105,7 @@ def test_fingers_stop_at_what_they_meet_and_press_on_it() -> None:
     finger = GRIP[Side.LEFT]
     begin[finger], end[finger] = -0.8, SHUT_RAD
     arms = Arms(begin, blocked=finger, stop_at=-0.2)
-    motion = GripMotion(begin, end, [finger], JOINTS, SPEED, ACCELERATION, 20.0)
+    motion = GripMotion(begin, end, [finger], JOINTS, JOINT_SPEED, JOINT_ACCELERATION, 20.0)
     arms.run(motion)
     wish = motion.wish(arms._state(), 0.0)
     assert wish is not None and wish.joints is not None
@@ -109,12 +118,12 @@ def test_fingers_that_meet_nothing_shut() -> None:
     finger = GRIP[Side.RIGHT]
     begin[finger], end[finger] = -0.8, SHUT_RAD
     arms = Arms(begin)
-    arms.run(GripMotion(begin, end, [finger], JOINTS, SPEED, ACCELERATION, 5.0))
+    arms.run(GripMotion(begin, end, [finger], JOINTS, JOINT_SPEED, JOINT_ACCELERATION, 5.0))
     assert arms.servo.joints[finger] == pytest.approx(SHUT_RAD, abs=0.02)
 
 
 def test_a_servo_stands_when_commands_end() -> None:
-    servo = VirtualController(np.zeros(18), LOWER, UPPER, SPEED, ACCELERATION)
+    servo = VirtualController(np.zeros(18), JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, JOINT_ACCELERATION)
     servo.command(np.full(18, 0.5), np.full(18, 0.3), 0.1)
     for tick in range(1, 200):
         servo.advance(tick * TICK_S, TICK_S)

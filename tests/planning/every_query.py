@@ -9,6 +9,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -16,11 +17,12 @@ from rich.progress import track
 
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest, RouteMode
-from robocorba.testing.report import PROGRESS, RESULTS, Mark, at_least, at_most, summarize
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
 from tests.planning.adversary import Adversary, Query
 from tests.planning.every_building import DRAWN, IMPORTED, Case, buildings_at_random, grids, rooms_at_random
 from tests.planning.judge import Judge, Verdict
 
+RESULTS = Path(__file__).parents[2] / "bench" / "results"
 #: Queries in each mode, spread evenly over all buildings.
 QUERIES = 10_000
 #: Time limit for one building in one mode [s]: a slow planner gets fewer queries there.
@@ -134,7 +136,7 @@ def show(tallies: Sequence[Tally]) -> bool:
 
     wrong = total["touched"] + total["other faults"] + total["refused wrongly"] + total["too long"]
     title = f"{wrong:,} of {total['queries']:,} answers are wrong"
-    return summarize("every_query", title, [tally.row() for tally in tallies], marks, draw)
+    return summarize(RESULTS / "every_query", title, [tally.row() for tally in tallies], marks, draw)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def units(notes: Notes) -> RemoteSmartPalUnits:
 
 
 def test_what_is_told_is_in_millimetres_and_degrees(notes: Notes, units: RemoteSmartPalUnits) -> None:
-    units.set_place(1.5, -2.0, math.pi / 2)
+    units.set_pose(1.5, -2.0, math.pi / 2)
     units.set_base_limits(1.0, math.radians(100), 0.5, math.radians(50))
     units.jog_base(0.3, -0.1, math.radians(20))
     units.jog_arm(Side.RIGHT, np.radians([1.0, 2, 3, 4, 5, 6, 7]))
@@ -95,7 +95,7 @@ def test_what_is_read_is_in_metres_and_radians(notes: Notes, units: RemoteSmartP
         ("Lumbar", "getFeedback"): (True, -9.0, 18.0),
         ("GripperR", "getFeedback"): (True, -36.0),
     }
-    assert units.place() == pytest.approx((1.5, -0.25, math.pi))
+    assert units.pose() == pytest.approx((1.5, -0.25, math.pi))
     assert units.arm(Side.LEFT) == pytest.approx([math.pi / 2, 0, 0, 0, 0, 0, -math.pi / 2])
     assert units.lumbar() == pytest.approx([-math.pi / 20, math.pi / 10])
     assert units.grip(Side.RIGHT) == pytest.approx(-math.pi / 5)

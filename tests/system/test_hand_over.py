@@ -18,7 +18,7 @@ from robocorba.clients import hand_over
 from robocorba.clients.hand_over import BASE_BACK_M, BUILDING, CHANNEL, GIVER, PLACES, STARTS, TAKER
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
 from robocorba.kinematics import tasks
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD, Side
@@ -91,7 +91,7 @@ class Play:
         return self
 
     def _state(self, robot: str, side: Side, hand: HandPose, is_shut: bool, off_m: float = 0.0) -> RobotState:
-        joints = self._kinematics.solve(side, hand, np.zeros(len(JOINTS)))
+        joints = self._kinematics.solve({side: hand}, np.zeros(len(JOINTS)))
         joints[GRIP[side]] = SHUT_RAD if is_shut else OPEN_RAD
         x, y, heading = PLACES[robot]
         return RobotState(0.0, x + off_m, y, heading, joints=joints)
@@ -203,7 +203,7 @@ class Arm:
 
     def hand(self) -> tuple[float, float, float]:
         """In the building's frame, m."""
-        hand, (x, y, heading) = Body().hand(self._side, self._joints), self._at
+        hand, (x, y, heading) = SmartPalBody().hand(self._side, self._joints), self._at
         c, s = math.cos(heading), math.sin(heading)
         return x + c * hand.x - s * hand.y, y + s * hand.x + c * hand.y, hand.z
 

@@ -9,6 +9,7 @@ from typing import Any
 import psutil
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.events.channel.peers.ours import HEADER, PLAIN
 from bench.events.channel.stage import Stage, collect, ready
@@ -44,7 +45,7 @@ def run(quick: bool) -> bool:
                 at_most(f"{peer}, {column} a delivery, worst / one consumer", max(costs) / costs[0], MAX_GROWTH)
             )
     title = "Cost of a delivery: CPU time of the channel's process, and wall time"
-    return summarize("event_channel_fanout", title, rows, marks, lambda axes: _draw(axes, rows))
+    return summarize(RESULTS / "event_channel_fanout", title, rows, marks, lambda axes: _draw(axes, rows))
 
 
 def _measure(peer: str, count: int, deliveries: int) -> dict[str, float]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.events.channel.peers import installed
 from bench.events.channel.peers.mosquitto import PEER as MQTT
@@ -54,7 +55,7 @@ def run(quick: bool) -> bool:
                 results[name].append(_together(found[name]))
     rows = [_row(name, rounds, _ratio(results, name, 0.5)) for name, rounds in results.items()]
     title = f"Latency at {RATE:g} events a second, microseconds"
-    return summarize("event_channel_latency", title, rows, _marks(results), lambda axes: _draw(axes, results))
+    return summarize(RESULTS / "event_channel_latency", title, rows, _marks(results), lambda axes: _draw(axes, results))
 
 
 def _turn(supplier: Process, consumer: Process, first: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 import psutil
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN
 from bench.events.channel.stage import Stage, collect, ready
@@ -54,7 +55,7 @@ def run(minutes: float) -> bool:
     ]
     traffic = f"{sum(SUPPLIERS.values()):g} events a second for {sum(CONSUMERS.values())} consumers"
     title = f"Resident memory of a channel, {traffic}"
-    return summarize("event_channel_memory", title, rows, marks, lambda axes: _draw(axes, samples))
+    return summarize(RESULTS / "event_channel_memory", title, rows, marks, lambda axes: _draw(axes, samples))
 
 
 def slope_an_hour(seconds: Sequence[float], sizes: Sequence[float]) -> float:

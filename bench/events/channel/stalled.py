@@ -11,6 +11,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.events.channel.peers.ours import BOUND, BOUNDED, connected
 from bench.events.channel.stage import Stage, collect, ready
@@ -49,7 +50,7 @@ def run(quick: bool) -> bool:
         at_most("events that it lost though younger than others it got", sum(r["not the oldest"] for r in rounds), 0),
     ]
     title = f"One of {HEALTHY + 1} consumers stopped at {RATE:g} events a second, latency of the others in us"
-    return summarize("event_channel_stalled", title, rounds, marks, lambda axes: _draw(axes, rounds))
+    return summarize(RESULTS / "event_channel_stalled", title, rounds, marks, lambda axes: _draw(axes, rounds))
 
 
 def _round(channel: Any, supplier: Process, consumers: list[Process], number: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
+from bench import RESULTS
 from bench.common.processes import Process
 from bench.events.channel.peers import installed
 from bench.events.channel.peers.mosquitto import PEER as MQTT
@@ -84,7 +85,7 @@ def run(quick: bool) -> bool:
                 PROGRESS.print(f"round {number + 1} of {rounds}: {way.label}: {rate:,.0f}/s, {lost} lost")
     rows = [_row(way, results) for way, results in found.items()]
     return summarize(
-        "event_channel_throughput",
+        RESULTS / "event_channel_throughput",
         "Flood: events that arrive each second",
         rows,
         _marks(rows),

@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from bench import RESULTS
 from bench.events.network import analysis
 from bench.events.network.analysis import Cell
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
-from robocorba.testing.report import LOAD_BEFORE, RESULTS, write_csv, write_json
+from robocorba.testing.report import LOAD_BEFORE, write_csv, write_json
 
 NAME = "event_network"
 TITLE = "Figure 13: latency of a central and of federated event channels"
@@ -42,9 +43,9 @@ def summarize(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     runs = [analysis.run_row(run) for run in outcomes]
     verdicts = [mark.as_json() for mark in marks]
     beside = {"beside the paper": sentences, "markdown": summary}
-    write_json(NAME, TITLE, {**about, "rows": rows, "marks": verdicts, **beside, "runs": runs})
-    write_csv(NAME, rows)
-    write_csv(f"{NAME}_runs", runs)
+    write_json(RESULTS / NAME, TITLE, {**about, "rows": rows, "marks": verdicts, **beside, "runs": runs})
+    write_csv(RESULTS / NAME, rows)
+    write_csv(RESULTS / f"{NAME}_runs", runs)
     draw(found).savefig(RESULTS / f"{NAME}.png", dpi=120)
     written = f"{RESULTS / NAME}.json, .csv, _runs.csv and .png"
     console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {written}", soft_wrap=True)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.control.agent import AgentState, Condition
-from robocorba.control.runner import IconBegun, Report, Result
+from robocorba.control.agent import AgentCondition, AgentState
+from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
 from robocorba.errors import robots as errors
@@ -15,9 +15,9 @@ from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba
 
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in Condition}
+_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in AgentCondition}
 _CONDITION_OF = {struct: condition for condition, struct in _CONDITIONS.items()}
-_RESULTS = {result: getattr(RoboCorba, result.name) for result in Result}
+_RESULTS = {result: getattr(RoboCorba, result.name) for result in ProgramResult}
 _RESULT_OF = {struct: result for result, struct in _RESULTS.items()}
 
 
@@ -95,14 +95,14 @@ def agent_state_of(struct: Any) -> AgentState:
     )
 
 
-def report(found: Report) -> Any:
+def report(found: ProgramReport) -> Any:
     return RoboCorba.ProgramReport(
         found.name, _RESULTS[found.result], found.icon, found.kind, found.reason, found.icons_done, found.seconds
     )
 
 
-def report_of(struct: Any) -> Report:
-    return Report(
+def report_of(struct: Any) -> ProgramReport:
+    return ProgramReport(
         struct.name,
         _RESULT_OF[struct.result],
         struct.icon,

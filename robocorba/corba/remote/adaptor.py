@@ -9,7 +9,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
@@ -24,9 +24,9 @@ from robocorba.stubs import RoboCorba
 FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3
 
 
-def adaptor(surroundings: Surroundings) -> RobotAdaptor:
+def adaptor(context: AdaptorContext) -> RobotAdaptor:
     """The entry point `corba` of the adaptors."""
-    return RemoteAdaptor(surroundings.orb, surroundings.name)
+    return RemoteAdaptor(context.orb, context.name)
 
 
 class RemoteAdaptor(RobotAdaptor):

@@ -11,14 +11,15 @@ from typing import Any, NoReturn
 import numpy as np
 from omniORB import CORBA
 
-from robocorba.control.model_switcher import Surroundings
-from robocorba.control.smartpal_adaptor import Place, SmartPalAdaptor
+from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.smartpal_adaptor import SmartPalAdaptor
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import Side
 from robocorba.settings import Address
+from robocorba.spatial.frames import Frame
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 
@@ -124,14 +125,14 @@ class RemoteSmartPalUnits:
 
     # ---- the base ----
 
-    def place(self) -> tuple[float, float, float]:
+    def pose(self) -> Frame:
         """x, y [m] and heading [rad] by odometry."""
         done, x, y, theta = self._call("Mobility", "getPosition")
         if not done:
             self._refuse("Mobility", _REFUSED, "it does not report its position")
         return x / _MM, y / _MM, math.radians(theta)
 
-    def set_place(self, x: float, y: float, heading: float) -> None:
+    def set_pose(self, x: float, y: float, heading: float) -> None:
         """Set the odometry to x, y [m] and heading [rad]."""
         self._order("Mobility", "setPosition", x * _MM, y * _MM, math.degrees(heading))
 
@@ -238,14 +239,14 @@ class RemoteSmartPalUnits:
         raise UnitFailed(unit, code, reason)
 
 
-def adaptor(surroundings: Surroundings) -> SmartPalAdaptor:
+def adaptor(context: AdaptorContext) -> SmartPalAdaptor:
     """The entry point `smartpal` of the adaptors."""
 
-    def body_place() -> Place:
-        at = surroundings.session.latest.at
+    def body_pose() -> Frame:
+        at = context.session.latest.at
         return at.x, at.y, at.heading
 
-    return SmartPalAdaptor(units_at(surroundings.orb), body_place)
+    return SmartPalAdaptor(units_at(context.orb), body_pose)
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:

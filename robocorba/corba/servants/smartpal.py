@@ -8,14 +8,14 @@ from typing import Any, TypeVar
 
 from omniORB import CORBA
 
-from robocorba.smartpal.arm import Arm
-from robocorba.smartpal.axes import AxesUnit
-from robocorba.smartpal.codes import Alarm, AlarmType, Answer
-from robocorba.smartpal.faults import Faults, InvalidFault
-from robocorba.smartpal.gripper import Gripper
-from robocorba.smartpal.lumbar import Lumbar
-from robocorba.smartpal.mobility import WHEELS, Mobility
-from robocorba.smartpal.unit import VERSION, Unit
+from robocorba.smartpal_stand_in.arm import Arm
+from robocorba.smartpal_stand_in.axes import AxesUnit
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer
+from robocorba.smartpal_stand_in.faults import Faults, InvalidFault
+from robocorba.smartpal_stand_in.gripper import Gripper
+from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.mobility import WHEELS, Mobility
+from robocorba.smartpal_stand_in.unit import VERSION, Unit
 from robocorba.stubs import (
     RoboCorba,
     RoboCorba__POA,

@@ -1,20 +1,20 @@
 """What all units share: power, servo, alarms, emergency switch and pause, and the state that follows from them.
 
-The dynamics thread calls `advance` for each step. Other threads leave orders and read the state after the last step."""
+The dynamics thread calls `advance` before each step. Other threads give orders, and read the state after a step."""
 
 from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
 
-from robocorba.smartpal.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
-from robocorba.smartpal.dynamics import Dynamics, DynamicsState
+from robocorba.smartpal_stand_in.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.dynamics import Dynamics, DynamicsState
 
 #: Delay from switching a servo on until its unit is ready [s]. Assumed.
 SERVO_ON_S = 0.3
-#: A jog ends unless it is repeated within this timeout: at power-up, and the limits for setting it [ms]. Assumed.
+#: Timeout within which a jog must be repeated: at power-up, and the limits for setting it [ms]. Assumed.
 JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS = 200, 20, 10_000
-#: Alarms that a unit keeps; further alarms with other codes are dropped.
+#: Maximum number of alarms that a unit keeps; further ones are dropped.
 MAX_ALARMS = 16
 VERSION = "RoboCorba's stand-in for SmartPal V"
 

@@ -10,14 +10,14 @@ from collections.abc import Callable
 import numpy as np
 
 from robocorba.kinematics.smartpal import ARM_JOINTS, Side
-from robocorba.smartpal.arm import Arm
-from robocorba.smartpal.dynamics import STEP_S, Dynamics
-from robocorba.smartpal.faults import Faults
-from robocorba.smartpal.gripper import Gripper
-from robocorba.smartpal.lumbar import Lumbar
-from robocorba.smartpal.mobility import Mobility
-from robocorba.smartpal.segment import BasePose
-from robocorba.smartpal.unit import Unit
+from robocorba.smartpal_stand_in.arm import Arm
+from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
+from robocorba.smartpal_stand_in.faults import Faults
+from robocorba.smartpal_stand_in.gripper import Gripper
+from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.mobility import Mobility
+from robocorba.smartpal_stand_in.unit import Unit
+from robocorba.spatial.frames import Frame
 
 #: Interval at which the dynamics thread wakes [s].
 WAKE_INTERVAL_S = 0.003
@@ -29,9 +29,10 @@ _log = logging.getLogger(__name__)
 
 
 class SmartPal:
-    """start: the pose that its odometry reports at power-up [m, rad]."""
+    """All units and their dynamics. seed: of the encoders' noise. start: the pose that the odometry reports at power-up
+    [m, rad]."""
 
-    def __init__(self, seed: int = 0, start: BasePose = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, seed: int = 0, start: Frame = (0.0, 0.0, 0.0)) -> None:
         self.dynamics = Dynamics(seed)
         self.mobility = Mobility(self.dynamics, start)
         self.arms = {side: Arm(side, self.dynamics) for side in Side}
@@ -43,7 +44,7 @@ class SmartPal:
         self._steps = 0
 
     def warm_up(self) -> None:
-        """Compile the kinematics kernels; the first time on a machine this is slow."""
+        """Compile the kinematics kernels, which is slow the first time on a machine."""
         for arm in self.arms.values():
             joints = np.zeros(ARM_JOINTS)
             arm.kinematics.joints_at(arm.kinematics.pose(joints), arm.kinematics.redundancy(joints), joints)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from robocorba.kinematics.smartpal import GRIP, Side
-from robocorba.smartpal.axes import PositionUnit
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import Dynamics
-from robocorba.smartpal.unit import Unit
+from robocorba.smartpal_stand_in.axes import PositionUnit
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import Dynamics
+from robocorba.smartpal_stand_in.unit import Unit
 
 
 class Gripper(PositionUnit):

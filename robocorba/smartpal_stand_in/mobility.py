@@ -8,15 +8,16 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from robocorba.kinematics.smartpal import BASE
-from robocorba.smartpal.codes import Answer, AxesState, MobilityState
-from robocorba.smartpal.dynamics import STEP_S, Dynamics
-from robocorba.smartpal.segment import Arc, BasePose, Line, Segment, from_frame, rotated, to_frame
-from robocorba.smartpal.setpoint import Setpoint
-from robocorba.smartpal.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, Unit
+from robocorba.kinematics.smartpal import BASE_LIMITS
+from robocorba.smartpal_stand_in.codes import Answer, AxesState, MobilityState
+from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
+from robocorba.smartpal_stand_in.segment import Arc, Line, Segment, from_frame, to_frame
+from robocorba.smartpal_stand_in.setpoint import Setpoint
+from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, Unit
+from robocorba.spatial.frames import Frame, into, out_of, turned
 
 #: Maximum speed [mm/s, degrees/s] and, with the same values, acceleration [mm/s^2, degrees/s^2].
-MAX_MM_S, MAX_DEG_S = 1000.0 * BASE.speed, math.degrees(BASE.turn)
+MAX_MM_S, MAX_DEG_S = 1000.0 * BASE_LIMITS.speed, math.degrees(BASE_LIMITS.turn)
 #: The same limits at power-up.
 INITIAL_MM_S, INITIAL_DEG_S = 100.0, 10.0
 #: Deceleration that the wheels hold [m/s^2, rad/s^2]: half of gravity, wheels about 0.25 m from the centre. Assumed.
@@ -25,12 +26,13 @@ BRAKE_M_S2, TURN_BRAKE_RAD_S2 = 4.9, 20.0
 _CORRECTION = 5.0
 #: Tolerance within which the end of a segment is reached [m, rad].
 _TOLERANCE_M, _TOLERANCE_RAD = 0.001, math.radians(0.05)
-#: A segment ends this long after its setpoint has arrived, even outside the tolerance [s].
+#: Time after the arrival of its setpoint at which a segment ends even outside the tolerance [s].
 _SETTLE_S = 1.0
 #: An axis is stuck when its speed error exceeds this [m/s, rad/s] for this time [s]. Assumed.
 _SLIP, _SLIP_S = 0.05, 0.05
 #: Coordinates beyond this are rejected [mm].
 _MAX_COORDINATE_MM = 1e6
+#: Number of wheels.
 WHEELS = 4
 #: Voltage of a full battery [V], and its loss per hour [V/h]. Assumed.
 _FULL_V, _LOSS_V_H = 50, 1.0
@@ -41,7 +43,7 @@ class Mobility(Unit):
 
     _waits_for_unlock = True
 
-    def __init__(self, dynamics: Dynamics, start: BasePose = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, dynamics: Dynamics, start: Frame = (0.0, 0.0, 0.0)) -> None:
         super().__init__("Mobility", dynamics)
         #: Pose of the dynamics' start frame in the frame of the odometry.
         self._frame = start
@@ -73,7 +75,7 @@ class Mobility(Unit):
         return MobilityState.BUSY if state is AxesState.JOG_BUSY else MobilityState[state.name]
 
     @property
-    def position(self) -> BasePose:
+    def position(self) -> Frame:
         """x, y [mm], theta [degrees, -180 to 180] from the odometry."""
         with self._lock:
             x, y, heading = from_frame(self._frame, self._pose)
@@ -145,12 +147,16 @@ class Mobility(Unit):
 
     def move_by(self, x: float, y: float, theta: float, is_continuous: bool = False) -> Answer:
         """Move to a pose in the robot's current frame."""
-        return self._move(_is_valid(x, y, theta), lambda here: [_line_to(here, x, y, theta)], is_continuous)
+
+        def segments(here: Frame) -> list[Segment]:
+            return [Line(here, out_of(x / 1000.0, y / 1000.0, here), math.radians(theta))]
+
+        return self._move(_is_valid(x, y, theta), segments, is_continuous)
 
     def move_to(self, x: float, y: float, theta: float) -> Answer:
         """Move to a pose in the odometry's frame, turning in the shorter direction."""
 
-        def segments(here: BasePose) -> list[Segment]:
+        def segments(here: Frame) -> list[Segment]:
             to = to_frame(self._frame, (x / 1000.0, y / 1000.0, math.radians(theta)))
             return [Line(here, to[:2], math.remainder(to[2] - here[2], math.tau))]
 
@@ -159,17 +165,17 @@ class Mobility(Unit):
     def move_around(self, x: float, y: float, angle: float) -> Answer:
         """Move by `angle` around a centre in the robot's current frame."""
 
-        def segments(here: BasePose) -> list[Segment]:
-            return [Arc(here, from_frame(here, (x / 1000.0, y / 1000.0, 0.0))[:2], math.radians(angle))]
+        def segments(here: Frame) -> list[Segment]:
+            return [Arc(here, out_of(x / 1000.0, y / 1000.0, here), math.radians(angle))]
 
         return self._move(_is_valid(x, y, angle), segments)
 
     def move_wagon(self, x: float, y: float, is_absolute: bool = False) -> Answer:
         """Turn towards a point, then drive straight."""
 
-        def segments(here: BasePose) -> list[Segment]:
-            point = (x / 1000.0, y / 1000.0, 0.0)
-            to = (to_frame(self._frame, point) if is_absolute else from_frame(here, point))[:2]
+        def segments(here: Frame) -> list[Segment]:
+            point = x / 1000.0, y / 1000.0
+            to = into(*point, self._frame) if is_absolute else out_of(*point, here)
             if math.dist(here[:2], to) < _TOLERANCE_M:
                 return []
             bearing = math.atan2(to[1] - here[1], to[0] - here[0])
@@ -179,7 +185,7 @@ class Mobility(Unit):
         return self._move(_is_valid(x, y, 0.0), segments)
 
     def _move(
-        self, is_valid: bool, segments: Callable[[BasePose], Iterable[Segment]], is_continuous: bool = False
+        self, is_valid: bool, segments: Callable[[Frame], Iterable[Segment]], is_continuous: bool = False
     ) -> Answer:
         if not is_valid:
             return Answer.OUT_OF_RANGE
@@ -197,7 +203,7 @@ class Mobility(Unit):
     # ---- in the dynamics thread ----
 
     @property
-    def _pose(self) -> BasePose:
+    def _pose(self) -> Frame:
         """The measured pose in the start frame."""
         x, y, heading = self._latest.base.tolist()
         return x, y, heading
@@ -250,7 +256,7 @@ class Mobility(Unit):
     def _follow_jog(self, jog: tuple[float, float, float]) -> None:
         ahead, left, turn = jog
         scale = min(1.0, self._speed / max(math.hypot(ahead, left), 1e-9), self._turn / max(abs(turn), 1e-9))
-        x, y = rotated(scale * ahead, scale * left, self._pose[2])
+        x, y = turned(scale * ahead, scale * left, self._pose[2])
         self._ramp_velocity(x, y, scale * turn, self._acceleration, self._turn_acceleration)
         if not any(jog) and not any(self._velocity):
             self._jog = None
@@ -289,16 +295,11 @@ class Mobility(Unit):
         self._dynamics.jam(slice(0, 3), on)
 
 
-def _line_to(here: BasePose, x: float, y: float, theta: float) -> Line:
-    to = from_frame(here, (x / 1000.0, y / 1000.0, 0.0))
-    return Line(here, to[:2], math.radians(theta))
-
-
 def _extent(segment: Segment) -> float:
     return segment.length_m + abs(segment.turn)
 
 
-def _derivative(segment: Segment, fraction: float) -> BasePose:
+def _derivative(segment: Segment, fraction: float) -> Frame:
     """Derivative of the pose with respect to the fraction completed."""
     step = 1e-6
     first, last = segment.at(fraction - step), segment.at(fraction + step)

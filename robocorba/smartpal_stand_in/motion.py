@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robocorba.smartpal.setpoint import Setpoint
+from robocorba.smartpal_stand_in.setpoint import Setpoint
 from robocorba.spatial.grids import Floats
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from robocorba.smartpal.dynamics import STEP_S
+from robocorba.smartpal_stand_in.dynamics import STEP_S
 
 
 class Setpoint:

@@ -63,7 +63,7 @@ FOLLOWING_ERROR, EMERGENCY_SWITCH = 0x21, 0x22
 
 @dataclass(frozen=True)
 class Alarm:
-    """As a unit reports it."""
+    """An alarm as a unit reports it."""
 
     code: int
     type: AlarmType

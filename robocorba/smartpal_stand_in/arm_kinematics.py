@@ -12,7 +12,7 @@ import threading
 import numpy as np
 
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.chain import chains_of, locate
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import SHOULDER_M
@@ -38,7 +38,7 @@ class ArmKinematics:
 
     def __init__(self, side: Side) -> None:
         self._side, self._hand = side, tuple(Side).index(side)
-        body = Body()
+        body = SmartPalBody()
         self._inverse, self._chains = InverseKinematics(body), chains_of(body.model)
         self._outwards = 1.0 if side is Side.LEFT else -1.0
         self._shoulder = np.array([SHOULDER_M[0], self._outwards * SHOULDER_M[1], SHOULDER_M[2]])
@@ -93,7 +93,7 @@ class ArmKinematics:
     def _solve(self, target: HandPose, seed: Floats) -> Floats:
         with self._lock:
             solved = self._inverse.solve(
-                self._side, target, self._all_joints(seed), avoid_collisions=False, leaps=False
+                {self._side: target}, self._all_joints(seed), avoid_collisions=False, allow_restarts=False
             )
         return solved[ARM[self._side]]
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.kinematics.smartpal import ACCELERATION, LOWER, SPEED, UPPER
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import BASE, Dynamics
-from robocorba.smartpal.setpoint import Setpoint, braking_speed
-from robocorba.smartpal.unit import Unit
+from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import BASE_AXES, Dynamics
+from robocorba.smartpal_stand_in.setpoint import Setpoint, braking_speed
+from robocorba.smartpal_stand_in.unit import Unit
 
 #: Deceleration of an axis that brakes, as a multiple of its maximum acceleration. Assumed.
 BRAKING_FACTOR = 10.0
@@ -27,8 +27,8 @@ class AxesUnit(Unit):
     def __init__(self, name: str, dynamics: Dynamics, rows: slice) -> None:
         super().__init__(name, dynamics)
         self._rows = rows
-        self.lower, self.upper = LOWER[rows], UPPER[rows]
-        self.max_speed, self.max_acceleration = SPEED[rows], ACCELERATION[rows]
+        self.lower, self.upper = JOINT_LOWER[rows], JOINT_UPPER[rows]
+        self.max_speed, self.max_acceleration = JOINT_SPEED[rows], JOINT_ACCELERATION[rows]
         self._axes = [Setpoint(position) for position in dynamics.joints[rows].tolist()]
 
     @property
@@ -95,7 +95,7 @@ class AxesUnit(Unit):
             self._axes = [Setpoint(position) for position in self._latest.joints[self._rows].tolist()]
 
     def _jam(self, on: bool) -> None:
-        first = len(BASE) + self._rows.start
+        first = len(BASE_AXES) + self._rows.start
         self._dynamics.jam(slice(first, first + 1), on)
 
 

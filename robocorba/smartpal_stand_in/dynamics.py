@@ -17,7 +17,7 @@ from robocorba.spatial.grids import Floats
 #: Time step of the simulation [s].
 STEP_S = 0.002
 #: Axes of the base in the start frame (the pose of the base at the start): x, y [m], heading [rad].
-BASE = ("base_x", "base_y", "base_turn")
+BASE_AXES = ("base_x", "base_y", "base_turn")
 #: Time constant with which joints follow their setpoints, and the base its velocity [s].
 SERVO_LAG_S, WHEEL_LAG_S = 0.02, 0.002
 #: Natural frequency of a joint's critically damped servo with its load [rad/s].
@@ -56,16 +56,16 @@ class Dynamics:
         self._random = np.random.default_rng(seed)
         self._model = _compile()
         self._data = mujoco.MjData(self._model)
-        axes = [self._model.joint(name) for name in (*BASE, *JOINTS)]
+        axes = [self._model.joint(name) for name in (*BASE_AXES, *JOINTS)]
         self._positions, self._velocities = (
             np.array([int(getattr(axis, address)[0]) for axis in axes]) for address in _ADDRESSES
         )
         self._servos = np.array([self._model.actuator(name).id for name in JOINTS])
-        self._wheels = np.array([self._model.actuator(name).id for name in BASE])
+        self._wheels = np.array([self._model.actuator(name).id for name in BASE_AXES])
         # Force of a servo: stiffness x (setpoint - position) + damping x (velocity setpoint - velocity).
         self._lead_s = -self._model.actuator_biasprm[self._servos, 2] / self._model.actuator_gainprm[self._servos, 0]
         self._normal_damping = self._model.dof_damping[self._velocities]
-        self.base_velocity = np.zeros(len(BASE))
+        self.base_velocity = np.zeros(len(BASE_AXES))
         self.joints, self.joint_velocities = np.zeros(len(JOINTS)), np.zeros(len(JOINTS))
         self._filtered = np.zeros(len(JOINTS))
         mujoco.mj_forward(self._model, self._data)
@@ -92,7 +92,7 @@ class Dynamics:
         data = self._data
         positions, velocities = data.qpos[self._positions], data.qvel[self._velocities]
         measured = positions + _NOISE * self._random.standard_normal(len(_NOISE))
-        base, joints = slice(0, len(BASE)), slice(len(BASE), None)
+        base, joints = slice(0, len(BASE_AXES)), slice(len(BASE_AXES), None)
         return DynamicsState(
             float(data.time),
             measured[base],
@@ -111,7 +111,7 @@ def _compile() -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     base = spec.body("base")
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    for name, kind, axis in zip(BASE, (slide, slide, hinge), ((1, 0, 0), (0, 1, 0), (0, 0, 1)), strict=True):
+    for name, kind, axis in zip(BASE_AXES, (slide, slide, hinge), ((1, 0, 0), (0, 1, 0), (0, 0, 1)), strict=True):
         # The defaults for links set damping and armature; the base has neither.
         base.add_joint(name=name, type=kind, axis=axis, armature=0.0, damping=[0.0, 0, 0])
     for body in spec.bodies:
@@ -119,7 +119,7 @@ def _compile() -> mujoco.MjModel:
             body.gravcomp = 1.0  # servos compensate the weight of the robot; a payload pulls them down
     inertias = _inertias(spec)
     base_inertia_kg_m2 = inertias.pop("base_turn")
-    for name, load in zip(BASE, (MASS_KG, MASS_KG, base_inertia_kg_m2), strict=True):
+    for name, load in zip(BASE_AXES, (MASS_KG, MASS_KG, base_inertia_kg_m2), strict=True):
         spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_velocity(load / WHEEL_LAG_S)
     for name in JOINTS:
         load = inertias[name]

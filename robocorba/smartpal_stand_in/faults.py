@@ -8,12 +8,12 @@ from collections.abc import Mapping
 
 from robocorba.errors.base import FieldError
 from robocorba.errors.robots import RobotError
-from robocorba.smartpal.codes import Alarm
-from robocorba.smartpal.unit import Unit
+from robocorba.smartpal_stand_in.codes import Alarm
+from robocorba.smartpal_stand_in.unit import Unit
 
-#: Longest delay of a call [s].
+#: Maximum delay of a call [s].
 MAX_DELAY_S = 5.0
-#: Calls delayed simultaneously; further calls fail immediately.
+#: Maximum number of calls that are delayed simultaneously; further calls fail immediately.
 MAX_HELD_CALLS = 32
 
 

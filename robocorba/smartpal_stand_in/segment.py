@@ -1,19 +1,18 @@
-"""Segments that the base drives: its pose as a function of the fraction completed."""
+"""Segments that the base drives: its pose (x, y [m], heading [rad]) as a function of the fraction completed."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-#: x, y [m], heading [rad].
-BasePose = tuple[float, float, float]
+from robocorba.spatial.frames import Frame, into, out_of, turned
 
 
 @dataclass(frozen=True)
 class Line:
     """A straight line from `start` to `end` (x, y in m), turning evenly by `turn` rad."""
 
-    start: BasePose
+    start: Frame
     end: tuple[float, float]
     turn: float
 
@@ -21,7 +20,7 @@ class Line:
     def length_m(self) -> float:
         return math.dist(self.start[:2], self.end)
 
-    def at(self, fraction: float) -> BasePose:
+    def at(self, fraction: float) -> Frame:
         (x, y, heading), (to_x, to_y) = self.start, self.end
         return x + fraction * (to_x - x), y + fraction * (to_y - y), heading + fraction * self.turn
 
@@ -30,7 +29,7 @@ class Line:
 class Arc:
     """An arc of `turn` rad around `centre` (x, y in m); the heading turns by the same angle."""
 
-    start: BasePose
+    start: Frame
     centre: tuple[float, float]
     turn: float
 
@@ -38,28 +37,20 @@ class Arc:
     def length_m(self) -> float:
         return math.dist(self.start[:2], self.centre) * abs(self.turn)
 
-    def at(self, fraction: float) -> BasePose:
+    def at(self, fraction: float) -> Frame:
         (x, y, heading), (centre_x, centre_y) = self.start, self.centre
-        out_x, out_y = rotated(x - centre_x, y - centre_y, fraction * self.turn)
+        out_x, out_y = turned(x - centre_x, y - centre_y, fraction * self.turn)
         return centre_x + out_x, centre_y + out_y, heading + fraction * self.turn
 
 
 Segment = Line | Arc
 
 
-def rotated(x: float, y: float, angle: float) -> tuple[float, float]:
-    """The vector (x, y) rotated by `angle` rad."""
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return x * cosine - y * sine, x * sine + y * cosine
-
-
-def to_frame(frame: BasePose, pose: BasePose) -> BasePose:
+def to_frame(frame: Frame, pose: Frame) -> Frame:
     """`pose` expressed in `frame`, both given in the same frame."""
-    x, y = rotated(pose[0] - frame[0], pose[1] - frame[1], -frame[2])
-    return x, y, pose[2] - frame[2]
+    return *into(pose[0], pose[1], frame), pose[2] - frame[2]
 
 
-def from_frame(frame: BasePose, pose: BasePose) -> BasePose:
+def from_frame(frame: Frame, pose: Frame) -> Frame:
     """The inverse of `to_frame`: `pose`, given in `frame`, in the frame in which `frame` is given."""
-    x, y = rotated(pose[0], pose[1], frame[2])
-    return frame[0] + x, frame[1] + y, frame[2] + pose[2]
+    return *out_of(pose[0], pose[1], frame), frame[2] + pose[2]

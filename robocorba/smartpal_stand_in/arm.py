@@ -7,16 +7,17 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, ARM_JOINTS, Side
-from robocorba.smartpal.arm_kinematics import ArmKinematics
-from robocorba.smartpal.axes import AxesUnit
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import Dynamics
-from robocorba.smartpal.motion import Motion, joint_motion, max_line_rate
-from robocorba.smartpal.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
+from robocorba.smartpal_stand_in.arm_kinematics import ArmKinematics
+from robocorba.smartpal_stand_in.axes import AxesUnit
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import Dynamics
+from robocorba.smartpal_stand_in.motion import Motion, joint_motion, max_line_rate
+from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
 from robocorba.spatial.grids import Floats
 
 #: Length of the motion queue. Assumed.
@@ -181,7 +182,7 @@ class Arm(AxesUnit):
             if (answer := self._may_queue()) is not Answer.OK:
                 return answer
             start = self._end
-        # Solved without the lock: it is slow, and the arm moves meanwhile.
+        # The line is solved without the lock, because it takes long and the arm moves meanwhile.
         first, first_redundancy = self.kinematics.pose(start), self.kinematics.redundancy(start)
         last = _target(first, _pose(position), in_tool, is_relative)
         last_redundancy = math.radians(redundancy) + (first_redundancy if in_tool or is_relative else 0.0)
@@ -258,7 +259,8 @@ class Arm(AxesUnit):
             self._brake_axes()
 
     def _line_speeds(self, in_tool: bool, velocity: Floats, redundancy_speed: float) -> Floats:
-        """Joint speeds (7,); the tightest limit slows all joints down equally, so that the line stays straight."""
+        """Joint speeds (7,) [rad/s]. The tightest limit slows all joints down in proportion, so that the line stays
+        straight."""
         joints = np.array([axis.position for axis in self._axes])
         if in_tool:
             rotation = self.kinematics.pose(joints).rotation
@@ -301,27 +303,9 @@ def _target(first: HandPose, position: HandPose, in_tool: bool, is_relative: boo
 
 def _interpolated(first: HandPose, last: HandPose, fraction: float) -> HandPose:
     """On the line between two poses, turned about one axis."""
-    turn = first.rotation.T @ last.rotation
-    angle = first.distance(last)[1]
-    axis = _rotation_axis(turn, angle)
-    position = first.position + fraction * (last.position - first.position)
-    return HandPose.of(position, first.rotation @ _rotation_about(axis, fraction * angle))
-
-
-def _rotation_axis(turn: Floats, angle: float) -> Floats:
-    if angle < 1e-9:
-        return np.array([1.0, 0.0, 0.0])
-    if angle > math.pi - 1e-6:  # half a turn: the axis is the eigenvector of eigenvalue 1
-        values, vectors = np.linalg.eigh((turn + turn.T) / 2)
-        return np.asarray(vectors[:, int(np.argmax(values))])
-    skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.asarray(skew / np.linalg.norm(skew))
-
-
-def _rotation_about(axis: Floats, angle: float) -> Floats:
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
+    rotation_vector = Rotation.from_matrix(first.rotation.T @ last.rotation).as_rotvec()
+    rotation = first.rotation @ Rotation.from_rotvec(fraction * rotation_vector).as_matrix()
+    return HandPose.of(first.position + fraction * (last.position - first.position), rotation)
 
 
 def _rate_limit(linear: float, length_m: float, angular: float, turn: float) -> float:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from robocorba.kinematics.smartpal import LUMBAR
-from robocorba.smartpal.axes import PositionUnit
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import Dynamics
+from robocorba.smartpal_stand_in.axes import PositionUnit
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import Dynamics
 
 
 class Lumbar(PositionUnit):

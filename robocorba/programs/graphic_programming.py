@@ -1,26 +1,30 @@
-"""Builds programs in Python: one method for each icon.
+"""The graphic programming agent: specifies a robot's task as a list of icons, in Python, one method for each icon.
 
     fetch = ProgramBuilder("fetch")
     fetch.mhand_posture("both", "home")
     with fetch.stop_if_closer("laser", 0.4):
         fetch.mbase_path("L3", 10, 4)
-    program = fetch.program()
+    fetch.write("fetch.json")
 
 Icons that contain others are context managers; all other methods return the builder, so that calls can be chained.
-The classes in `icons` document the parameters; `program` checks them.
-"""
+The classes in `icons` document the parameters; `program` checks them. It has no graphical editor yet."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, cast
 
 import msgspec
 
 from robocorba.programs import icons
+from robocorba.programs.base_checks import Planner
+from robocorba.programs.checker import UNKNOWN_START, Start, check
+from robocorba.programs.hands import Kinematics
 from robocorba.programs.icons import Branch, Condition, Destination, Hand, Icon, Joints, Sensor
-from robocorba.programs.program import Program, checked
+from robocorba.programs.program import Program, checked, dumps
+from robocorba.programs.report import CheckReport
 
 
 class ProgramBuilder:
@@ -33,6 +37,16 @@ class ProgramBuilder:
     def program(self) -> Program:
         """The finished program. Raises InvalidProgram, which names icon and parameter."""
         return checked(Program(name=self._name, icons=tuple(self._icons)))
+
+    def check(
+        self, kinematics: Kinematics | None, planner: Planner | None, start: Start = UNKNOWN_START
+    ) -> CheckReport:
+        """Whether a robot at `start` can run the finished program. Raises InvalidProgram, and as `checker.check`."""
+        return check(self.program(), kinematics, planner, start)
+
+    def write(self, file: str | Path) -> None:
+        """Write the finished program's file. Raises InvalidProgram, OSError."""
+        Path(file).write_text(dumps(self.program()))
 
     # ---- the mobile base ----
 
@@ -97,23 +111,23 @@ class ProgramBuilder:
         return self._add(icons.WaitUntil(condition, seconds))
 
     def stop_if_closer(self, sensor: Sensor, distance: float) -> contextlib.AbstractContextManager[None]:
-        return self._holding(lambda body: icons.StopIfCloser(sensor, distance, body))
+        return self._containing(lambda body: icons.StopIfCloser(sensor, distance, body))
 
     def wait(self, seconds: float) -> ProgramBuilder:
         return self._add(icons.Wait(seconds))
 
     def repeat(self, times: int) -> contextlib.AbstractContextManager[None]:
-        return self._holding(lambda body: icons.Repeat(times, body))
+        return self._containing(lambda body: icons.Repeat(times, body))
 
     def branch(self, condition: Condition) -> contextlib.AbstractContextManager[None]:
-        return self._holding(lambda body: icons.Branch(condition, body))
+        return self._containing(lambda body: icons.Branch(condition, body))
 
     def otherwise(self) -> contextlib.AbstractContextManager[None]:
-        """The `otherwise` icons of the branch just before. Raises ValueError if there is none."""
+        """The icons that the preceding branch runs otherwise. Raises ValueError if there is none."""
         if not self._icons or not isinstance(self._icons[-1], Branch) or self._icons[-1].otherwise:
             raise ValueError("otherwise() comes after the end of a branch()")
         branch = self._icons.pop()
-        return self._holding(lambda body: msgspec.structs.replace(branch, otherwise=body))
+        return self._containing(lambda body: msgspec.structs.replace(branch, otherwise=body))
 
     # ---- events and missions ----
 
@@ -131,7 +145,7 @@ class ProgramBuilder:
         return self
 
     @contextlib.contextmanager
-    def _holding(self, icon: Callable[[tuple[Icon, ...]], Icon]) -> Iterator[None]:
+    def _containing(self, icon: Callable[[tuple[Icon, ...]], Icon]) -> Iterator[None]:
         outside, self._icons = self._icons, []
         try:
             yield
