@@ -31,7 +31,7 @@ from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import PLACE, Building, Element, ElementKind, TopologicalMap
-from robocorba.maps.storage import CommitKind, MapStore, StoredBuilding
+from robocorba.maps.store import CommitKind, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
 #: Maximum size of a building (see size_of). Bounds memory.

@@ -15,7 +15,7 @@ from robocorba.corba.servants.map_editor import CLOSED_TRANSACTIONS_KEPT, MapEdi
 from robocorba.maps import editing, native
 from robocorba.maps.editing import BuildingEditor
 from robocorba.maps.model import Wall
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapStore
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors

@@ -40,7 +40,7 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapStore
 from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
 
 L1, WALL, NODE, EDGE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE, ElementKind.FLOOR

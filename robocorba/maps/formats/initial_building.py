@@ -11,7 +11,7 @@ import msgspec
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import StateMismatch
 from robocorba.maps.samples import sample_path
-from robocorba.maps.storage import FIRST_VERSION, MapStore
+from robocorba.maps.store import FIRST_VERSION, MapStore
 
 #: Sample to serve without a file and without a store.
 DEFAULT_SAMPLE = "five-floors"

@@ -13,10 +13,10 @@ import pytest
 
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning
-from robocorba.maps import storage
+from robocorba.maps import store as store_module
 from robocorba.maps.editing import BuildingEditor
 from robocorba.maps.model import Building, ElementKind, Wall
-from robocorba.maps.storage import FIRST_VERSION, MapStore
+from robocorba.maps.store import FIRST_VERSION, MapStore
 from robocorba.testing.buildings import grid
 
 L1, WALL = "L1", ElementKind.WALL
@@ -71,7 +71,7 @@ def test_one_process_at_a_time(file: Path, building: Building) -> None:
 
 def test_the_lock_of_a_living_process_holds(file: Path, building: Building) -> None:
     MapStore.create(file, building).close()
-    code = "import sys; from robocorba.maps.storage import *; s = MapStore(sys.argv[1]); print(1, flush=True); input()"
+    code = "import sys; from robocorba.maps.store import *; s = MapStore(sys.argv[1]); print(1, flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", code, str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
@@ -176,7 +176,7 @@ def test_a_full_disk_refuses_the_edit_and_changes_nothing(file: Path, building: 
 def test_the_journal_is_bounded_by_what_it_holds(
     file: Path, building: Building, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(storage, "MAX_JOURNAL_CHANGES", 10)
+    monkeypatch.setattr(store_module, "MAX_JOURNAL_CHANGES", 10)
     with MapStore.create(file, building) as store:
         editor = BuildingEditor(store)
         for batch in range(4):
@@ -201,7 +201,7 @@ _WRITER = """
 import sys
 from robocorba.maps.editing import BuildingEditor
 from robocorba.maps.model import ElementKind, Wall
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapStore
 
 editor = BuildingEditor(MapStore(sys.argv[1]))
 print("ready", flush=True)
