@@ -12,8 +12,8 @@ from omniORB import CORBA
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants import map_editor
 from robocorba.corba.servants.map_editor import CLOSED_TRANSACTIONS_KEPT, MapEditorServant
-from robocorba.maps import editing, native
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps import map_building_agent, native
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Wall
 from robocorba.maps.store import MapStore
 from robocorba.settings import Address
@@ -99,7 +99,7 @@ def test_an_answer_holds_the_first_findings(editor: MapEditorServant, monkeypatc
 
 def test_a_map_that_is_too_large_is_refused_as_a_map(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
     """InvalidElement is not among the exceptions of importMap: it would reach the client as UNKNOWN."""
-    monkeypatch.setattr(editing, "MAX_BUILDING_SIZE", 10)
+    monkeypatch.setattr(map_building_agent, "MAX_BUILDING_SIZE", 10)
     larger = two_floors()
     for number in range(20):
         larger = larger.with_element("L2", Wall(name=f"w{number}", a=(0.0, number), b=(1.0, number)))

@@ -14,7 +14,7 @@ import pytest
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning
 from robocorba.maps import store as store_module
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building, ElementKind, Wall
 from robocorba.maps.store import FIRST_VERSION, MapStore
 from robocorba.testing.buildings import grid
@@ -199,7 +199,7 @@ def test_the_journal_is_bounded_by_what_it_holds(
 
 _WRITER = """
 import sys
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import ElementKind, Wall
 from robocorba.maps.store import MapStore
 

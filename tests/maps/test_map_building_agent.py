@@ -26,9 +26,9 @@ from robocorba.errors.maps import (
     UnknownElement,
     VersionUnavailable,
 )
-from robocorba.maps import editing
+from robocorba.maps import map_building_agent
 from robocorba.maps.changes import Change, ChangeKind, Key, apply, elements_of, key_of
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import (
     Area,
     Building,
@@ -386,8 +386,8 @@ def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
 
 def test_memory_is_bounded(editor: BuildingEditor, monkeypatch: pytest.MonkeyPatch) -> None:
     size = sum(1 for _ in elements_of(editor.building)) + 4 + 4 + 2 + 1
-    monkeypatch.setattr(editing, "MAX_BUILDING_SIZE", size + 5)
-    monkeypatch.setattr(editing, "MAX_PENDING_SIZE", 5)
+    monkeypatch.setattr(map_building_agent, "MAX_BUILDING_SIZE", size + 5)
+    monkeypatch.setattr(map_building_agent, "MAX_PENDING_SIZE", 5)
     room = Area(name="r", polygon=((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
     editor.create(L1, room)
     with pytest.raises(InvalidElement, match="the building would have more than"):
