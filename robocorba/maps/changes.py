@@ -15,7 +15,7 @@ import msgspec
 from robocorba.maps.model import KIND_OF, PLACE, Building, Element, ElementKind, FloorMap
 
 
-class Key(NamedTuple):
+class ElementKey(NamedTuple):
     """Identifies an element. `floor` is empty for floors and elevators."""
 
     kind: ElementKind
@@ -28,14 +28,14 @@ class Key(NamedTuple):
         return self.kind.value, self.floor, self.name
 
 
-def key_of(floor: str, element: Element) -> Key:
+def key_of(floor: str, element: Element) -> ElementKey:
     """The key of an element on `floor`."""
     return key(KIND_OF[type(element)], floor, element.name)
 
 
-def key(kind: ElementKind, floor: str, name: str) -> Key:
+def key(kind: ElementKind, floor: str, name: str) -> ElementKey:
     """A key; `floor` is ignored for floors and elevators."""
-    return Key(kind, floor if kind in PLACE else "", name)
+    return ElementKey(kind, floor if kind in PLACE else "", name)
 
 
 class ChangeKind(str, Enum):
@@ -50,7 +50,7 @@ class Change(msgspec.Struct, frozen=True):
     """An element before and after the change to `version`; None if it did not exist before, or was removed."""
 
     version: int
-    key: Key
+    key: ElementKey
     before: Element | None
     after: Element | None
 
@@ -88,23 +88,23 @@ def inverse(changes: Iterable[Change], version: int) -> list[Change]:
     return ordered(Change(version, change.key, change.after, change.before) for change in changes)
 
 
-def difference(before: Building, after: Building) -> dict[Key, Element | None]:
+def difference(before: Building, after: Building) -> dict[ElementKey, Element | None]:
     """The elements that differ between two buildings, as in `after`; None for those that `after` does not have."""
     old, new = dict(elements_of(before)), dict(elements_of(after))
-    found: dict[Key, Element | None] = {key: None for key in old if key not in new}
+    found: dict[ElementKey, Element | None] = {key: None for key in old if key not in new}
     found.update((key, element) for key, element in new.items() if old.get(key) != element)
     return found
 
 
-def elements_of(building: Building) -> Iterator[tuple[Key, Element]]:
+def elements_of(building: Building) -> Iterator[tuple[ElementKey, Element]]:
     """Every element of a building with its key, each floor before its elements."""
     for name, elevator in building.elevators.items():
-        yield Key(ElementKind.ELEVATOR, "", name), elevator
+        yield ElementKey(ElementKind.ELEVATOR, "", name), elevator
     for floor, entry in building.floors.items():
-        yield Key(ElementKind.FLOOR, "", floor), entry.floor
+        yield ElementKey(ElementKind.FLOOR, "", floor), entry.floor
         for kind in PLACE:
             for name, element in building.elements(kind, floor).items():
-                yield Key(kind, floor, name), element
+                yield ElementKey(kind, floor, name), element
 
 
 def apply(building: Building, changes: Iterable[Change]) -> Building:

@@ -26,7 +26,7 @@ from robocorba.errors.maps import (
     TransactionClosed,
     UnknownElement,
 )
-from robocorba.maps.changes import Change, Key, apply, difference, elements_of, inverse, key, key_of, ordered
+from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
 from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
@@ -201,7 +201,7 @@ class BuildingEditor:
         changes = draft.changes(self._state, self.version + 1)
         return self._commit(changes, self.building.name, check=True) if changes else self.version
 
-    def _put(self, elements: dict[Key, Element | None], name: str, check: bool = False) -> int:
+    def _put(self, elements: dict[ElementKey, Element | None], name: str, check: bool = False) -> int:
         if not elements and name == self.building.name:
             return self.version
         changes = ordered(

@@ -23,7 +23,7 @@ import msgspec
 
 from robocorba.errors.maps import MapFileError, VersionUnavailable
 from robocorba.errors.services import AlreadyRunning
-from robocorba.maps.changes import Change, Key, elements_of
+from robocorba.maps.changes import Change, ElementKey, elements_of
 from robocorba.maps.model import (
     PLACE,
     TYPE_OF,
@@ -89,7 +89,7 @@ class StoredBuilding(NamedTuple):
 
     building: Building
     version: int
-    versions: dict[Key, int]
+    versions: dict[ElementKey, int]
 
 
 class Commit(NamedTuple):
@@ -186,11 +186,11 @@ class MapStore:
             row = self._writer.execute("SELECT name, version FROM building").fetchone()
             if row is None:
                 raise MapFileError(str(self.path), 0, "", "damaged: it holds no building")
-            versions: dict[Key, int] = {}
+            versions: dict[ElementKey, int] = {}
             layers: dict[tuple[str, str], dict[str, Any]] = {}
             query = f"SELECT {_ELEMENT_COLUMNS} FROM elements ORDER BY id"
             for kind, floor, name, version, value in self._writer.execute(query):
-                key = Key(_KINDS[kind], floor, name)
+                key = ElementKey(_KINDS[kind], floor, name)
                 versions[key] = version
                 layers.setdefault((floor, kind), {})[name] = _decoders[key.kind].decode(value)
         floors = sorted(layers.get(("", "floor"), {}).values(), key=lambda floor: (floor.level, floor.name))
@@ -361,7 +361,7 @@ def _text(element: Element | None) -> str | None:
 def _changes(rows: sqlite3.Cursor) -> list[Change]:
     found = []
     for version, kind, floor, name, before, after in rows:
-        key = Key(_KINDS[kind], floor, name)
+        key = ElementKey(_KINDS[kind], floor, name)
         decode = _decoders[key.kind].decode
         found.append(Change(version, key, before and decode(before), after and decode(after)))
     return found

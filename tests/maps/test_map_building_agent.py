@@ -27,7 +27,7 @@ from robocorba.errors.maps import (
     VersionUnavailable,
 )
 from robocorba.maps import map_building_agent
-from robocorba.maps.changes import Change, ChangeKind, Key, apply, elements_of, key_of
+from robocorba.maps.changes import Change, ChangeKind, ElementKey, apply, elements_of, key_of
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import (
     Area,
@@ -491,10 +491,10 @@ class Model:
         self.elements = dict(elements_of(building))
         self.versions = dict.fromkeys(self.elements, 1)
         self.version = 1
-        self.done: list[tuple[dict[Key, Element], set[Key]]] = []
-        self.undone: list[tuple[dict[Key, Element], set[Key]]] = []
+        self.done: list[tuple[dict[ElementKey, Element], set[ElementKey]]] = []
+        self.undone: list[tuple[dict[ElementKey, Element], set[ElementKey]]] = []
 
-    def accept(self, elements: dict[Key, Element], touched: set[Key]) -> None:
+    def accept(self, elements: dict[ElementKey, Element], touched: set[ElementKey]) -> None:
         """Go to the next version with these elements."""
         self.version += 1
         for key in touched:
@@ -502,20 +502,20 @@ class Model:
         self.elements = elements
         self.versions = {key: self.versions[key] for key in elements}
 
-    def edit(self, elements: dict[Key, Element], touched: set[Key]) -> None:
+    def edit(self, elements: dict[ElementKey, Element], touched: set[ElementKey]) -> None:
         """Accept something new."""
         self.done.append((self.elements, touched))
         self.undone.clear()
         self.accept(elements, touched)
 
-    def step(self, source: list[tuple[dict[Key, Element], set[Key]]], target: list[Any]) -> None:
+    def step(self, source: list[tuple[dict[ElementKey, Element], set[ElementKey]]], target: list[Any]) -> None:
         """Undo or redo."""
         elements, touched = source.pop()
         target.append((self.elements, touched))
         self.accept(elements, touched)
 
 
-def building_of(elements: dict[Key, Element]) -> Building:
+def building_of(elements: dict[ElementKey, Element]) -> Building:
     """A building put together from nothing but its elements."""
     first = sorted(elements, key=lambda key: key.kind is not FLOOR)
     return apply(Building("two floors"), [Change(1, key, None, elements[key]) for key in first])
@@ -536,25 +536,25 @@ _operations = st.lists(
 )
 
 
-def edited(elements: dict[Key, Element], what: str, value: Any) -> tuple[dict[Key, Element], set[Key]] | None:
+def edited(elements: dict[ElementKey, Element], what: str, value: Any) -> tuple[dict[ElementKey, Element], set[ElementKey]] | None:
     """The elements after one edit and the keys it touches; None where the edit is refused outright."""
     if what == "put":
         floor, element = value
         key = key_of(floor, element)
-        if key.floor and Key(FLOOR, "", floor) not in elements:
+        if key.floor and ElementKey(FLOOR, "", floor) not in elements:
             return None
         return {**elements, key: element}, {key}
-    key = Key(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
+    key = ElementKey(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
     if key not in elements:
         return None
     gone = {key} | ({other for other in elements if other.floor == key.name} if key.kind is FLOOR else set())
     return {other: element for other, element in elements.items() if other not in gone}, gone
 
 
-def send(target: Any, model: Model, seen: dict[Key, Element], what: str, value: Any, made: bool) -> None:
+def send(target: Any, model: Model, seen: dict[ElementKey, Element], what: str, value: Any, made: bool) -> None:
     """Ask the editor or a transaction for the edit; `seen` are the elements there at this point."""
     if what == "remove":
-        key = Key(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
+        key = ElementKey(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
         target.remove(*value, 0 if made else model.versions.get(key, 0))
         return
     key = key_of(*value)
@@ -611,10 +611,10 @@ def test_the_editor_agrees_with_plain_dictionaries(operations: list[tuple[str, A
 
 def _in_a_transaction(editor: BuildingEditor, model: Model, edits: list[tuple[str, Any]]) -> None:
     transaction, elements, touched = editor.begin(), model.elements, set()
-    gone: set[Key] = set()
+    gone: set[ElementKey] = set()
     for what, value in edits:
         result = edited(elements, what, value)
-        key = key_of(*value) if what == "put" else Key(*value)
+        key = key_of(*value) if what == "put" else ElementKey(*value)
         made = key in gone
         try:
             send(transaction, model, elements, what, value, made)

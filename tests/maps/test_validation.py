@@ -373,7 +373,7 @@ def test_the_check_of_an_edit_agrees_with_the_check_of_everything(
     before: Building, edits: list[tuple[tuple[str, Element], bool]]
 ) -> None:
     after = before
-    touched: set[changes.Key] = set()
+    touched: set[changes.ElementKey] = set()
     for (floor, element), remove in edits:
         key = changes.key_of(floor, element)
         if key.kind in PLACE and floor not in after.floors:

@@ -9,7 +9,7 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.errors import maps as errors
-from robocorba.maps.changes import Change, Key
+from robocorba.maps.changes import Change, ElementKey
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -176,9 +176,9 @@ def kind_of(struct: Any) -> ElementKind:
     return _KIND_OF[struct]
 
 
-def key_of(struct: Any) -> Key:
+def key_of(struct: Any) -> ElementKey:
     """The key of an ElementId."""
-    return Key(_KIND_OF[struct.kind], struct.onFloor, struct.name)
+    return ElementKey(_KIND_OF[struct.kind], struct.onFloor, struct.name)
 
 
 def element_id(kind: str, floor: str, name: str) -> Any:
