@@ -17,6 +17,7 @@ from shapely import LineString, Polygon
 from robocorba.maps.model import (
     Area,
     BoxShape,
+    CabinSide,
     CircleShape,
     Door,
     Element,
@@ -28,7 +29,6 @@ from robocorba.maps.model import (
     PathNode,
     PolygonShape,
     SegmentShape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
@@ -141,7 +141,7 @@ def _elevator(elevator: Elevator) -> Iterator[str]:
 
 
 def _elevator_doors(elevator: Elevator) -> Iterator[str]:
-    valid: dict[tuple[str, Side], list[ElevatorDoor]] = {}
+    valid: dict[tuple[str, CabinSide], list[ElevatorDoor]] = {}
     for door in elevator.doors:
         wrong = [
             *name_violations("the floor of a door", door.floor),
@@ -152,7 +152,7 @@ def _elevator_doors(elevator: Elevator) -> Iterator[str]:
         if not wrong:
             valid.setdefault((door.floor, door.side), []).append(door)
     for (floor, side), doors in valid.items():
-        room = elevator.size[0 if side in (Side.FRONT, Side.BACK) else 1]
+        room = elevator.size[0 if side in (CabinSide.FRONT, CabinSide.BACK) else 1]
         for door in doors:
             if door.width > room + TOLERANCE_M:
                 yield f"its {side.value} door on {floor!r} is {door.width:g} m wide, the side {room:g} m"

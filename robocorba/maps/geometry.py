@@ -21,6 +21,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Elevator,
@@ -30,7 +31,6 @@ from robocorba.maps.model import (
     MapObject,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
@@ -166,11 +166,11 @@ def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
     """The doorway of an elevator door, as a line on the shaft's side."""
     x, y, half = elevator.size[0] / 2, elevator.size[1] / 2, door.width / 2
     low, high = door.offset - half, door.offset + half
-    ends: dict[Side, tuple[XY, XY]] = {
-        Side.FRONT: ((low, -y), (high, -y)),
-        Side.BACK: ((low, y), (high, y)),
-        Side.LEFT: ((-x, low), (-x, high)),
-        Side.RIGHT: ((x, low), (x, high)),
+    ends: dict[CabinSide, tuple[XY, XY]] = {
+        CabinSide.FRONT: ((low, -y), (high, -y)),
+        CabinSide.BACK: ((low, y), (high, y)),
+        CabinSide.LEFT: ((-x, low), (-x, high)),
+        CabinSide.RIGHT: ((x, low), (x, high)),
     }
     return shapely.linestrings(_to_floor_frame(ends[door.side], elevator.at, elevator.heading))
 

@@ -42,7 +42,7 @@ class DoorKind(str, Enum):
     DOUBLE_SLIDING = "double_sliding"
 
 
-class Side(str, Enum):
+class CabinSide(str, Enum):
     """A side of an elevator cabin in its own frame: front is -y, back +y, left -x, right +x."""
 
     FRONT = "front"
@@ -159,7 +159,7 @@ class ElevatorDoor(_Struct, frozen=True):
     """A door of an elevator on one floor: its `width` [m] and its `offset` [m] from the middle of its side."""
 
     floor: str
-    side: Side = Side.FRONT
+    side: CabinSide = CabinSide.FRONT
     width: float = 1.0
     offset: float = 0.0
 

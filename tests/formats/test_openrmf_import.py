@@ -13,7 +13,7 @@ from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.checking import blocked, summaries
 from robocorba.maps.formats import read_map
-from robocorba.maps.model import Building, DoorKind, ElevatorDoor, PathEdge, Side
+from robocorba.maps.model import Building, CabinSide, DoorKind, ElevatorDoor, PathEdge
 from tests.formats.rmf_files import imported, real_file, small
 
 
@@ -72,7 +72,7 @@ def test_lift_with_its_doors_and_cabins() -> None:
     assert lift.at == pytest.approx((9.0, -2.5))
     assert lift.size == (1.6, 1.4)
     assert lift.doors == tuple(
-        ElevatorDoor(floor=floor, side=Side.LEFT, width=1.0, offset=0.1) for floor in ("L1", "L2")
+        ElevatorDoor(floor=floor, side=CabinSide.LEFT, width=1.0, offset=0.1) for floor in ("L1", "L2")
     )
     assert building.floors["L1"].topological.nodes["n10"].elevator == "lift"
     assert building.floors["L2"].topological.nodes["n1"].elevator == "lift"
@@ -81,14 +81,14 @@ def test_lift_with_its_doors_and_cabins() -> None:
 @pytest.mark.parametrize(
     ("x", "y", "motion", "side", "offset"),
     [
-        (0.2, -0.9, 0.0, Side.FRONT, 0.2),
-        (0.2, 0.9, 0.0, Side.BACK, 0.2),
-        (0.9, -0.1, math.pi / 2, Side.RIGHT, -0.1),
-        (-0.7, 0.7, 0.0, Side.BACK, -0.3),
-        (-0.7, 0.2, -math.pi / 2, Side.LEFT, 0.2),
+        (0.2, -0.9, 0.0, CabinSide.FRONT, 0.2),
+        (0.2, 0.9, 0.0, CabinSide.BACK, 0.2),
+        (0.9, -0.1, math.pi / 2, CabinSide.RIGHT, -0.1),
+        (-0.7, 0.7, 0.0, CabinSide.BACK, -0.3),
+        (-0.7, 0.2, -math.pi / 2, CabinSide.LEFT, 0.2),
     ],
 )
-def test_the_side_of_a_lift_door(x: float, y: float, motion: float, side: Side, offset: float) -> None:
+def test_the_side_of_a_lift_door(x: float, y: float, motion: float, side: CabinSide, offset: float) -> None:
     data = small()
     data["levels"] = {"L1": data["levels"]["L1"]}
     lift = data["lifts"]["lift"]

@@ -8,6 +8,7 @@ import pytest
 from robocorba.maps.checking import Finding, blocked, findings, summaries
 from robocorba.maps.model import (
     Building,
+    CabinSide,
     CircleShape,
     Element,
     ElementKind,
@@ -17,7 +18,6 @@ from robocorba.maps.model import (
     MapObject,
     PathEdge,
     PathNode,
-    Side,
     Wall,
 )
 from robocorba.maps.samples import SAMPLES, load_sample
@@ -155,7 +155,7 @@ def test_floors_and_elevators_out_of_reach() -> None:
         name="E2",
         at=(17.0, 2.0),
         size=(2.0, 2.0),
-        doors=tuple(ElevatorDoor(floor=floor, side=Side.LEFT, width=0.7) for floor in ("L1", "L2")),
+        doors=tuple(ElevatorDoor(floor=floor, side=CabinSide.LEFT, width=0.7) for floor in ("L1", "L2")),
     )
     building = building.with_element("", narrow)
     assert reported(building)[1:] == (

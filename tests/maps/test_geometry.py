@@ -18,6 +18,7 @@ from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, blocking, fre
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Element,
@@ -29,7 +30,6 @@ from robocorba.maps.model import (
     PolygonShape,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
@@ -202,9 +202,14 @@ def lift(*doors: ElevatorDoor, heading: float = 0.0) -> Elevator:
 
 @pytest.mark.parametrize(
     ("side", "middle"),
-    [(Side.FRONT, (5.2, 3.0)), (Side.BACK, (5.2, 5.0)), (Side.LEFT, (3.5, 4.2)), (Side.RIGHT, (6.5, 4.2))],
+    [
+        (CabinSide.FRONT, (5.2, 3.0)),
+        (CabinSide.BACK, (5.2, 5.0)),
+        (CabinSide.LEFT, (3.5, 4.2)),
+        (CabinSide.RIGHT, (6.5, 4.2)),
+    ],
 )
-def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(side: Side, middle: XY) -> None:
+def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(side: CabinSide, middle: XY) -> None:
     building = storey([lift(ElevatorDoor(floor="L1", side=side, width=1.2, offset=0.2))])
     (served,), (closed,) = found(building).values(), found(building, "L2").values()
     assert closed.is_ring and closed.length == pytest.approx(10.0)

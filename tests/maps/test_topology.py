@@ -22,6 +22,7 @@ from robocorba.maps.formats import read_map
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Elevator,
@@ -32,7 +33,6 @@ from robocorba.maps.model import (
     MapObject,
     PathNode,
     Shape,
-    Side,
     TopologicalMap,
     Wall,
 )
@@ -132,7 +132,7 @@ def floors(draw: st.DrawFn) -> Building:
     objects = draw(st.lists(st.tuples(shapes, places), max_size=5))
     elevators = []
     if draw(st.booleans()):
-        door = ElevatorDoor(floor="L1", side=draw(st.sampled_from(list(Side))), width=draw(st.floats(0.6, 1.1)))
+        door = ElevatorDoor(floor="L1", side=draw(st.sampled_from(list(CabinSide))), width=draw(st.floats(0.6, 1.1)))
         size = (draw(st.floats(1.2, 2.4)), draw(st.floats(1.2, 2.4)))
         elevators.append(Elevator(name="E1", at=draw(places), size=size, doors=(door,), heading=draw(st.floats(0, 6))))
     return one_floor(width, depth, walls, doors, objects, elevators, bounded=draw(st.booleans()))

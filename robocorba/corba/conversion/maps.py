@@ -13,6 +13,7 @@ from robocorba.maps.changes import Change, ElementKey
 from robocorba.maps.model import (
     Area,
     BoxShape,
+    CabinSide,
     CircleShape,
     Door,
     DoorKind,
@@ -27,7 +28,6 @@ from robocorba.maps.model import (
     PolygonShape,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
@@ -43,7 +43,7 @@ _KINDS = dict(zip(ElementKind, (
 _KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
 _DOOR_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in DoorKind}
 _DOOR_KIND_OF = {struct: kind for kind, struct in _DOOR_KINDS.items()}
-_SIDES = {side: getattr(RoboCorba, side.name) for side in Side}
+_SIDES = {side: getattr(RoboCorba, side.name) for side in CabinSide}
 _SIDE_OF = {struct: side for side, struct in _SIDES.items()}
 
 

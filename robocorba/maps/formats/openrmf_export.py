@@ -17,7 +17,7 @@ import yaml
 
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.losses import Losses
-from robocorba.maps.model import Building, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape, Side
+from robocorba.maps.model import Building, CabinSide, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape
 from robocorba.spatial.pose import XY
 
 #: Number of navigation graphs that the format's tools support (indices 0 to 8).
@@ -224,7 +224,7 @@ def _walls_around(map_object: MapObject, vertices: _Vertices) -> list[list[Any]]
 
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
     order = [name for name in building.floors if name in elevator.floors()]
-    doorways: dict[tuple[Side, float, float], str] = {}
+    doorways: dict[tuple[CabinSide, float, float], str] = {}
     level_doors: dict[str, _Row] = {name: _Row() for name in order}
     for door in elevator.doors:
         label = doorways.setdefault((door.side, door.width, door.offset), f"{elevator.name}_door{len(doorways) + 1}")
@@ -248,10 +248,15 @@ def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, A
     }
 
 
-def _doorway(elevator: Elevator, side: Side, width: float, offset: float) -> dict[str, Any]:
+def _doorway(elevator: Elevator, side: CabinSide, width: float, offset: float) -> dict[str, Any]:
     x, y = elevator.size[0] / 2, elevator.size[1] / 2
-    along_y = side in (Side.LEFT, Side.RIGHT)
-    at = {Side.FRONT: (offset, -y), Side.BACK: (offset, y), Side.LEFT: (-x, offset), Side.RIGHT: (x, offset)}[side]
+    along_y = side in (CabinSide.LEFT, CabinSide.RIGHT)
+    at = {
+        CabinSide.FRONT: (offset, -y),
+        CabinSide.BACK: (offset, y),
+        CabinSide.LEFT: (-x, offset),
+        CabinSide.RIGHT: (x, offset),
+    }[side]
     return {
         "door_type": 2,
         "motion_axis_orientation": math.pi / 2 if along_y else 0.0,

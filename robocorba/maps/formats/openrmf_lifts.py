@@ -9,7 +9,7 @@ from robocorba.maps.formats.openrmf_file import Level
 from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
-from robocorba.maps.model import Elevator, ElevatorDoor, Side
+from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor
 
 #: If the distances of a door from two sides differ by less than this [m], its sliding direction selects the side.
 CORNER_M = 0.25
@@ -110,17 +110,17 @@ def _range(lift: Item, levels: list[Level]) -> tuple[float, float]:
     return bounds[0], bounds[1]
 
 
-def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[Side, float, float]:
-    """Side, width [m] and offset [m] of a door that the file gives by its middle in the cabin's frame."""
+def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[CabinSide, float, float]:
+    """CabinSide, width [m] and offset [m] of a door that the file gives by its middle in the cabin's frame."""
     x, y, span = item.need("x").number(), item.need("y").number(), item.need("width").positive()
     turned = item.get("motion_axis_orientation")
     slides_along_y = abs(math.sin(turned.number() if turned else 0.0)) > math.sqrt(0.5)
     from_x, from_y = abs(abs(x) - width / 2), abs(abs(y) - depth / 2)
     on_x_side = slides_along_y if abs(from_x - from_y) < CORNER_M else from_x < from_y
     if on_x_side:
-        side, offset, length = (Side.RIGHT if x > 0 else Side.LEFT), y, depth
+        side, offset, length = (CabinSide.RIGHT if x > 0 else CabinSide.LEFT), y, depth
     else:
-        side, offset, length = (Side.BACK if y > 0 else Side.FRONT), x, width
+        side, offset, length = (CabinSide.BACK if y > 0 else CabinSide.FRONT), x, width
     fitting = min(span, length)
     room = (length - fitting) / 2
     kept = min(max(offset, -room), room)

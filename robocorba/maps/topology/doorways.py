@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from shapely import LineString, Polygon
 
 from robocorba.maps import geometry
-from robocorba.maps.model import Elevator, ElevatorDoor, PathNode, Side
+from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor, PathNode
 from robocorba.maps.topology.roadmap import SAME_PLACE_M, RoadmapGraph
 from robocorba.spatial.pose import XY
 
@@ -21,7 +21,7 @@ WAITING_DISTANCES_RADII = (2.5, 2.0, 1.5, 1.1)
 #: Nearest nodes tried to connect a node to the roadmap; farther ones are hardly ever visible.
 MAX_CANDIDATES = 200
 
-_TURN_OF = {Side.FRONT: -math.pi / 2, Side.BACK: math.pi / 2, Side.LEFT: math.pi, Side.RIGHT: 0.0}
+_TURN_OF = {CabinSide.FRONT: -math.pi / 2, CabinSide.BACK: math.pi / 2, CabinSide.LEFT: math.pi, CabinSide.RIGHT: 0.0}
 
 
 def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, places: Iterable[PathNode] = ()) -> None:
