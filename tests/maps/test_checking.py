@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from robocorba.maps.checking import Finding, blocked, findings, summaries
+from robocorba.maps.checking import MapFinding, blocked, findings, summaries
 from robocorba.maps.model import (
     Building,
     CabinSide,
@@ -179,7 +179,7 @@ def test_a_floor_whose_road_map_no_elevator_connects() -> None:
     building = with_all(building, [("L2", element) for element in far])
     found = [one for one in findings(building) if one.kind is ElementKind.FLOOR]
     assert found == [
-        Finding(
+        MapFinding(
             ElementKind.FLOOR,
             "",
             "L2",

@@ -34,7 +34,7 @@ from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 
 if TYPE_CHECKING:
-    from robocorba.maps.checking import Finding
+    from robocorba.maps.checking import MapFinding
 
 _KINDS = dict(zip(ElementKind, (
     RoboCorba.FLOOR_ELEMENT, RoboCorba.WALL_ELEMENT, RoboCorba.OBJECT_ELEMENT, RoboCorba.DOOR_ELEMENT,
@@ -191,7 +191,7 @@ def record(floor: str, value: Element, changed_at: int) -> Any:
     return RoboCorba.ElementRecord(floor, element(value), changed_at)
 
 
-def findings(found: Iterable[Finding]) -> list[Any]:
+def findings(found: Iterable[MapFinding]) -> list[Any]:
     """A FindingSeq."""
     return [
         RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
