@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robocorba.maps.model import KIND_OF, PLACE, Building, Element, ElementKind, FloorMap
+from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, Element, ElementKind, FloorMap
 
 
 class ElementKey(NamedTuple):
@@ -35,7 +35,7 @@ def key_of(floor: str, element: Element) -> ElementKey:
 
 def key(kind: ElementKind, floor: str, name: str) -> ElementKey:
     """A key; `floor` is ignored for floors and elevators."""
-    return ElementKey(kind, floor if kind in PLACE else "", name)
+    return ElementKey(kind, floor if kind in COLLECTION_OF else "", name)
 
 
 class ChangeKind(str, Enum):
@@ -102,7 +102,7 @@ def elements_of(building: Building) -> Iterator[tuple[ElementKey, Element]]:
         yield ElementKey(ElementKind.ELEVATOR, "", name), elevator
     for floor, entry in building.floors.items():
         yield ElementKey(ElementKind.FLOOR, "", floor), entry.floor
-        for kind in PLACE:
+        for kind in COLLECTION_OF:
             for name, element in building.elements(kind, floor).items():
                 yield ElementKey(kind, floor, name), element
 
@@ -131,14 +131,16 @@ def apply(building: Building, changes: Iterable[Change]) -> Building:
             elements = elevators = dict(building.elevators) if elevators is None else elevators
         else:
             if (floor, kind) not in copies:
-                copies[floor, kind] = dict(getattr(getattr(floors[floor], PLACE[kind][0]), PLACE[kind][1]))
+                copies[floor, kind] = dict(
+                    getattr(getattr(floors[floor], COLLECTION_OF[kind][0]), COLLECTION_OF[kind][1])
+                )
             elements = copies[floor, kind]
         if change.after is None:
             del elements[name]
         else:
             elements[name] = change.after
     for (floor, kind), copy in copies.items():
-        layer, collection = PLACE[kind]
+        layer, collection = COLLECTION_OF[kind]
         changed = msgspec.structs.replace(getattr(floors[floor], layer), **{collection: copy})
         floors[floor] = msgspec.structs.replace(floors[floor], **{layer: changed})
     return Building(

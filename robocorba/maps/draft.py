@@ -11,7 +11,7 @@ from typing import NamedTuple
 from robocorba.errors.maps import DuplicateElement, StaleEdit, UnknownElement
 from robocorba.maps.changes import Change, ElementKey, key, key_of, ordered
 from robocorba.maps.element_rules import size_of
-from robocorba.maps.model import PLACE, Building, Element, ElementKind
+from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind
 from robocorba.maps.validation import check_element
 
 #: By kind and floor: the version that last changed each element, by name. Never changed in place.
@@ -46,7 +46,7 @@ class Draft:
     def create(self, state: EditorState, floor: str, element: Element) -> None:
         """Add an element. Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
         new = key_of(floor, element)
-        if new.kind in PLACE and not self._exists(state, _floor_key(new.floor)):
+        if new.kind in COLLECTION_OF and not self._exists(state, _floor_key(new.floor)):
             raise UnknownElement(*_floor_key(new.floor).words)
         if self._exists(state, new):
             raise DuplicateElement(*new.words)
@@ -88,7 +88,7 @@ class Draft:
             raise StaleEdit(*touched.words, read, current)
         after = dict(self._after)
         for floor in self._removed_floors & state.building.floors.keys():
-            for kind in PLACE:
+            for kind in COLLECTION_OF:
                 for name in state.building.elements(kind, floor):
                     after.setdefault(ElementKey(kind, floor, name), None)
         for touched, element in after.items():

@@ -84,10 +84,10 @@ class _CacheKey:
 
 @lru_cache(maxsize=64)
 def _obstacles(key: _CacheKey) -> tuple[Obstacle, ...]:
-    return blocking(key.geometrical, key.floor, key.elevators)
+    return compute_obstacles(key.geometrical, key.floor, key.elevators)
 
 
-def blocking(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
+def compute_obstacles(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
     """The result of `obstacles`, not cached: for a map that is used once."""
     doors = _end_points(plan.doors.values())
     landings = [

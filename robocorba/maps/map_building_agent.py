@@ -30,7 +30,7 @@ from robocorba.maps.changes import Change, ElementKey, apply, difference, elemen
 from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
-from robocorba.maps.model import PLACE, Building, Element, ElementKind, TopologicalMap
+from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap
 from robocorba.maps.store import CommitKind, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
@@ -98,9 +98,9 @@ class BuildingEditor:
 
         Raises UnknownElement for an unknown floor."""
         state = self._state
-        if kind in PLACE and floor not in state.building.floors:
+        if kind in COLLECTION_OF and floor not in state.building.floors:
             raise UnknownElement(ElementKind.FLOOR.value, "", floor)
-        versions = state.versions.get((kind, floor if kind in PLACE else ""), {})
+        versions = state.versions.get((kind, floor if kind in COLLECTION_OF else ""), {})
         return [(element, versions[name]) for name, element in state.building.elements(kind, floor).items()]
 
     def create(self, floor: str, element: Element) -> int:

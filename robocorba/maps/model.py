@@ -223,7 +223,7 @@ class FloorMap(msgspec.Struct, frozen=True):
 
 
 #: Where a floor stores each kind of element: attribute of FloorMap, attribute of that map.
-PLACE: dict[ElementKind, tuple[str, str]] = {
+COLLECTION_OF: dict[ElementKind, tuple[str, str]] = {
     ElementKind.WALL: ("geometrical", "walls"),
     ElementKind.OBJECT: ("geometrical", "objects"),
     ElementKind.DOOR: ("geometrical", "doors"),
@@ -249,7 +249,7 @@ class Building(msgspec.Struct, frozen=True):
         entry = self.floors.get(floor)
         if entry is None:
             return {}
-        layer, collection = PLACE[kind]
+        layer, collection = COLLECTION_OF[kind]
         return getattr(getattr(entry, layer), collection)
 
     def find(self, kind: ElementKind, floor: str, name: str) -> Element | None:
@@ -281,7 +281,7 @@ class Building(msgspec.Struct, frozen=True):
         return self._with_collection(kind, floor, remaining)
 
     def _with_collection(self, kind: ElementKind, floor: str, elements: dict) -> Building:
-        layer, collection = PLACE[kind]
+        layer, collection = COLLECTION_OF[kind]
         entry = self.floors[floor]
         changed = msgspec.structs.replace(getattr(entry, layer), **{collection: elements})
         return msgspec.structs.replace(

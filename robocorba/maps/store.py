@@ -25,7 +25,7 @@ from robocorba.errors.maps import MapFileError, VersionUnavailable
 from robocorba.errors.services import AlreadyRunning
 from robocorba.maps.changes import Change, ElementKey, elements_of
 from robocorba.maps.model import (
-    PLACE,
+    COLLECTION_OF,
     TYPE_OF,
     Building,
     Element,
@@ -369,6 +369,6 @@ def _changes(rows: sqlite3.Cursor) -> list[Change]:
 
 def _floor_map(floor: Any, layers: dict[tuple[str, str], dict[str, Any]]) -> FloorMap:
     parts: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
-    for kind, (layer, collection) in PLACE.items():
+    for kind, (layer, collection) in COLLECTION_OF.items():
         parts[layer][collection] = layers.get((floor.name, kind.value), {})
     return FloorMap(floor, GeometricalMap(**parts["geometrical"]), TopologicalMap(**parts["topological"]))

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Generic, NamedTuple, TypeVar
 
-from robocorba.maps.geometry import CIRCLE_SIDES, DOOR_REACH_M, LANDING_REACH_M, Obstacle, blocking
+from robocorba.maps.geometry import CIRCLE_SIDES, DOOR_REACH_M, LANDING_REACH_M, Obstacle, compute_obstacles
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -71,7 +71,7 @@ def obstacles_near(building: Building, floor: str, box: Box) -> tuple[Obstacle, 
         doors={door.name: door for door in plan.doors.values() if line_box(door, 2 * DOOR_REACH_M).intersects(box)},
     )
     lifts = [lift for lift in building.elevators.values() if elevator_box(lift).intersects(box)]
-    return blocking(nearby, building.floors[floor].floor, lifts)
+    return compute_obstacles(nearby, building.floors[floor].floor, lifts)
 
 
 def walls_in(plan: GeometricalMap, box: Box) -> Iterator[Wall]:
@@ -92,7 +92,7 @@ def named_obstacles(building: Building, floor: str, names: Collection[tuple[str,
         objects={name: plan.objects[name] for kind, name in names if kind == "object" and name in plan.objects},
         doors=plan.doors,
     )
-    found = blocking(nearby, entry.floor, list(building.elevators.values()))
+    found = compute_obstacles(nearby, entry.floor, list(building.elevators.values()))
     return tuple(item for item in found if (item.kind, item.name) in names)
 
 

@@ -19,7 +19,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building
-from robocorba.maps.movable import landing_doors, standing
+from robocorba.maps.movable import fixed_obstacles, landing_doors
 from robocorba.sensing.casting import Scene, cast
 from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
@@ -194,7 +194,7 @@ class _SensedFloor:
 
     def set_obstacles(self, building: Building) -> None:
         floor = self.view.floor
-        self.sensed.set_obstacles(standing(building, floor))
+        self.sensed.set_obstacles(fixed_obstacles(building, floor))
         self._doors = {
             name: lines_of([landing_doors(building, name, floor)])
             for name, elevator in building.elevators.items()

@@ -16,7 +16,7 @@ from robocorba.data_pool.pool import DataPool
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
 from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building, Floor, FloorMap, Wall
-from robocorba.maps.movable import landing_doors, outline
+from robocorba.maps.movable import landing_doors, object_outline
 from robocorba.simulation.registry import Description, Pose
 from robocorba.spatial.elevator_state import Doors
 from tests.data_pool.places import Place
@@ -46,7 +46,7 @@ def everything(place: Place, floor: str, oneself: str) -> dict[str, list[tuple[B
     for name, (thing, on) in place.world.objects.items():
         if on == floor:
             x, y, heading = physics.pose(f"object/{name}")
-            turned = shapely.affinity.rotate(outline(thing), heading, (0, 0), use_radians=True)
+            turned = shapely.affinity.rotate(object_outline(thing), heading, (0, 0), use_radians=True)
             found.setdefault(name, []).append((shapely.affinity.translate(turned, x, y), 0.0))
     for one in place.world.robots.values():
         if one.floor == floor and one.name != oneself:

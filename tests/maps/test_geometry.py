@@ -14,7 +14,7 @@ from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps import geometry
-from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, blocking, free_space, obstacles
+from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, compute_obstacles, free_space, obstacles
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -261,7 +261,7 @@ def test_what_is_computed_anew_is_the_same() -> None:
     building = storey([WALL, Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0)), lift(ElevatorDoor(floor="L1"))], ROOM)
     entry = building.floors["L1"]
     lifts = list(building.elevators.values())
-    assert blocking(entry.geometrical, entry.floor, lifts) == obstacles(building, "L1")
+    assert compute_obstacles(entry.geometrical, entry.floor, lifts) == obstacles(building, "L1")
 
 
 def test_bounds_hold_obstacles_and_nodes() -> None:

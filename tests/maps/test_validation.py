@@ -15,7 +15,7 @@ from robocorba.maps import changes
 from robocorba.maps.changes import Change
 from robocorba.maps.collisions import blockages
 from robocorba.maps.model import (
-    PLACE,
+    COLLECTION_OF,
     Area,
     BoxShape,
     Building,
@@ -379,7 +379,7 @@ def test_the_check_of_an_edit_agrees_with_the_check_of_everything(
     touched: set[changes.ElementKey] = set()
     for (floor, element), remove in edits:
         key = changes.key_of(floor, element)
-        if key.kind in PLACE and floor not in after.floors:
+        if key.kind in COLLECTION_OF and floor not in after.floors:
             continue
         if not remove:
             after = after.with_element(floor, element)

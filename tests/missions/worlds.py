@@ -10,7 +10,7 @@ import msgspec
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle, object_geometry
 from robocorba.maps.model import BoxShape, Building, CabinSide, Elevator, ElevatorDoor, Floor, MapObject
-from robocorba.maps.movable import movables, outline
+from robocorba.maps.movable import movables, object_outline
 from robocorba.maps.topology import topological_map
 from robocorba.missions.world import MovableObject
 from robocorba.planning.planner import PathPlanner
@@ -33,7 +33,7 @@ class MapWorld:
         if name not in known:
             raise MissionFailed(f"there is no object {name!r}")
         entry, floor = known[name]
-        return MovableObject(name, floor, *entry.at, entry.heading, outline(entry), self._mass_kg, entry.height)
+        return MovableObject(name, floor, *entry.at, entry.heading, object_outline(entry), self._mass_kg, entry.height)
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
         found: dict[str, list[Obstacle]] = {}

@@ -111,7 +111,7 @@ def _range(lift: Item, levels: list[Level]) -> tuple[float, float]:
 
 
 def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[CabinSide, float, float]:
-    """CabinSide, width [m] and offset [m] of a door that the file gives by its middle in the cabin's frame."""
+    """Side, width [m] and offset [m] of a door that the file gives by its middle in the cabin's frame."""
     x, y, span = item.need("x").number(), item.need("y").number(), item.need("width").positive()
     turned = item.get("motion_axis_orientation")
     slides_along_y = abs(math.sin(turned.number() if turned else 0.0)) > math.sqrt(0.5)
