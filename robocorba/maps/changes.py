@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, Element, ElementKind, FloorMap
+from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, Element, ElementKind
 
 
 class ElementKey(NamedTuple):
@@ -91,9 +91,8 @@ def inverse(changes: Iterable[Change], version: int) -> list[Change]:
 def difference(before: Building, after: Building) -> dict[ElementKey, Element | None]:
     """The elements that differ between two buildings, as in `after`; None for those that `after` does not have."""
     old, new = dict(elements_of(before)), dict(elements_of(after))
-    found: dict[ElementKey, Element | None] = {key: None for key in old if key not in new}
-    found.update((key, element) for key, element in new.items() if old.get(key) != element)
-    return found
+    removed = {key: None for key in old if key not in new}
+    return {**removed, **{key: element for key, element in new.items() if old.get(key) != element}}
 
 
 def elements_of(building: Building) -> Iterator[tuple[ElementKey, Element]]:
@@ -108,43 +107,5 @@ def elements_of(building: Building) -> Iterator[tuple[ElementKey, Element]]:
 
 
 def apply(building: Building, changes: Iterable[Change]) -> Building:
-    """The building after `ordered` changes. It shares all unchanged parts.
-
-    Each dictionary is copied once, however many of its elements change.
-    Raises KeyError if the floor of a change does not exist."""
-    elevators: dict[str, Element] | None = None
-    floors = dict(building.floors)
-    copies: dict[tuple[str, ElementKind], dict[str, Element]] = {}
-    for change in changes:
-        kind, floor, name = change.key
-        if kind is ElementKind.FLOOR:
-            if change.after is None:
-                del floors[name]
-                copies = {place: copy for place, copy in copies.items() if place[0] != name}
-            else:
-                floors[name] = msgspec.structs.replace(
-                    floors.get(name) or FloorMap(change.after),  # type: ignore[arg-type]
-                    floor=change.after,
-                )
-            continue
-        if kind is ElementKind.ELEVATOR:
-            elements = elevators = dict(building.elevators) if elevators is None else elevators
-        else:
-            if (floor, kind) not in copies:
-                copies[floor, kind] = dict(
-                    getattr(getattr(floors[floor], COLLECTION_OF[kind][0]), COLLECTION_OF[kind][1])
-                )
-            elements = copies[floor, kind]
-        if change.after is None:
-            del elements[name]
-        else:
-            elements[name] = change.after
-    for (floor, kind), copy in copies.items():
-        layer, collection = COLLECTION_OF[kind]
-        changed = msgspec.structs.replace(getattr(floors[floor], layer), **{collection: copy})
-        floors[floor] = msgspec.structs.replace(floors[floor], **{layer: changed})
-    return Building(
-        building.name,
-        dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0]))),
-        building.elevators if elevators is None else elevators,  # type: ignore[arg-type]
-    )
+    """The building after `ordered` changes. Raises KeyError if the floor of a change does not exist."""
+    return building.with_changes((*change.key, change.after) for change in changes)

@@ -31,13 +31,9 @@ from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap
-from robocorba.maps.store import CommitKind, MapStore, StoredBuilding
+from robocorba.maps.store import CommitKind, MapLimits, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
-#: Maximum size of a building (see size_of). Bounds memory.
-MAX_BUILDING_SIZE = 2_000_000
-#: Maximum size of all open transactions together (see size_of).
-MAX_PENDING_SIZE = 500_000
 #: Blocked nodes and edges that the log lists for one edit; it counts the others.
 MAX_BLOCKED_LOGGED = 5
 
@@ -50,20 +46,13 @@ Listener = Callable[[Building, int, Sequence[Change]], None]
 class BuildingEditor:
     """Edits the building of a store. Safe from any thread.
 
-    It keeps `history_limit` commits for undo and changes_since, and at most `transaction_limit` open
-    transactions. A transaction without a call for `transaction_timeout_s` by `clock` is rolled back.
-    If the store fails, the edit raises MapFileError and changes nothing."""
+    `clock` returns the time [s] for the timeout of transactions. If the store fails, the edit raises MapFileError
+    and changes nothing."""
 
     def __init__(
-        self,
-        store: MapStore,
-        history_limit: int = 10_000,
-        clock: Callable[[], float] = time.monotonic,
-        transaction_limit: int = 64,
-        transaction_timeout_s: float = 300.0,
+        self, store: MapStore, limits: MapLimits = MapLimits(), clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._store, self._history_limit, self._clock = store, history_limit, clock
-        self._transaction_limit, self._transaction_timeout_s = transaction_limit, transaction_timeout_s
+        self._store, self._limits, self._clock = store, limits, clock
         self._lock = threading.Lock()
         self._listeners: list[Listener] = []
         self._open: set[Transaction] = set()
@@ -125,8 +114,8 @@ class BuildingEditor:
         """Open a transaction. Raises TooManyTransactions."""
         with self._lock:
             self._expire()
-            if len(self._open) >= self._transaction_limit:
-                raise TooManyTransactions(self._transaction_limit)
+            if len(self._open) >= self._limits.transactions:
+                raise TooManyTransactions(self._limits.transactions)
             transaction = Transaction(self, self._clock())
             self._open.add(transaction)
             return transaction
@@ -227,13 +216,12 @@ class BuildingEditor:
         if name != building.name:
             building = msgspec.structs.replace(building, name=name)
         size = before.size + sum(size_of(change.after) - size_of(change.before) for change in changes)
-        if size > MAX_BUILDING_SIZE and size > before.size:
-            reason = f"the building would have more than {MAX_BUILDING_SIZE} elements and points"
+        if size > self._limits.building_size and size > before.size:
+            reason = f"the building would have more than {self._limits.building_size} elements and points"
             raise InvalidElement(*changes[-1].key.words, reason)
         blocked = check_change(building, [change.key for change in changes], before.building) if check else []
         version = before.version + 1
-        names = (before.building.name, name)
-        self._store.commit(changes, version, names, kind, source, self._history_limit)
+        self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits)
         self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
         if blocked:
             _log.warning("version %d blocks %s", version, _describe_blocked(blocked))
@@ -244,7 +232,7 @@ class BuildingEditor:
 
     def _expire(self) -> None:
         """Roll back the transactions that have timed out. Requires the lock."""
-        oldest = self._clock() - self._transaction_timeout_s
+        oldest = self._clock() - self._limits.transaction_timeout_s
         for transaction in [each for each in self._open if each._used_at < oldest]:
             self._drop(transaction)
 
@@ -259,8 +247,8 @@ class BuildingEditor:
     ) -> None:
         with self._lock:
             self._use(transaction)
-            if added and size_of(added) + sum(other._draft.size for other in self._open) > MAX_PENDING_SIZE:
-                reason = f"open transactions would hold more than {MAX_PENDING_SIZE} elements and points"
+            if added and size_of(added) + sum(other._draft.size for other in self._open) > self._limits.pending_size:
+                reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
                 raise InvalidElement(*key_of("", added).words, reason)
             operation(transaction._draft, self._state)
 

@@ -15,6 +15,7 @@ import sqlite3
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,8 +32,6 @@ from robocorba.maps.model import (
     Element,
     ElementKind,
     FloorMap,
-    GeometricalMap,
-    TopologicalMap,
 )
 
 #: SQLite application id, "RoCo": identifies RoboCorba's map stores.
@@ -40,8 +39,6 @@ APPLICATION_ID = 0x526F436F
 SCHEMA_VERSION = 1
 #: Version of the building in a new store.
 FIRST_VERSION = 1
-#: Maximum number of changed elements in the journal, over all commits.
-MAX_JOURNAL_CHANGES = 1_000_000
 
 _SCHEMA = (
     "CREATE TABLE building (name TEXT NOT NULL, version INTEGER NOT NULL)",
@@ -66,6 +63,22 @@ _decoders: dict[ElementKind, msgspec.json.Decoder[Any]] = {
     kind: msgspec.json.Decoder(struct) for kind, struct in TYPE_OF.items()
 }
 _KINDS = {kind.value: kind for kind in ElementKind}
+
+
+@dataclass(frozen=True)
+class MapLimits:
+    """Limits of an edited map.
+
+    commits: kept for undo and for the list of changes. journal_changes: changed elements in them, over all commits.
+    building_size, pending_size: of the building, and of all open transactions together (see size_of); they bound
+    memory. transactions: open at the same time. transaction_timeout_s: after which an idle one is rolled back."""
+
+    commits: int = 10_000
+    journal_changes: int = 1_000_000
+    building_size: int = 2_000_000
+    pending_size: int = 500_000
+    transactions: int = 64
+    transaction_timeout_s: float = 300.0
 
 
 class CommitKind(str, Enum):
@@ -110,7 +123,7 @@ class MapStore:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with _guarded(self.path):
-            if not self.exists(self.path):
+            if not self.path.exists():
                 raise MapFileError(str(self.path), 0, "", "there is no map store")
             self._lock = _lock(self.path)
             try:
@@ -125,14 +138,9 @@ class MapStore:
                 os.close(self._lock)
                 raise
 
-    @staticmethod
-    def exists(path: str | Path) -> bool:
-        """Whether the store exists. A new store gets its name only once it is complete."""
-        return Path(path).exists()
-
     @classmethod
     def create(cls, path: str | Path, building: Building) -> MapStore:
-        """Create a store with `building` at FIRST_VERSION, atomically.
+        """Create a store with `building` at FIRST_VERSION, atomically: it gets its name once it is complete.
 
         Raises MapFileError if the file exists, AlreadyRunning as the constructor does."""
         file = Path(path)
@@ -198,7 +206,10 @@ class MapStore:
         lost = next((floor for floor, _ in layers if floor not in known), None)
         if lost is not None:
             raise MapFileError(str(self.path), 0, "", f"damaged: it has elements on {lost!r}, which is no floor")
-        entries = {floor.name: _floor_map(floor, layers) for floor in floors}
+        entries = {
+            floor.name: FloorMap.of(floor, {kind: layers.get((floor.name, kind.value), {}) for kind in COLLECTION_OF})
+            for floor in floors
+        }
         return StoredBuilding(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
 
     def commit(
@@ -208,12 +219,12 @@ class MapStore:
         names: tuple[str, str],
         kind: CommitKind = CommitKind.EDIT,
         source: int = 0,
-        keep: int = 10_000,
+        limits: MapLimits = MapLimits(),
     ) -> None:
         """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
 
         `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
-        commit that they revert or repeat. The journal keeps the newest `keep` commits."""
+        commit that they revert or repeat. Drops the oldest commits beyond `limits`."""
         with _guarded(self.path), _transaction(self._writer) as writer:
             current = writer.execute("SELECT version FROM building").fetchone()[0]
             assert version == current + 1, (version, current)
@@ -224,7 +235,7 @@ class MapStore:
             else:
                 state = _CommitState.UNDONE if kind is CommitKind.UNDO else _CommitState.DONE
                 writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
-            dropped = self._drop_commits(version - keep, len(changes))
+            dropped = self._drop_commits(version - limits.commits, limits.journal_changes - len(changes))
             state = _CommitState.DONE if kind is CommitKind.EDIT else _CommitState.PAST
             writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
             writer.executemany(
@@ -236,13 +247,13 @@ class MapStore:
             )
         self._journaled += len(changes) - dropped
 
-    def _drop_commits(self, up_to: int, added: int) -> int:
-        """Drop the commits up to a version, and more while the journal is too large. Returns the dropped changes."""
+    def _drop_commits(self, up_to: int, kept: int) -> int:
+        """Drop the commits up to a version, and more until at most `kept` changes remain; the number dropped."""
         dropped = 0
         query = "SELECT version, size, state FROM commits ORDER BY version"
         last, redo_lost = 0, False
         for version, size, state in self._writer.execute(query):
-            if version > up_to and self._journaled + added - dropped <= MAX_JOURNAL_CHANGES:
+            if version > up_to and self._journaled - dropped <= kept:
                 break
             last, dropped, redo_lost = version, dropped + size, redo_lost or state == _CommitState.UNDONE
         if last:
@@ -365,10 +376,3 @@ def _changes(rows: sqlite3.Cursor) -> list[Change]:
         decode = _decoders[key.kind].decode
         found.append(Change(version, key, before and decode(before), after and decode(after)))
     return found
-
-
-def _floor_map(floor: Any, layers: dict[tuple[str, str], dict[str, Any]]) -> FloorMap:
-    parts: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
-    for kind, (layer, collection) in COLLECTION_OF.items():
-        parts[layer][collection] = layers.get((floor.name, kind.value), {})
-    return FloorMap(floor, GeometricalMap(**parts["geometrical"]), TopologicalMap(**parts["topological"]))

@@ -33,7 +33,7 @@ def open_store(path: Path, building: Path | None) -> MapStore:
     is invalid, AlreadyRunning if another process has the store open."""
     path.parent.mkdir(parents=True, exist_ok=True)
     origin_file = path.with_suffix(".origin.json")
-    if MapStore.exists(path):
+    if path.exists():
         if building is None:
             return MapStore(path)
         origin = _origin(building)
