@@ -31,7 +31,7 @@ from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap
-from robocorba.maps.store import CommitKind, MapLimits, MapStore, StoredBuilding
+from robocorba.maps.store import DEFAULT_LIMITS, CommitKind, MapLimits, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
 #: Blocked nodes and edges that the log lists for one edit; it counts the others.
@@ -50,7 +50,7 @@ class BuildingEditor:
     and changes nothing."""
 
     def __init__(
-        self, store: MapStore, limits: MapLimits = MapLimits(), clock: Callable[[], float] = time.monotonic
+        self, store: MapStore, limits: MapLimits = DEFAULT_LIMITS, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._store, self._limits, self._clock = store, limits, clock
         self._lock = threading.Lock()

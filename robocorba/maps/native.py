@@ -37,6 +37,7 @@ E_ = TypeVar("E_", bound=Element)
 
 
 class _FloorEntry(Floor, frozen=True):
+    height: float = 3.0  # not the object that Floor has as its default, which msgspec would omit
     walls: tuple[Wall, ...] = ()
     objects: tuple[MapObject, ...] = ()
     doors: tuple[Door, ...] = ()

@@ -81,6 +81,9 @@ class MapLimits:
     transaction_timeout_s: float = 300.0
 
 
+DEFAULT_LIMITS = MapLimits()
+
+
 class CommitKind(str, Enum):
     """How a commit came about."""
 
@@ -219,7 +222,7 @@ class MapStore:
         names: tuple[str, str],
         kind: CommitKind = CommitKind.EDIT,
         source: int = 0,
-        limits: MapLimits = MapLimits(),
+        limits: MapLimits = DEFAULT_LIMITS,
     ) -> None:
         """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
 

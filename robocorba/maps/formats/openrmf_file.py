@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.spatial.pose import XY
@@ -10,7 +11,7 @@ from robocorba.spatial.pose import XY
 
 @dataclass(frozen=True)
 class Vertex:
-    """A point of a level in the level's own coordinates (y as in the file)."""
+    """A point of a level: in the coordinates of the file, or of the building [m] after `Level.placed`."""
 
     at: XY
     name: str
@@ -43,6 +44,15 @@ class Level:
     fiducials: dict[str, XY] = field(default_factory=dict)
     polygons: list[list[int]] = field(default_factory=list)
     holes: list[list[int]] = field(default_factory=list)
+
+    def placed(self, to_building: Callable[[XY], XY]) -> Level:
+        """The level with its vertices in the coordinates of the building."""
+        vertices = [replace(vertex, at=to_building(vertex.at)) for vertex in self.vertices]
+        return replace(self, vertices=vertices)
+
+    def points(self, indices: Iterable[int]) -> list[XY]:
+        """The positions of vertices."""
+        return [self.vertices[index].at for index in indices]
 
     def node_vertices(self) -> list[int]:
         """Indices of the vertices that become nodes: those of lanes, and those with a name or parameters."""

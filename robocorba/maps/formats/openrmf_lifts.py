@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from robocorba.maps.formats.openrmf_alignment import Alignment
 from robocorba.maps.formats.openrmf_file import Level
-from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
 from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor
@@ -16,16 +16,16 @@ CORNER_M = 0.25
 
 
 def read_lifts(
-    lifts: Item | None, levels: list[Level], reference: Level, placements: dict[str, Placement], losses: Losses
+    lifts: Item | None, levels: list[Level], reference: Level, alignments: dict[str, Alignment], losses: Losses
 ) -> dict[str, Elevator]:
     """Elevators by name, without lifts that open on no level. Raises MapFileError."""
     found = {}
     for name, lift in lifts.members() if lifts else ():
         named = lift.get("reference_floor_name")
-        place = placements.get((named.level_name() if named else "") or reference.name)
-        if place is None and named:
+        to_building = alignments.get((named.level_name() if named else "") or reference.name)
+        if to_building is None and named:
             raise named.error(f"there is no level {named.text()!r}")
-        assert place is not None
+        assert to_building is not None
         width, depth = lift.need("width").positive(), lift.need("depth").positive()
         doors, unused = _doors(lift, name, width, depth, levels, losses)
         if not doors:
@@ -36,9 +36,9 @@ def read_lifts(
         yaw = lift.get("yaw")
         found[name] = Elevator(
             name=name,
-            at=place((lift.need("x").number(), lift.need("y").number())),
+            at=to_building((lift.need("x").number(), lift.need("y").number())),
             size=(width, depth),
-            heading=(yaw.number() if yaw else 0.0) + place.rotation,
+            heading=(yaw.number() if yaw else 0.0) + to_building.rotation,
             doors=tuple(doors),
         )
     return found
@@ -55,12 +55,12 @@ def _doors(
         else {}
     )
     opens: dict[str, list[str]] = {level.name: [] for level in levels}
-    for place, door, item in _level_doors(lift.get("level_doors"), list(doorways)):
-        if place not in opens:
-            raise item.error(f"there is no level {place!r}")
+    for level_name, door, item in _level_doors(lift.get("level_doors"), list(doorways)):
+        if level_name not in opens:
+            raise item.error(f"there is no level {level_name!r}")
         if door not in doorways:
             raise item.error(f"there is no door {door!r}")
-        opens[place].append(door)
+        opens[level_name].append(door)
     lowest, highest = _range(lift, levels)
     found = []
     for level in sorted(levels, key=lambda level: level.elevation):
