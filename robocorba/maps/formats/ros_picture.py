@@ -15,6 +15,7 @@ from PIL import Image
 from robocorba.maps.element_rules import MAX_NUMBER
 from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.geometry import to_floor_frame
 from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
 
@@ -42,10 +43,7 @@ class MapServerSettings:
 
     def to_map_frame(self, points: np.ndarray) -> tuple[XY, ...]:
         """Convert points from cells (from the lower left corner) to the map frame [m]."""
-        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        x, y = (points * self.resolution).T
-        placed = np.column_stack([self.origin[0] + cos * x - sin * y, self.origin[1] + sin * x + cos * y])
-        return tuple((x, y) for x, y in placed.tolist())
+        return tuple((x, y) for x, y in to_floor_frame(points * self.resolution, self.origin, self.yaw).tolist())
 
     def to_cells(self, points: np.ndarray) -> np.ndarray:
         """Convert points from the map frame [m] to cells (from the lower left corner)."""

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from robocorba.errors.maps import MapFileError
+from robocorba.maps.element_rules import MAX_NAME
 from robocorba.maps.yaml_file import YamlFile
 
-#: Maximum length of names [characters].
-MAX_NAME = 200
 #: Maximum absolute value of numbers. Larger ones are no position in a building in any unit.
 MAX_NUMBER = 1e9
 #: Number as text: yaml-cpp writes 1e-05, which is text in YAML 1.1.

@@ -8,7 +8,8 @@ its edges sweep is free, so an edge never jumps to the other side of an obstacle
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from itertools import chain, count
 
 import msgspec
 import shapely
@@ -17,15 +18,13 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
-from robocorba.maps.model import Building, PathNode, TopologicalMap
+from robocorba.maps.model import Building, PathEdge, PathNode, TopologicalMap
 from robocorba.maps.topology.axis import connect_components, draw_axis
 from robocorba.maps.topology.coverage import add_coverage_nodes
 from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_place_nodes
-from robocorba.maps.topology.merging import align, merge
-from robocorba.maps.topology.naming import round_positions, to_topological_map
 from robocorba.maps.topology.pruning import cut_small_loops, prune
 from robocorba.maps.topology.roadmap import RoadmapGraph
-from robocorba.maps.topology.straightening import straighten
+from robocorba.maps.topology.simplification import align, merge, straighten
 
 __all__ = ["topological_map"]
 
@@ -74,8 +73,8 @@ def topological_map(
     align(roadmap)
     merge(roadmap)
     add_coverage_nodes(roadmap)
-    round_positions(roadmap)
-    return to_topological_map(roadmap, places)
+    _round_positions(roadmap)
+    return _to_topological_map(roadmap, places)
 
 
 def _with_places_only(building: Building, floor: str, places: Sequence[PathNode]) -> Building:
@@ -103,3 +102,46 @@ def _obstacle_lines(building: Building, floor: str, radius_m: float) -> list[Bas
         rim = shapely.box(*geometry.bounds(building, floor, 1.0 + radius_m))
         lines.append(rim.exterior)
     return lines
+
+
+def _round_positions(roadmap: RoadmapGraph) -> None:
+    """Round node positions to centimetres or millimetres where the space allows it."""
+    for node in sorted(roadmap.graph):
+        if roadmap.elevator(node) or roadmap.place(node):
+            continue
+        for digits in (2, 3):
+            x, y = roadmap.at(node)
+            place = (round(x, digits) + 0.0, round(y, digits) + 0.0)
+            if roadmap.is_free(roadmap.at(node), place) and roadmap.can_move(node, place):
+                roadmap.graph.nodes[node]["at"] = place
+                break
+
+
+def _to_topological_map(roadmap: RoadmapGraph, places: Sequence[PathNode] = ()) -> TopologicalMap:
+    """The topological map: nodes from top to bottom and left to right, then cabins, then `places` without edges."""
+
+    def reading_order(node: int) -> tuple[bool, str, float, float, float]:
+        x, y = roadmap.at(node)
+        return bool(roadmap.elevator(node)), roadmap.elevator(node), -round(y), x, -y
+
+    known = {place.name: place for place in places}
+    nodes: dict[str, PathNode] = {}
+    names: dict[int, str] = {}
+    for i, node in enumerate(sorted(roadmap.graph, key=reading_order), 1):
+        elevator = roadmap.elevator(node)
+        names[node] = roadmap.place(node) or _free_name(f"cabin-{elevator}" if elevator else f"n{i}", known)
+        nodes[names[node]] = known.get(names[node]) or PathNode(
+            name=names[node], at=roadmap.at(node), elevator=elevator
+        )
+    rank = {node: i for i, node in enumerate(names)}
+    edges: dict[str, PathEdge] = {}
+    for a, b in sorted(sorted(edge, key=rank.__getitem__) for edge in roadmap.graph.edges):
+        edge = PathEdge(name=_free_name(f"{names[a]}-{names[b]}", edges), a=names[a], b=names[b])
+        edges[edge.name] = edge
+    return TopologicalMap({**nodes, **{name: place for name, place in known.items() if name not in nodes}}, edges)
+
+
+def _free_name(wanted: str, taken: Container[str]) -> str:
+    """`wanted`, or the first of `wanted-2`, `wanted-3`... that is not taken."""
+    numbered = (f"{wanted}-{i}" for i in count(2))
+    return next(name for name in chain([wanted], numbered) if name not in taken)
