@@ -5,7 +5,6 @@ Several threads may draw simultaneously.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -114,13 +113,6 @@ def draw_building(
         for column, picture in enumerate(row):
             sheet.paste(picture, (column * (width_px // across), sum(heights[:number])))
     return sheet
-
-
-def png_bytes(picture: Image.Image) -> bytes:
-    """A picture as the bytes of a PNG file."""
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
 
 
 def to_pixel(building: Building, floor: str, point: XY, width_px: int = 1200, titled: bool = True) -> tuple[int, int]:

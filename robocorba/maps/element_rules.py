@@ -27,7 +27,6 @@ from robocorba.maps.model import (
     MapObject,
     PathEdge,
     PathNode,
-    PolygonShape,
     SegmentShape,
     Wall,
 )
@@ -223,18 +222,13 @@ _RULES: dict[type, Callable[[Any], Iterator[str]]] = {
 }
 
 
+_PARTS = {PathEdge: "graphs", Floor: "outline", Area: "polygon", Elevator: "doors"}
+
+
 def size_of(element: Element | None) -> int:
     """The size of an element in limits: 1, and 1 for each point, door or graph in it. 0 for None."""
-    if isinstance(element, PathNode | Wall | Door):
-        return 1
-    if isinstance(element, PathEdge):
-        return 1 + len(element.graphs)
-    if isinstance(element, Floor):
-        return 1 + len(element.outline)
-    if isinstance(element, Area):
-        return 1 + len(element.polygon)
-    if isinstance(element, Elevator):
-        return 1 + len(element.doors)
-    if isinstance(element, MapObject) and isinstance(element.shape, PolygonShape):
-        return 1 + len(element.shape.points)
-    return 0 if element is None else 1
+    if element is None:
+        return 0
+    if isinstance(element, MapObject):
+        return 1 + len(getattr(element.shape, "points", ()))
+    return 1 + len(getattr(element, _PARTS.get(type(element), ""), ()))
