@@ -10,11 +10,8 @@ from typing import NamedTuple
 
 from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
-from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
+from robocorba.maps.model import DEFAULT_RADIUS_M, KIND_OF, Building, ElementKind, Elevator
 from robocorba.maps.reachability import Reachability
-
-#: Radius of the robot that should reach every node [m]: SmartPal's.
-DEFAULT_RADIUS_M = 0.40
 
 
 class MapFinding(NamedTuple):

@@ -189,9 +189,3 @@ def test_a_floor_whose_road_map_no_elevator_connects() -> None:
             "L2",
         )
     ]
-
-
-def test_many_findings_are_one_sentence() -> None:
-    building = one_floor(*(node(f"n{i}", 3 + i / 2, 8) for i in range(20)))
-    (line,) = reported(building)
-    assert line.startswith("nodes of L1 without an edge (20): n0, n1, ") and line.endswith(" and 8 more")

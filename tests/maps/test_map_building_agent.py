@@ -359,12 +359,6 @@ def test_a_floor_made_and_dropped_in_a_transaction_leaves_that_of_others_alone(e
     assert list(editor.building.floors["B"].geometrical.walls) == ["theirs"]
 
 
-def test_an_empty_transaction_is_no_edit(editor: BuildingEditor) -> None:
-    assert editor.begin().commit() == 1
-    with pytest.raises(NothingToUndo):
-        editor.undo(1)
-
-
 def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
     clock = Clock()
     editor = BuildingEditor(store, MapLimits(transactions=2, transaction_timeout_s=10.0), clock)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 import networkx as nx
@@ -39,10 +38,9 @@ from robocorba.maps.model import (
 from robocorba.maps.samples import SAMPLES, load_sample
 from robocorba.maps.topology import topological_map
 from robocorba.spatial.pose import XY
+from tests.formats.rmf_files import real_file
 
 RADIUS = 0.40
-#: Real buildings, where they are at hand.
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
 
 
 def one_floor(
@@ -193,10 +191,7 @@ def test_sample_floors(sample: str, floor: str) -> None:
 
 @pytest.mark.parametrize("name", ["hotel", "office"])
 def test_real_buildings(name: str) -> None:
-    file = REAL / f"{name}.building.yaml"
-    if not file.exists():
-        pytest.skip("the real buildings are not here")
-    building = read_map(file).building
+    building = read_map(real_file(name)).building
     for floor in building.floors:
         roads = topological_map(building, floor, 0.25)
         check_roads(building, floor, roads, 0.25)
@@ -285,13 +280,6 @@ def test_a_cabin_is_entered_straight_from_a_node_in_front() -> None:
     assert nx.is_connected(graph_of(roads))
 
 
-def test_a_door_beside_the_middle_of_the_cabin_is_used_too() -> None:
-    building = one_floor(elevators=[elevator(offset=0.3)])
-    roads = topological_map(building, "L1")
-    check_roads(building, "L1", roads, RADIUS)
-    assert nx.is_connected(graph_of(roads))
-
-
 def test_cabins_that_a_robot_does_not_fit_into() -> None:
     behind_narrow_door = topological_map(one_floor(elevators=[elevator(width=0.7)]), "L1")
     assert not graph_of(behind_narrow_door)["cabin-E1"]
@@ -305,11 +293,6 @@ def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
     roads = topological_map(building, "L1")
     assert not any(geometry.shaft_polygon(closed).covers(Point(node.at)) for node in roads.nodes.values())
     check_roads(building, "L1", roads, RADIUS)
-
-
-@pytest.mark.parametrize("bounded", [True, False])
-def test_nothing_drawn_yet(bounded: bool) -> None:
-    assert topological_map(one_floor(4, 4, bounded=bounded), "L1", 0.2).nodes
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])

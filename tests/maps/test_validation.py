@@ -359,11 +359,6 @@ def test_whoever_draws_a_path_onto_an_obstacle_is_refused(
     assert wrong.value.name == blamed
 
 
-def test_a_shaft_is_never_put_on_a_path(building: Building) -> None:
-    with pytest.raises(InvalidElement, match="through the shaft of elevator 'x'"):
-        check_change(building.with_element("", lift(FRONT, at=(7.0, 5.0))), [(ElementKind.ELEVATOR, "", "x")], building)
-
-
 def test_problems_are_limited(building: Building) -> None:
     many = with_all(building, [("L1", wall(name=f"w{i}", height=NAN)) for i in range(30)])
     assert len(problems(many)) == 30

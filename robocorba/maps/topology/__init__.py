@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
-from robocorba.maps.model import Building, PathEdge, PathNode, TopologicalMap
+from robocorba.maps.model import DEFAULT_RADIUS_M, Building, PathEdge, PathNode, TopologicalMap
 from robocorba.maps.topology.axis import connect_components, draw_axis
 from robocorba.maps.topology.coverage import add_coverage_nodes
 from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_place_nodes
@@ -33,7 +33,7 @@ MAX_RADIUS_M = 1000.0
 
 
 def topological_map(
-    building: Building, floor: str, radius_m: float = 0.40, places: Sequence[PathNode] = ()
+    building: Building, floor: str, radius_m: float = DEFAULT_RADIUS_M, places: Sequence[PathNode] = ()
 ) -> TopologicalMap:
     """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` only.
 
