@@ -27,10 +27,9 @@ from robocorba.errors.maps import (
     UnknownElement,
 )
 from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
-from robocorba.maps.collisions import Collision
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
-from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap
+from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
 from robocorba.maps.store import DEFAULT_LIMITS, CommitKind, MapLimits, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
@@ -168,9 +167,7 @@ class BuildingEditor:
             building = self.building
             if floor not in building.floors:
                 raise UnknownElement(ElementKind.FLOOR.value, "", floor)
-            entry = msgspec.structs.replace(building.floors[floor], topological=topology)
-            drawn = msgspec.structs.replace(building, floors={**building.floors, floor: entry})
-            return self._put(difference(building, drawn), building.name, check=True)
+            return self._put(difference(building, with_topology(building, floor, topology)), building.name, check=True)
 
     def subscribe(self, listener: Listener) -> tuple[Building, int]:
         """Call `listener` for each edit after the returned building and version.
@@ -224,7 +221,9 @@ class BuildingEditor:
         self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits)
         self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
         if blocked:
-            _log.warning("version %d blocks %s", version, _describe_blocked(blocked))
+            named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
+            rest = len(blocked) - MAX_BLOCKED_LOGGED
+            _log.warning("version %d blocks %s", version, named + (f"; and {rest} more" if rest > 0 else ""))
         for listener in self._listeners:
             listener(building, version, changes)
         self._expire()
@@ -304,12 +303,6 @@ class Transaction:
     def roll_back(self) -> None:
         """Discard all edits."""
         self._editor._close(self, commit=False)
-
-
-def _describe_blocked(blocked: Sequence[Collision]) -> str:
-    named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
-    rest = len(blocked) - MAX_BLOCKED_LOGGED
-    return named + (f"; and {rest} more" if rest > 0 else "")
 
 
 def _editor_state(stored: StoredBuilding) -> EditorState:

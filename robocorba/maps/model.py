@@ -310,6 +310,12 @@ def _collection(entry: FloorMap, kind: ElementKind) -> dict[str, Any]:
     return getattr(getattr(entry, layer), collection)
 
 
+def with_topology(building: Building, floor: str, topology: TopologicalMap) -> Building:
+    """A building with another topological map of a floor."""
+    entry = msgspec.structs.replace(building.floors[floor], topological=topology)
+    return msgspec.structs.replace(building, floors={**building.floors, floor: entry})
+
+
 def by_level(floors: dict[str, FloorMap]) -> dict[str, FloorMap]:
     """Floors in the order of a building: by level."""
     return dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0])))

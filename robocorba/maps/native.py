@@ -72,7 +72,7 @@ def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
     """The first `limit` errors of a file, empty if `load` accepts it."""
     try:
         file = read_yaml(path)
-        return [_located(file, wrong) for wrong in validation.problems(parse(file), limit)]
+        return [file.error(_key_of(file, wrong), str(wrong)) for wrong in validation.problems(parse(file), limit)]
     except MapFileError as error:
         return [error]
 
@@ -80,12 +80,8 @@ def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
 def _checked(file: YamlFile) -> Building:
     building = parse(file)
     for wrong in validation.problems(building, limit=1):
-        raise _located(file, wrong)
+        raise file.error(_key_of(file, wrong), str(wrong))
     return building
-
-
-def _located(file: YamlFile, wrong: InvalidElement) -> MapFileError:
-    return file.error(_key_of(file, wrong), str(wrong))
 
 
 def parse(file: YamlFile) -> Building:

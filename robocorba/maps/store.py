@@ -159,9 +159,17 @@ class MapStore:
                 with closing(_connect(fresh, "rwc")) as connection:
                     connection.execute("PRAGMA synchronous = FULL")
                     with _transaction(connection):
-                        _fill(connection, building)
+                        for statement in _SCHEMA:
+                            connection.execute(statement)
+                        connection.execute("INSERT INTO building VALUES (?, ?)", (building.name, FIRST_VERSION))
+                        elements = ((key, None, value) for key, value in elements_of(building))
+                        _write_elements(connection, [Change(FIRST_VERSION, *element) for element in elements])
                 fresh.rename(file)
-                _sync_folder(file.absolute().parent)
+                folder = os.open(file.absolute().parent, os.O_RDONLY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
             finally:
                 os.close(lock)
         return cls(file)
@@ -312,14 +320,6 @@ def _lock(path: Path) -> int:
     return descriptor
 
 
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     return sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
@@ -346,13 +346,6 @@ def _guarded(path: Path) -> Iterator[None]:
         raise MapFileError(str(path), 0, "", str(error)) from error
     except (msgspec.DecodeError, KeyError) as error:
         raise MapFileError(str(path), 0, "", f"damaged: {error}") from error
-
-
-def _fill(connection: sqlite3.Connection, building: Building) -> None:
-    for statement in _SCHEMA:
-        connection.execute(statement)
-    connection.execute("INSERT INTO building VALUES (?, ?)", (building.name, FIRST_VERSION))
-    _write_elements(connection, [Change(FIRST_VERSION, key, None, element) for key, element in elements_of(building)])
 
 
 def _write_elements(connection: sqlite3.Connection, changes: Sequence[Change]) -> None:

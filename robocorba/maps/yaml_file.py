@@ -208,7 +208,9 @@ def _child_indices(data: Any, path: str) -> list[int]:
             place, length, data = int(index[1]), index.end(), data[int(index[1])]
         elif isinstance(data, dict):
             fitting = [
-                (len(f".{label}"), place, label) for place, label in enumerate(data) if _starts_with_label(path, label)
+                (len(start), place, label)
+                for place, label in enumerate(data)
+                if path.startswith(start := f".{label}") and path[len(start) : len(start) + 1] in ("", ".", "[")
             ]
             if not fitting:
                 break
@@ -219,11 +221,6 @@ def _child_indices(data: Any, path: str) -> list[int]:
         places.append(place)
         path = path[length:]
     return places
-
-
-def _starts_with_label(path: str, label: Any) -> bool:
-    start = f".{label}"
-    return path.startswith(start) and path[len(start) : len(start) + 1] in ("", ".", "[")
 
 
 def _line_at(text: str, places: list[int]) -> int:

@@ -34,6 +34,7 @@ from robocorba.maps.model import (
     Shape,
     TopologicalMap,
     Wall,
+    with_topology,
 )
 from robocorba.maps.samples import SAMPLES, load_sample
 from robocorba.maps.topology import topological_map
@@ -62,11 +63,6 @@ def one_floor(
     above = Floor(name="L2", level=2, elevation=3.0)
     stories = {"L1": FloorMap(floor, plan), "L2": FloorMap(above)}
     return Building("test", stories, {elevator.name: elevator for elevator in elevators})
-
-
-def with_roads(building: Building, floor: str, roads: TopologicalMap) -> Building:
-    entry = msgspec.structs.replace(building.floors[floor], topological=roads)
-    return msgspec.structs.replace(building, floors={**building.floors, floor: entry})
 
 
 def graph_of(roads: TopologicalMap) -> nx.Graph[str]:
@@ -103,8 +99,8 @@ def check_roads(building: Building, floor: str, roads: TopologicalMap, radius: f
         assert len(homes) == 1, f"{sorted(piece)} spans several parts"
         reached += homes
     assert sorted(reached) == list(range(len(parts)))
-    assert validation.problems(with_roads(building, floor, roads)) == []
-    assert blockages(with_roads(building, floor, roads), floor) == []
+    assert validation.problems(with_topology(building, floor, roads)) == []
+    assert blockages(with_topology(building, floor, roads), floor) == []
 
 
 metres = st.floats(0.5, 14.0).map(lambda value: round(value, 2))
@@ -204,8 +200,8 @@ def test_the_same_floor_gives_the_same_map_whatever_roads_it_has(bounded: bool) 
     building = one_floor(walls=[((6.0, 0.0), (6.0, 5.0))], elevators=[elevator()], bounded=bounded)
     first = topological_map(building, "L1")
     far_away = TopologicalMap({"x": PathNode(name="x", at=(40.0, 40.0))})
-    assert topological_map(with_roads(building, "L1", far_away), "L1") == first
-    assert topological_map(with_roads(building, "L1", first), "L1") == first
+    assert topological_map(with_topology(building, "L1", far_away), "L1") == first
+    assert topological_map(with_topology(building, "L1", first), "L1") == first
 
 
 def test_elevators_opposite_each_other_share_the_place_in_front() -> None:

@@ -11,7 +11,6 @@ from robocorba.maps.formats.openrmf_file import Level, Link, flag
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, PathEdge, PathNode, TopologicalMap
-from robocorba.spatial.pose import XY
 
 #: Parameters of lanes and vertices that a building keeps.
 _LANE_KEYS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
@@ -68,16 +67,14 @@ def _nodes(level: Level, lifts: dict[str, Elevator], left_out: Collection[str], 
             elif cabin not in left_out:
                 losses.add("vertices name a lift that the file does not contain: {names}", where)
             cabin = ""
-        found[index] = PathNode(name=name, at=vertex.at, elevator=cabin or _shaft_around(vertex.at, shafts))
+        # As in the format's own tools, a vertex inside a shaft belongs to that lift.
+        point = shapely.Point(vertex.at)
+        cabin = cabin or next((lift for lift, shaft in shafts.items() if shaft.contains(point)), "")
+        found[index] = PathNode(name=name, at=vertex.at, elevator=cabin)
         for key, value in vertex.params.items():
             if key not in _VERTEX_KEYS and value.value:
                 losses.add(f"vertex property {key}: not kept: {{names}}", f"{level.name} {name}")
     return found
-
-
-def _shaft_around(at: XY, shafts: dict[str, shapely.Polygon]) -> str:
-    """The lift whose shaft contains a vertex, as in the format's own tools; empty outside."""
-    return next((name for name, shaft in shafts.items() if shaft.contains(shapely.Point(at))), "")
 
 
 def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: Losses) -> Iterator[PathEdge]:

@@ -66,7 +66,7 @@ def floor_outline(level: Level, shafts: list[Elevator], losses: Losses) -> Floor
     parts = joined.difference(shapely.union_all([area for area, _ in holes])) if holes else joined
     kept = _largest(parts)
     left_out += _report_left_out(parts, kept, "holes cut them off", level, losses)
-    voids = [Polygon(ring) for ring in kept.interiors if Polygon(ring).area >= MIN_AREA_M2]
+    voids = [void for ring in kept.interiors if (void := Polygon(ring)).area >= MIN_AREA_M2]
     objects = {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
     return FloorOutline(_points(kept), objects, tuple(left_out))
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from robocorba.errors.maps import MapFileError
-from robocorba.maps.formats.grid import FREE, MAX_SIDES, OCCUPIED, UNKNOWN, count_sides
+from robocorba.maps.formats.grid import FREE, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.ros_picture import MapServerSettings, read_cells, read_settings
 from robocorba.maps.formats.solids import EIGHT_NEIGHBOURS, solids
 from robocorba.maps.formats.yaml_item import Item
@@ -23,6 +23,8 @@ from robocorba.maps.model import Building, Floor, FloorMap, GeometricalMap, MapO
 from robocorba.maps.yaml_file import YamlFile
 
 FORMAT = "ros"
+#: Maximum number of cell sides on contours: maps have far fewer, noise has more.
+MAX_SIDES = 2**20
 #: Interpretations of unknown cells.
 UNKNOWN_AS = ("blocked", "free")
 #: Height of objects from a picture [m]: that of a wall, since a picture has no heights.
@@ -80,7 +82,9 @@ def floor_map(
     """The floor with the outline and the solid objects that its cells show. Raises MapFileError at `image`."""
     cells = _remove_specks(cells, settings, options.specks, losses)
     space = _crop_to_floor(cells, settings, losses)
-    if count_sides(space.blocked) > MAX_SIDES:
+    padded = np.pad(space.blocked, 1)
+    across, down = padded[:, 1:] != padded[:, :-1], padded[1:] != padded[:-1]
+    if int(np.count_nonzero(across)) + int(np.count_nonzero(down)) > MAX_SIDES:
         raise image.error(f"the cells are scattered: their contours have more than {MAX_SIDES} sides")
     rows, columns = space.blocked.shape
     corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) + space.corner

@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from itertools import chain, count
 
-import msgspec
 import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
-from robocorba.maps.model import DEFAULT_RADIUS_M, Building, PathEdge, PathNode, TopologicalMap
+from robocorba.maps.model import DEFAULT_RADIUS_M, Building, PathEdge, PathNode, TopologicalMap, with_topology
 from robocorba.maps.topology.axis import connect_components, draw_axis
 from robocorba.maps.topology.coverage import add_coverage_nodes
 from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_place_nodes
@@ -52,7 +51,8 @@ def topological_map(
     if not 0 < radius_m <= MAX_RADIUS_M:
         reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {MAX_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
-    building = _with_places_only(building, floor, places)
+    # The old roadmap must not affect the new one.
+    building = with_topology(building, floor, TopologicalMap({place.name: place for place in places}))
     space = _free_space(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
@@ -75,13 +75,6 @@ def topological_map(
     add_coverage_nodes(roadmap)
     _round_positions(roadmap)
     return _to_topological_map(roadmap, places)
-
-
-def _with_places_only(building: Building, floor: str, places: Sequence[PathNode]) -> Building:
-    """The building with `places` as the only nodes of the floor: its old roadmap must not affect the new one."""
-    topology = TopologicalMap({place.name: place for place in places})
-    bare = msgspec.structs.replace(building.floors[floor], topological=topology)
-    return msgspec.structs.replace(building, floors={**building.floors, floor: bare})
 
 
 def _free_space(building: Building, floor: str, radius_m: float) -> BaseGeometry:
