@@ -316,12 +316,12 @@ def _editor_state(stored: StoredBuilding) -> EditorState:
 def _updated_versions(versions: Versions, changes: Iterable[Change]) -> Versions:
     stamped, copied = dict(versions), set()
     for change in changes:
-        place = change.key.kind, change.key.floor
-        if place not in copied:
-            stamped[place] = dict(versions.get(place, {}))
-            copied.add(place)
+        group = change.key.kind, change.key.floor
+        if group not in copied:
+            stamped[group] = dict(versions.get(group, {}))
+            copied.add(group)
         if change.after is None:
-            del stamped[place][change.key.name]
+            del stamped[group][change.key.name]
         else:
-            stamped[place][change.key.name] = change.version
+            stamped[group][change.key.name] = change.version
     return stamped

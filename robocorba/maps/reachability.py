@@ -43,8 +43,8 @@ class Reachability:
 
     def __init__(self, building: Building, radius_m: float) -> None:
         self._building, self.radius_m = building, radius_m
-        places = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
-        self._index = {place: i for i, place in enumerate(places)}
+        nodes = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
+        self._index = {node: i for i, node in enumerate(nodes)}
         self._stops = _stops(building)
         self._closed = {floor: self._edges_closed(floor) for floor in building.floors}
         drives = np.concatenate([np.empty((0, 2), int), *(self._drives(floor) for floor in building.floors)])

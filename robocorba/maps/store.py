@@ -252,8 +252,8 @@ class MapStore:
             writer.executemany(
                 "INSERT INTO changes VALUES (?, ?, ?, ?, ?, ?, ?)",
                 (
-                    (version, place, *change.key.words, _text(change.before), _text(change.after))
-                    for place, change in enumerate(changes)
+                    (version, position, *change.key.words, _text(change.before), _text(change.after))
+                    for position, change in enumerate(changes)
                 ),
             )
         self._journaled += len(changes) - dropped

@@ -199,37 +199,37 @@ def _events(text: str) -> Iterator[yaml.Event]:
 
 def _child_indices(data: Any, path: str) -> list[int]:
     """Child indices along a key path, as far as it exists. If several labels match, the longest wins."""
-    places: list[int] = []
+    children: list[int] = []
     while path:
         if isinstance(data, list):
             index = re.match(r"\[(\d{1,9})\]", path)
             if not index or int(index[1]) >= len(data):
                 break
-            place, length, data = int(index[1]), index.end(), data[int(index[1])]
+            child, length, data = int(index[1]), index.end(), data[int(index[1])]
         elif isinstance(data, dict):
             fitting = [
-                (len(start), place, label)
-                for place, label in enumerate(data)
+                (len(start), child, label)
+                for child, label in enumerate(data)
                 if path.startswith(start := f".{label}") and path[len(start) : len(start) + 1] in ("", ".", "[")
             ]
             if not fitting:
                 break
-            length, place, label = max(fitting, key=lambda found: found[0])
+            length, child, label = max(fitting, key=lambda found: found[0])
             data = data[label]
         else:
             break
-        places.append(place)
+        children.append(child)
         path = path[length:]
-    return places
+    return children
 
 
-def _line_at(text: str, places: list[int]) -> int:
+def _line_at(text: str, children: list[int]) -> int:
     """The line of the value at the given child index of each level."""
     events = _events(text)
     event = next(events)
-    for place in places:
+    for child in children:
         mapping = isinstance(event, yaml.MappingStartEvent)
-        for _ in range(2 * place + 1 if mapping else place):
+        for _ in range(2 * child + 1 if mapping else child):
             _skip(next(events), events)
         event = next(events)
     return _line(event)

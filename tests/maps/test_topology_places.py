@@ -16,7 +16,7 @@ from robocorba.maps import geometry
 from robocorba.maps.model import BoxShape, Building, CircleShape, PathNode, TopologicalMap, with_topology
 from robocorba.maps.samples import load_sample
 from robocorba.maps.topology import topological_map
-from robocorba.maps.topology.roadmap import SAME_PLACE_M
+from robocorba.maps.topology.roadmap import SAME_POINT_M
 from robocorba.spatial.pose import XY
 from tests.maps.test_topology import RADIUS, check_roads, elevator, floors, graph_of, one_floor, open_parts
 from tests.maps.test_topology import places as spots
@@ -50,7 +50,7 @@ def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
         place
         for i, place in enumerate(places)
         if shapely.distance(parts, Point(place.at)).min() == 0
-        and all(math.dist(place.at, other.at) > SAME_PLACE_M for other in (*building.elevators.values(), *places[:i]))
+        and all(math.dist(place.at, other.at) > SAME_POINT_M for other in (*building.elevators.values(), *places[:i]))
     ]
     homes = {name: int(shapely.distance(parts, Point(node.at)).argmin()) for name, node in roads.nodes.items()}
     graph.remove_nodes_from({place.name for place in places} - {place.name for place in reached})

@@ -209,12 +209,12 @@ def _report_regions(sentence: str, regions: np.ndarray, settings: MapServerSetti
     largest = lost[np.argsort(-sizes[lost], kind="stable")][:MAX_REGIONS_LISTED]
     middles = np.array(ndimage.center_of_mass(regions > 0, regions, largest))
     middles = np.column_stack([middles[:, 1] + 0.5, len(regions) - middles[:, 0] - 0.5])
-    places = [
+    shown = [
         f"{settings.area_m2(int(sizes[region])):.2g} m2 at ({x:.2f}, {y:.2f})"
         for region, (x, y) in zip(largest, settings.to_map_frame(middles), strict=True)
     ]
-    more = f" and {len(lost) - len(places)} more" if len(lost) > len(places) else ""
+    more = f" and {len(lost) - len(shown)} more" if len(lost) > len(shown) else ""
     losses.add(
         f"{sentence.replace('{n}', str(len(lost)))}, "
-        f"{settings.area_m2(int(sizes.sum())):.2f} m2 in all: {', '.join(places)}{more}"
+        f"{settings.area_m2(int(sizes.sum())):.2f} m2 in all: {', '.join(shown)}{more}"
     )

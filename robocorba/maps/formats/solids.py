@@ -46,9 +46,9 @@ def solids(blocked: np.ndarray, max_points: int = MAX_RING_POINTS) -> tuple[list
             to_cut.add(region)
         whole.append(Solid(ring.points, region))
     found = [solid for solid in whole if solid.region not in to_cut]
-    places = ndimage.find_objects(labels) if to_cut else []
+    boxes = ndimage.find_objects(labels) if to_cut else []
     for region in sorted(to_cut):
-        rows, columns = places[region - 1]
+        rows, columns = boxes[region - 1]
         corner = np.array([columns.start, blocked.shape[0] - rows.stop])
         found += [Solid(points + corner, region) for points in _pieces(labels[rows, columns] == region, max_points)]
     return found, labels

@@ -20,7 +20,7 @@ from robocorba.maps import geometry
 from robocorba.maps.model import DEFAULT_RADIUS_M, Building, PathEdge, PathNode, TopologicalMap, with_topology
 from robocorba.maps.topology.axis import connect_components, draw_axis
 from robocorba.maps.topology.coverage import add_coverage_nodes
-from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_place_nodes
+from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_given_nodes
 from robocorba.maps.topology.pruning import cut_small_loops, prune
 from robocorba.maps.topology.roadmap import RoadmapGraph
 from robocorba.maps.topology.simplification import align, merge, straighten
@@ -32,15 +32,15 @@ MAX_RADIUS_M = 1000.0
 
 
 def topological_map(
-    building: Building, floor: str, radius_m: float = DEFAULT_RADIUS_M, places: Sequence[PathNode] = ()
+    building: Building, floor: str, radius_m: float = DEFAULT_RADIUS_M, given: Sequence[PathNode] = ()
 ) -> TopologicalMap:
-    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` only.
+    """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and the `given` nodes only.
 
     Every edge has a clearance of `radius_m`. Two nodes are connected exactly if their positions are
     connected in the free space, and every component of the free space has a node. If the robot fits,
     there is a node in the cabin of each elevator that serves the floor (`cabin-E1`), and one in front
-    of it. The others are n1, n2, ... in reading order. All `places` are nodes under their own names.
-    A place has no edge if the robot does not fit there, or if another place or a cabin's node has the
+    of it. The others are n1, n2, ... in reading order. All `given` nodes are kept under their own names.
+    A given node has no edge if the robot does not fit there, or if another one or a cabin's node has the
     same position. The result is deterministic.
 
     Raises UnknownElement for an unknown floor, InvalidElement if the radius is not between 0 and
@@ -52,7 +52,7 @@ def topological_map(
         reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {MAX_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
     # The old roadmap must not affect the new one.
-    building = with_topology(building, floor, TopologicalMap({place.name: place for place in places}))
+    building = with_topology(building, floor, TopologicalMap({node.name: node for node in given}))
     space = _free_space(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
@@ -60,10 +60,10 @@ def topological_map(
     draw_axis(roadmap, _obstacle_lines(building, floor, radius_m))
     for elevator in building.elevators.values():
         if floor in elevator.floors():
-            add_cabin_nodes(roadmap, elevator, floor, places)
+            add_cabin_nodes(roadmap, elevator, floor, given)
     doors = building.floors[floor].geometrical.doors.values()
     add_doorway_nodes(roadmap, (LineString([door.a, door.b]) for door in doors if not door.locked))
-    add_place_nodes(roadmap, places)
+    add_given_nodes(roadmap, given)
     connect_components(roadmap)
     prune(roadmap)
     straighten(roadmap)
@@ -74,7 +74,7 @@ def topological_map(
     merge(roadmap)
     add_coverage_nodes(roadmap)
     _round_positions(roadmap)
-    return _to_topological_map(roadmap, places)
+    return _to_topological_map(roadmap, given)
 
 
 def _free_space(building: Building, floor: str, radius_m: float) -> BaseGeometry:
@@ -100,29 +100,29 @@ def _obstacle_lines(building: Building, floor: str, radius_m: float) -> list[Bas
 def _round_positions(roadmap: RoadmapGraph) -> None:
     """Round node positions to centimetres or millimetres where the space allows it."""
     for node in sorted(roadmap.graph):
-        if roadmap.elevator(node) or roadmap.place(node):
+        if roadmap.elevator(node) or roadmap.given_name(node):
             continue
         for digits in (2, 3):
             x, y = roadmap.at(node)
-            place = (round(x, digits) + 0.0, round(y, digits) + 0.0)
-            if roadmap.is_free(roadmap.at(node), place) and roadmap.can_move(node, place):
-                roadmap.graph.nodes[node]["at"] = place
+            point = (round(x, digits) + 0.0, round(y, digits) + 0.0)
+            if roadmap.is_free(roadmap.at(node), point) and roadmap.can_move(node, point):
+                roadmap.graph.nodes[node]["at"] = point
                 break
 
 
-def _to_topological_map(roadmap: RoadmapGraph, places: Sequence[PathNode] = ()) -> TopologicalMap:
-    """The topological map: nodes from top to bottom and left to right, then cabins, then `places` without edges."""
+def _to_topological_map(roadmap: RoadmapGraph, given: Sequence[PathNode] = ()) -> TopologicalMap:
+    """The topological map: nodes from top to bottom and left to right, then cabins, then `given` nodes without edges."""
 
     def reading_order(node: int) -> tuple[bool, str, float, float, float]:
         x, y = roadmap.at(node)
         return bool(roadmap.elevator(node)), roadmap.elevator(node), -round(y), x, -y
 
-    known = {place.name: place for place in places}
+    known = {node.name: node for node in given}
     nodes: dict[str, PathNode] = {}
     names: dict[int, str] = {}
     for i, node in enumerate(sorted(roadmap.graph, key=reading_order), 1):
         elevator = roadmap.elevator(node)
-        names[node] = roadmap.place(node) or _free_name(f"cabin-{elevator}" if elevator else f"n{i}", known)
+        names[node] = roadmap.given_name(node) or _free_name(f"cabin-{elevator}" if elevator else f"n{i}", known)
         nodes[names[node]] = known.get(names[node]) or PathNode(
             name=names[node], at=roadmap.at(node), elevator=elevator
         )
@@ -131,7 +131,7 @@ def _to_topological_map(roadmap: RoadmapGraph, places: Sequence[PathNode] = ()) 
     for a, b in sorted(sorted(edge, key=rank.__getitem__) for edge in roadmap.graph.edges):
         edge = PathEdge(name=_free_name(f"{names[a]}-{names[b]}", edges), a=names[a], b=names[b])
         edges[edge.name] = edge
-    return TopologicalMap({**nodes, **{name: place for name, place in known.items() if name not in nodes}}, edges)
+    return TopologicalMap({**nodes, **{name: node for name, node in known.items() if name not in nodes}}, edges)
 
 
 def _free_name(wanted: str, taken: Container[str]) -> str:

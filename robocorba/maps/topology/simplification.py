@@ -8,7 +8,7 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from robocorba.maps.topology.roadmap import BEND_SHARE, SAME_PLACE_M, RoadmapGraph, distance_to_segment_m, midpoint
+from robocorba.maps.topology.roadmap import BEND_SHARE, SAME_POINT_M, RoadmapGraph, distance_to_segment_m, midpoint
 from robocorba.spatial.pose import XY
 
 #: Nodes closer than this many radii, or this share of their clearance, are merged.
@@ -85,14 +85,14 @@ def _try_merge(roadmap: RoadmapGraph, a: int, b: int) -> bool:
         return False
     if _merge_priority(roadmap, b) > _merge_priority(roadmap, a):
         a, b = b, a
-    if roadmap.place(b):
+    if roadmap.given_name(b):
         return False
     if roadmap.is_fixed(a) and roadmap.length(a, b) > roadmap.radius:
         return False  # keeps a junction in front of a doorway and the node of a small room
     one, other = roadmap.at(a), roadmap.at(b)
-    for place in [one] if roadmap.is_fixed(a) else [one, midpoint(one, other), other]:
-        if roadmap.can_move(a, place, but=b) and roadmap.can_move(b, place, but=a):
-            roadmap.graph.nodes[a].update(at=place, clear=min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
+    for point in [one] if roadmap.is_fixed(a) else [one, midpoint(one, other), other]:
+        if roadmap.can_move(a, point, but=b) and roadmap.can_move(b, point, but=a):
+            roadmap.graph.nodes[a].update(at=point, clear=min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
             roadmap.graph.add_edges_from((a, n) for n in list(roadmap.graph[b]) if n != a)
             roadmap.graph.remove_node(b)
             return True
@@ -102,7 +102,7 @@ def _try_merge(roadmap: RoadmapGraph, a: int, b: int) -> bool:
 def _merge_distance_m(roadmap: RoadmapGraph, a: int, b: int) -> float:
     """Maximum distance at which two neighbours are merged [m]."""
     if roadmap.is_fixed(a) and roadmap.is_fixed(b):
-        return SAME_PLACE_M
+        return SAME_POINT_M
     if 1 in (len(roadmap.graph[a]), len(roadmap.graph[b])):
         return roadmap.radius  # keeps the dead ends that pruning left
     return max(MERGE_RADII * roadmap.radius, MERGE_SHARE * min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
@@ -110,7 +110,7 @@ def _merge_distance_m(roadmap: RoadmapGraph, a: int, b: int) -> float:
 
 def _merge_priority(roadmap: RoadmapGraph, node: int) -> tuple[bool, bool, bool, int, float]:
     """The node with the higher priority remains when two nodes merge."""
-    special = bool(roadmap.elevator(node)), bool(roadmap.place(node)), roadmap.is_fixed(node)
+    special = bool(roadmap.elevator(node)), bool(roadmap.given_name(node)), roadmap.is_fixed(node)
     return *special, len(roadmap.graph[node]), roadmap.clearance_m(node)
 
 
@@ -142,7 +142,7 @@ def align(roadmap: RoadmapGraph) -> None:
             line = float(np.median(fixed or [roadmap.at(node)[axis] for node in nodes]))
             for node in nodes:
                 x, y = roadmap.at(node)
-                place: XY = (line, y) if axis == 0 else (x, line)
+                point: XY = (line, y) if axis == 0 else (x, line)
                 near = abs(line - roadmap.at(node)[axis]) <= BEND_SHARE * roadmap.clearance_m(node)
-                if near and not roadmap.is_fixed(node) and roadmap.can_move(node, place):
-                    roadmap.graph.nodes[node]["at"] = place
+                if near and not roadmap.is_fixed(node) and roadmap.can_move(node, point):
+                    roadmap.graph.nodes[node]["at"] = point
