@@ -127,12 +127,6 @@ def draw_building(
     return sheet
 
 
-def to_pixel(building: Building, floor: str, point: XY, width_px: int = 1200, titled: bool = True) -> tuple[int, int]:
-    """Pixel column and row, from the top left, of a point [m] in the picture of draw_floor."""
-    frame = Frame(building, floor, width_px, titled)
-    return int((point[0] - frame.x0) * frame.scale), int((frame.y1 - point[1]) * frame.scale)
-
-
 def draw_geometrical_map(sheet: Sheet, building: Building, floor: str) -> None:
     """Draw areas, walls, objects, doors and elevators without names."""
     plan = building.floors[floor].geometrical

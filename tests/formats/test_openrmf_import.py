@@ -46,24 +46,26 @@ def test_a_lane_without_graph_belongs_to_all() -> None:
     assert imported(small()).building.floors["L2"].topological.edges["n0-n1"].graphs == ()
 
 
-def test_two_one_way_lanes_make_a_two_way_edge() -> None:
+@pytest.mark.parametrize(
+    ("lanes", "expected"),
+    [
+        (
+            [[8, 9, {"graph_idx": [2, 3]}], [9, 8, {"graph_idx": [2, 3]}]],
+            [PathEdge(name="start-n9", a="start", b="n9", graphs=("3",))],
+        ),
+        (
+            [[8, 9, {"graph_idx": [2, 0], "bidirectional": [4, True]}], [9, 8, {"graph_idx": [2, 1]}]],
+            [
+                PathEdge(name="start-n9", a="start", b="n9", graphs=("tiny",)),
+                PathEdge(name="n9-start", a="n9", b="start", one_way=True, graphs=("1",)),
+            ],
+        ),
+    ],
+)
+def test_opposite_lanes_of_one_graph_make_one_edge(lanes: Any, expected: list[PathEdge]) -> None:
     data = small()
-    data["levels"]["L1"]["lanes"] = [[8, 9, {"graph_idx": [2, 3]}], [9, 8, {"graph_idx": [2, 3]}]]
-    edges = imported(data).building.floors["L1"].topological.edges
-    assert list(edges.values()) == [PathEdge(name="start-n9", a="start", b="n9", graphs=("3",))]
-
-
-def test_lanes_that_differ_in_way_stay_apart() -> None:
-    data = small()
-    data["levels"]["L1"]["lanes"] = [
-        [8, 9, {"graph_idx": [2, 0], "bidirectional": [4, True]}],
-        [9, 8, {"graph_idx": [2, 1]}],
-    ]
-    edges = imported(data).building.floors["L1"].topological.edges
-    assert edges == {
-        "start-n9": PathEdge(name="start-n9", a="start", b="n9", graphs=("tiny",)),
-        "n9-start": PathEdge(name="n9-start", a="n9", b="start", one_way=True, graphs=("1",)),
-    }
+    data["levels"]["L1"]["lanes"] = lanes
+    assert list(imported(data).building.floors["L1"].topological.edges.values()) == expected
 
 
 def test_lift_with_its_doors_and_cabins() -> None:

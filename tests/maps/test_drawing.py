@@ -10,7 +10,7 @@ from PIL import Image, ImageColor
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.maps import drawing
-from robocorba.maps.drawing import PathMark, draw_building, draw_floor, to_pixel
+from robocorba.maps.drawing import PathMark, draw_building, draw_floor
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -28,6 +28,7 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
+from tests.maps.pixels import to_pixel
 
 EMPTY = Building("empty", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
 

@@ -17,7 +17,7 @@ from robocorba.maps.formats.openrmf_file import Level, flag, params, read_level
 from robocorba.maps.formats.openrmf_lanes import UniqueNames, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
 from robocorba.maps.formats.openrmf_outline import FloorOutline, floor_outline
-from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.formats.yaml_item import STOREY_M, Item
 from robocorba.maps.losses import Imported, Losses, remove_invalid_elements
 from robocorba.maps.model import Building, Door, DoorKind, Floor, FloorMap, GeometricalMap, Wall
 from robocorba.maps.yaml_file import YamlFile
@@ -31,8 +31,6 @@ _DOOR_KINDS = {
 }
 #: Default height of walls [m].
 _WALL_HEIGHT_M = 2.5
-#: Assumed distance between levels of equal elevation [m].
-STOREY_M = 3.0
 #: Known keys of a level and of the file; all others are reported.
 _LEVEL_KEYS = {"elevation", "vertices", "walls", "lanes", "doors", "measurements", "fiducials", "floors", "holes"}
 _LEVEL_KEYS |= {"models", "flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"}
@@ -63,7 +61,7 @@ def read(file: YamlFile) -> Imported:
     lifts = read_lifts(listed, levels, reference, alignments, losses)
     # Invalid lifts are removed first: they must neither extend an outline nor cost a lane.
     lifts = remove_invalid_elements(Building("lifts", empty, lifts), losses, file).elevators
-    left_out = {name for name, _ in listed.members() if name not in lifts} if listed else set()
+    left_out = {name for name, _ in listed.members() if name not in lifts}
     by_name = {level.name: level for level in levels}
     floors: dict[str, FloorMap] = {}
     for name, entry in empty.items():
@@ -83,20 +81,18 @@ def read(file: YamlFile) -> Imported:
     for name in root.mapping():
         if name not in _FILE_KEYS:
             losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
-    title = root.get("name") or root.get("building_name")
-    building = Building((title.text() if title else "") or "building", floors, lifts)
+    building = Building(root.get("name", "building_name").text() or "building", floors, lifts)
     return Imported(remove_invalid_elements(building, losses, file), FORMAT, losses.sentences())
 
 
 def _alignments(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Alignment]:
     system = root.get("coordinate_system")
-    kind = system.text() if system else "reference_image"
-    if kind == "reference_image":
+    kind = system.text()
+    if system.value is None or kind == "reference_image":
         return align_levels(levels, reference, losses)
-    if system and kind != "cartesian_meters":
+    if kind != "cartesian_meters":
         raise system.error(f"{kind!r} is not supported; reference_image and cartesian_meters are")
-    parameters = root.get("parameters")
-    given = params(parameters) if parameters else {}
+    given = params(root.get("parameters"))
     offset = tuple(given[key].number() if key in given else 0.0 for key in ("offset_x", "offset_y"))
     if any(offset):
         losses.add(f"coordinates: the file's offset {offset[0]:g}, {offset[1]:g} was subtracted")
@@ -124,13 +120,12 @@ def _empty_floors(levels: list[Level], elevations: dict[str, float]) -> dict[str
     }
 
 
-def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
+def _graph_names(graphs: Item, losses: Losses) -> dict[int, str]:
     """Names of the navigation graphs by index."""
     found: dict[int, str] = {}
-    for label, item in graphs.members() if graphs else ():
+    for label, item in graphs.members():
         index = Item(item.file, item.key, label).integer()
-        named = item.get("name")
-        name = named.text() if named else ""
+        name = item.get("name").text()
         if name and name in found.values():
             losses.add("graphs: duplicate names, the index is used instead: {names}", f"{name} ({index})")
         elif name:
@@ -187,10 +182,9 @@ def _report_dropped(level: Level, losses: Losses) -> None:
         losses.add("measurements: used for the scale, not kept: {names}", level.name)
     if level.fiducials:
         losses.add("fiducials: used to align the levels, not kept: {names}", level.name)
-    models = level.item.get("models")
-    for model in models.items() if models else ():
-        kind = model.get("model_name") or model.get("name")
-        losses.add("models: {n} left out, the file gives no sizes: {names}", kind.text() if kind else "")
+    for model in level.item.get("models").items():
+        kind = model.get("model_name", "name").text()
+        losses.add("models: {n} left out, the file gives no sizes: {names}", kind)
     for key, value in level.item.members():
         if key not in _LEVEL_KEYS and value.value:
             losses.add(f"{key}: not kept: {{names}}", level.name)

@@ -148,7 +148,7 @@ def _up(at: XY, y_down: bool = True) -> complex:
 def reference_level(levels: list[Level], root: Item) -> Level:
     """The reference level for alignment. Raises MapFileError if the file names one that does not exist."""
     named = root.get("reference_level_name")
-    if named is None or not named.level_name():
+    if not named.level_name():
         return levels[0]
     for level in levels:
         if level.name == named.level_name():

@@ -66,28 +66,22 @@ LINKS = ("walls", "lanes", "doors", "measurements")
 
 def read_level(name: str, item: Item) -> Level:
     """One level, with checked vertex indices. Raises MapFileError."""
-    elevation = item.get("elevation")
-    vertices = [_vertex(vertex) for vertex in _list(item, "vertices")]
+    vertices = [_vertex(vertex) for vertex in item.get("vertices").items()]
     fiducials: dict[str, XY] = {}
-    for entry in _list(item, "fiducials"):
+    for entry in item.get("fiducials").items():
         x, y, label = _row(entry, 3)[:3]
         if label.text():
             fiducials.setdefault(label.text(), (x.number(), y.number()))
     return Level(
         item=item,
         name=name,
-        elevation=elevation.number() if elevation else 0.0,
+        elevation=item.get("elevation").number(0.0),
         vertices=vertices,
-        links={kind: [_link(link, len(vertices)) for link in _list(item, kind)] for kind in LINKS},
+        links={kind: [_link(link, len(vertices)) for link in item.get(kind).items()] for kind in LINKS},
         fiducials=fiducials,
-        polygons=[_polygon(entry, len(vertices)) for entry in _list(item, "floors")],
-        holes=[_polygon(entry, len(vertices)) for entry in _list(item, "holes")],
+        polygons=[_polygon(entry, len(vertices)) for entry in item.get("floors").items()],
+        holes=[_polygon(entry, len(vertices)) for entry in item.get("holes").items()],
     )
-
-
-def _list(item: Item, name: str) -> list[Item]:
-    found = item.get(name)
-    return found.items() if found else []
 
 
 def _row(item: Item, least: int) -> list[Item]:

@@ -111,7 +111,7 @@ def _round_positions(roadmap: RoadmapGraph) -> None:
 
 
 def _to_topological_map(roadmap: RoadmapGraph, given: Sequence[PathNode] = ()) -> TopologicalMap:
-    """The topological map: nodes from top to bottom and left to right, then cabins, then `given` nodes without edges."""
+    """The topological map: nodes from top to bottom and left to right, then cabins, then unconnected `given` nodes."""
 
     def reading_order(node: int) -> tuple[bool, str, float, float, float]:
         x, y = roadmap.at(node)
