@@ -15,7 +15,7 @@ from robocorba.maps.reachability import Reachability
 
 
 class MapFinding(NamedTuple):
-    """A finding about one element, and its place: floor, x and y [m].
+    """A finding about one element, and `where` it is: floor, x and y [m].
 
     `reason` describes this finding alone. `summary` is the sentence for all findings of the same kind, with
     {n} for their number and {names} for their `subject`s."""

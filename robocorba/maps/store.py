@@ -159,11 +159,7 @@ class MapStore:
                 with closing(_connect(fresh, "rwc")) as connection:
                     connection.execute("PRAGMA synchronous = FULL")
                     with _transaction(connection):
-                        for statement in _SCHEMA:
-                            connection.execute(statement)
-                        connection.execute("INSERT INTO building VALUES (?, ?)", (building.name, FIRST_VERSION))
-                        elements = ((key, None, value) for key, value in elements_of(building))
-                        _write_elements(connection, [Change(FIRST_VERSION, *element) for element in elements])
+                        _fill(connection, building)
                 fresh.rename(file)
                 folder = os.open(file.absolute().parent, os.O_RDONLY)
                 try:
@@ -346,6 +342,13 @@ def _guarded(path: Path) -> Iterator[None]:
         raise MapFileError(str(path), 0, "", str(error)) from error
     except (msgspec.DecodeError, KeyError) as error:
         raise MapFileError(str(path), 0, "", f"damaged: {error}") from error
+
+
+def _fill(connection: sqlite3.Connection, building: Building) -> None:
+    for statement in _SCHEMA:
+        connection.execute(statement)
+    connection.execute("INSERT INTO building VALUES (?, ?)", (building.name, FIRST_VERSION))
+    _write_elements(connection, [Change(FIRST_VERSION, key, None, element) for key, element in elements_of(building)])
 
 
 def _write_elements(connection: sqlite3.Connection, changes: Sequence[Change]) -> None:

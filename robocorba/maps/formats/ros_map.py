@@ -1,7 +1,7 @@
 """Reads maps of the ROS map_server: a YAML file and a picture of one floor.
 
-The outline is the rectangle around the known space. Its occupied and unknown cells become
-solid polygon objects.
+Specks, small free regions and the surroundings are removed. The outline is the rectangle around the known space. Its
+occupied and unknown cells become solid polygon objects.
 """
 
 from __future__ import annotations
