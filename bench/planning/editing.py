@@ -31,7 +31,7 @@ from robocorba.corba.conversion import errors as idl_errors
 from robocorba.corba.conversion import maps, paths
 from robocorba.corba.orb import Orb
 from robocorba.maps import native
-from robocorba.maps.changes import Key, elements_of, key_of
+from robocorba.maps.changes import ElementKey, elements_of, key_of
 from robocorba.maps.model import Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
 from robocorba.maps.samples import load_sample
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
@@ -52,7 +52,7 @@ TALLY_FLOOR = "L1"
 
 T = TypeVar("T")
 #: Changed elements; None for removed ones.
-Elements = dict[Key, Element | None]
+Elements = dict[ElementKey, Element | None]
 Trip = tuple[Place, Place]
 
 
@@ -280,7 +280,7 @@ class Editor:
     def __init__(self, editor: Any, name: str) -> None:
         self.editor, self.name, self.repeated = editor, name, 0
         self.floors = load_sample("five-floors").floors
-        self.versions: dict[Key, int] = {}
+        self.versions: dict[ElementKey, int] = {}
 
     def steps(self) -> Iterator[Step]:
         """Endless edits: ten on a floor, which leave nothing behind, then on the next floor."""

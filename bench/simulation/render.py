@@ -21,7 +21,7 @@ from bench import RESULTS
 from robocorba.maps.drawing import draw_floor
 from robocorba.maps.geometry import free_space
 from robocorba.maps.model import Building
-from robocorba.maps.movable import movables, outline, standing
+from robocorba.maps.movable import fixed_obstacles, movables, object_outline
 from robocorba.maps.samples import load_sample
 from robocorba.sensing.fan import LASER
 from robocorba.sensing.visible_obstacles import VisibleObstacles
@@ -47,9 +47,9 @@ def floor_states(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
     objects = [(name, item) for name, (item, floor) in movables(building).items() if floor == FLOOR]
     bodies = [Body(i, BodyKind.ROBOT, f"robot-{i}", RADIUS_M, (), 100.0) for i in range(ROBOTS)]
     for number, (name, item) in enumerate(objects, ROBOTS):
-        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(item).exterior.coords), 20.0))
+        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(object_outline(item).exterior.coords), 20.0))
     places = np.array([(*item.at, item.heading) for _, item in objects])
-    scene = VisibleObstacles(standing(building, FLOOR))
+    scene = VisibleObstacles(fixed_obstacles(building, FLOOR))
     found = []
     for time in range(STATES):
         motions = np.zeros(len(bodies), MOTION)

@@ -16,7 +16,7 @@ import typer
 from robocorba.errors.base import RoboCorbaError
 
 if TYPE_CHECKING:
-    from robocorba.maps.checking import Finding
+    from robocorba.maps.checking import MapFinding
     from robocorba.maps.formats import Imported
     from robocorba.maps.model import Building
 
@@ -176,7 +176,7 @@ def _with_roadmap(building: Building, floor: str, radius_m: float) -> Building:
     return msgspec.structs.replace(building, floors=floors)
 
 
-def _print_warnings(found: Iterable[Finding]) -> int:
+def _print_warnings(found: Iterable[MapFinding]) -> int:
     """Print findings, one line for each kind. Returns the number of lines."""
     from robocorba.maps.checking import summaries
 

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from robocorba.maps.model import MapObject
-from robocorba.maps.movable import outline
+from robocorba.maps.movable import object_outline
 from robocorba.spatial.floor_update import Body, BodyKind
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.pose import XY
@@ -51,7 +51,7 @@ def entity_of_body(body: Body, motion: np.void) -> FloorEntity:
 
 def entity_of_map_object(item: MapObject) -> FloorEntity:
     """An object that can't be moved, at its pose on the map."""
-    corners = shapely.get_coordinates(outline(item)).tolist()
+    corners = shapely.get_coordinates(object_outline(item)).tolist()
     if corners[0] == corners[-1]:  # a ring
         corners.pop()
     radius_m = max(math.hypot(x, y) for x, y in corners)

@@ -11,7 +11,7 @@ from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.maps.geometry import blocking
+from robocorba.maps.geometry import compute_obstacles
 from robocorba.maps.model import Building, Elevator, Floor, GeometricalMap
 from robocorba.maps.movable import landing_doors, movables
 from robocorba.spatial.elevator_state import Doors, ElevatorState
@@ -41,7 +41,7 @@ class Walls:
         # Not maps.geometry.obstacles, which would cache this floor after the robot has left it.
         fixed = [
             item
-            for item in blocking(plan, floor_data, elevators)
+            for item in compute_obstacles(plan, floor_data, elevators)
             if not item.geometry.is_empty and not (item.kind == "object" and item.name in movable)
         ]
         self._names = [item.name for item in fixed]

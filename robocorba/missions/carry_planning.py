@@ -18,8 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building, Elevator, Floor
-from robocorba.maps.movable import movables
-from robocorba.maps.movable import outline as outline_of
+from robocorba.maps.movable import movables, object_outline
 from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossible, why_not_free
 from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, Formation, formations
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
@@ -138,7 +137,7 @@ def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polyg
     if carried not in known:
         raise InvalidCarry("object", f"there is no movable {carried[:80]!r}; there are {', '.join(known) or 'none'}")
     entry, floor = known[carried]
-    return outline_of(entry), Pose(floor, *entry.at, entry.heading)
+    return object_outline(entry), Pose(floor, *entry.at, entry.heading)
 
 
 def _collision_at_ends(

@@ -19,7 +19,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building
-from robocorba.maps.movable import landing_doors, standing
+from robocorba.maps.movable import fixed_obstacles, landing_doors
 from robocorba.sensing.casting import ObstacleGrids, cast
 from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
@@ -197,7 +197,7 @@ class _SensedFloor:
 
     def set_map(self, building: Building) -> None:
         floor = self.view.floor
-        self.obstacles.set_static(standing(building, floor))
+        self.obstacles.set_static(fixed_obstacles(building, floor))
         self._doors = {
             name: border_segments([landing_doors(building, name, floor)])
             for name, elevator in building.elevators.items()

@@ -16,7 +16,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownRobot
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
-from robocorba.maps.movable import landing_doors, movables, outline, standing
+from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
 from robocorba.simulation.elevator import Cabin, Phase, RideStatus
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
@@ -145,7 +145,7 @@ class SimulatedBuilding:
         self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps, name) for name in building.floors}
         for name, entry in building.floors.items():
             if entry is not before.floors.get(name) or building.elevators is not before.elevators:
-                self.floors[name].set_obstacles(standing(building, name))
+                self.floors[name].set_obstacles(fixed_obstacles(building, name))
         self._update_objects(before)
         for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:
             self._remove_cabin(name, before.elevators[name])
@@ -394,14 +394,14 @@ class SimulatedBuilding:
 
     def _add_object(self, name: str, map_object: MapObject, floor: str) -> None:
         self._place_object(name, map_object, floor, (*map_object.at, map_object.heading))
-        corners = list(outline(map_object).exterior.coords[:-1])
+        corners = list(object_outline(map_object).exterior.coords[:-1])
         radius_m = max(math.hypot(x, y) for x, y in corners)
         body = _object_body(name)
         mass_kg = self.floors[floor].mass_kg(body)
         self.bodies[body] = Body(self._number(), BodyKind.OBJECT, name, radius_m, tuple(corners), mass_kg)
 
     def _place_object(self, name: str, map_object: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
-        shape = outline(map_object)
+        shape = object_outline(map_object)
         self.objects[name] = (map_object, floor)
         self.floors[floor].add_object(_object_body(name), pose, shape, KG_PER_SQUARE_METRE * shape.area)
 

@@ -126,7 +126,7 @@ class FloorPainter:
         self._drawing = threading.Lock()
 
     def png(self, view: FloorView, fans: Sequence[ScanFan], width_px: int, caption: str = "") -> bytes:
-        """Render a floor as a PNG file in the pixel coordinates of drawing.to_pixel; `view` must not change meanwhile.
+        """Render a floor as a PNG file in the pixel coordinates of draw_floor; `view` must not change meanwhile.
 
         Skips bodies without a finite pose. The first picture of a floor and width takes as long as draw_floor. Raises
         UnknownFloor, and InvalidPicture for a width outside MIN_WIDTH_PX to MAX_WIDTH_PX."""

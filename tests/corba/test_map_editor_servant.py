@@ -12,10 +12,10 @@ from omniORB import CORBA
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants import map_editor
 from robocorba.corba.servants.map_editor import CLOSED_TRANSACTIONS_KEPT, MapEditorServant
-from robocorba.maps import editing, native
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps import native
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Wall
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapLimits, MapStore
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors
@@ -62,7 +62,7 @@ def orb() -> Iterator[CountingOrb]:
 @pytest.fixture
 def editor(tmp_path: Path, clock: Clock, orb: CountingOrb) -> Iterator[MapEditorServant]:
     with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
-        yield MapEditorServant(BuildingEditor(store, clock=clock, transaction_timeout_s=TIMEOUT_S), orb)
+        yield MapEditorServant(BuildingEditor(store, MapLimits(transaction_timeout_s=TIMEOUT_S), clock), orb)
 
 
 def test_transactions_left_alone_make_room(editor: MapEditorServant, clock: Clock, orb: CountingOrb) -> None:
@@ -97,13 +97,14 @@ def test_an_answer_holds_the_first_findings(editor: MapEditorServant, monkeypatc
     assert [found.id.name for found in editor.check()] == ["west"]
 
 
-def test_a_map_that_is_too_large_is_refused_as_a_map(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_that_is_too_large_is_refused_as_a_map(tmp_path: Path, orb: CountingOrb) -> None:
     """InvalidElement is not among the exceptions of importMap: it would reach the client as UNKNOWN."""
-    monkeypatch.setattr(editing, "MAX_BUILDING_SIZE", 10)
     larger = two_floors()
     for number in range(20):
         larger = larger.with_element("L2", Wall(name=f"w{number}", a=(0.0, number), b=(1.0, number)))
-    with pytest.raises(RoboCorba.InvalidMap) as refused:
-        editor.importMap(native.dumps(larger), 1)
-    assert refused.value.reason.endswith("the building would have more than 10 elements and points")
-    assert editor._get_currentVersion() == 1
+    with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
+        editor = MapEditorServant(BuildingEditor(store, MapLimits(building_size=10)), orb)
+        with pytest.raises(RoboCorba.InvalidMap) as refused:
+            editor.importMap(native.dumps(larger), 1)
+        assert refused.value.reason.endswith("the building would have more than 10 elements and points")
+        assert editor._get_currentVersion() == 1

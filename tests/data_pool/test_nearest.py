@@ -16,7 +16,7 @@ from robocorba.data_pool.pool import DataPool
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
 from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building, Floor, FloorMap, Wall
-from robocorba.maps.movable import landing_doors, outline
+from robocorba.maps.movable import landing_doors, object_outline
 from robocorba.simulation.registry import Description, Pose
 from robocorba.spatial.elevator_state import Doors
 from tests.data_pool.places import Place
@@ -46,7 +46,7 @@ def all_obstacles(place: Place, floor: str) -> dict[str, list[BaseGeometry]]:
     for name, (item, object_floor) in place.world.objects.items():
         if object_floor == floor:
             x, y, heading = physics.pose(f"object/{name}")
-            turned = shapely.affinity.rotate(outline(item), heading, (0, 0), use_radians=True)
+            turned = shapely.affinity.rotate(object_outline(item), heading, (0, 0), use_radians=True)
             found.setdefault(name, []).append(shapely.affinity.translate(turned, x, y))
     return found
 

@@ -14,7 +14,18 @@ from shapely import Polygon
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import BoxShape, Building, Door, Element, Elevator, ElevatorDoor, Floor, MapObject, Side, Wall
+from robocorba.maps.model import (
+    BoxShape,
+    Building,
+    CabinSide,
+    Door,
+    Element,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    MapObject,
+    Wall,
+)
 from robocorba.maps.samples import load_sample
 from robocorba.missions.carry_planning import CarryPlan, plan_carry, warm_up
 from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
@@ -206,7 +217,7 @@ def test_a_cabin_or_a_door_that_is_too_small_is_named(
 
 def test_closed_elevator_doors_are_obstacles() -> None:
     """A shaft across the whole corridor, with a door on each side."""
-    doors = (ElevatorDoor("L1", side=Side.LEFT, width=2.5), ElevatorDoor("L1", side=Side.RIGHT, width=2.5))
+    doors = (ElevatorDoor("L1", side=CabinSide.LEFT, width=2.5), ElevatorDoor("L1", side=CabinSide.RIGHT, width=2.5))
     building = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=doors))
     with pytest.raises(ImpossibleCarry):
         plan_carry(building, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2)

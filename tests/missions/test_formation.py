@@ -14,14 +14,14 @@ from shapely import MultiPoint, Point, Polygon
 from robocorba.errors.robots import InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import CircleShape, MapObject
-from robocorba.maps.movable import outline as outline_of
+from robocorba.maps.movable import object_outline
 from robocorba.missions.formation import HAND_M, MAX_OFFSET_M, Formation, GripPoint, formations
 
 TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
 
 
 def circle(radius_m: float) -> Polygon:
-    return outline_of(MapObject(name="round", shape=CircleShape(radius=radius_m), at=(0.0, 0.0)))
+    return object_outline(MapObject(name="round", shape=CircleShape(radius=radius_m), at=(0.0, 0.0)))
 
 
 @st.composite

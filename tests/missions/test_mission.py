@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
-from robocorba.programs.graphic_programming import ProgramBuilder
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.runner import ProgramResult
@@ -19,6 +18,7 @@ from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import Approach, Carry, Gather, Idle
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place as Spot
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.spatial.pose import Pose
 from tests.control.places import Place, eventually
 from tests.missions.places import Crew, Given

@@ -16,7 +16,7 @@ from PIL import Image, ImageColor
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture
 from robocorba.maps import drawing
-from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL, to_pixel
+from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -39,6 +39,7 @@ from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPai
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.spatial.pose import XY
+from tests.maps.pixels import to_pixel
 
 WIDTH = 800
 SQUARE = ((-1.0, -0.25), (1.0, -0.25), (1.0, 0.25), (-1.0, 0.25))

@@ -9,10 +9,11 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.errors import maps as errors
-from robocorba.maps.changes import Change, Key
+from robocorba.maps.changes import Change, ElementKey
 from robocorba.maps.model import (
     Area,
     BoxShape,
+    CabinSide,
     CircleShape,
     Door,
     DoorKind,
@@ -27,14 +28,13 @@ from robocorba.maps.model import (
     PolygonShape,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 
 if TYPE_CHECKING:
-    from robocorba.maps.checking import Finding
+    from robocorba.maps.checking import MapFinding
 
 _KINDS = dict(zip(ElementKind, (
     RoboCorba.FLOOR_ELEMENT, RoboCorba.WALL_ELEMENT, RoboCorba.OBJECT_ELEMENT, RoboCorba.DOOR_ELEMENT,
@@ -43,7 +43,7 @@ _KINDS = dict(zip(ElementKind, (
 _KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
 _DOOR_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in DoorKind}
 _DOOR_KIND_OF = {struct: kind for kind, struct in _DOOR_KINDS.items()}
-_SIDES = {side: getattr(RoboCorba, side.name) for side in Side}
+_SIDES = {side: getattr(RoboCorba, side.name) for side in CabinSide}
 _SIDE_OF = {struct: side for side, struct in _SIDES.items()}
 
 
@@ -176,9 +176,9 @@ def kind_of(struct: Any) -> ElementKind:
     return _KIND_OF[struct]
 
 
-def key_of(struct: Any) -> Key:
+def key_of(struct: Any) -> ElementKey:
     """The key of an ElementId."""
-    return Key(_KIND_OF[struct.kind], struct.onFloor, struct.name)
+    return ElementKey(_KIND_OF[struct.kind], struct.onFloor, struct.name)
 
 
 def element_id(kind: str, floor: str, name: str) -> Any:
@@ -191,7 +191,7 @@ def record(floor: str, value: Element, changed_at: int) -> Any:
     return RoboCorba.ElementRecord(floor, element(value), changed_at)
 
 
-def findings(found: Iterable[Finding]) -> list[Any]:
+def findings(found: Iterable[MapFinding]) -> list[Any]:
     """A FindingSeq."""
     return [
         RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)

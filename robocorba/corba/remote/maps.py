@@ -11,7 +11,7 @@ from robocorba.corba.calls import describe
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import KIND_OF, PLACE, Building, ElementKind, FloorMap, GeometricalMap
+from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, ElementKind, FloorMap, GeometricalMap
 from robocorba.stubs import RoboCorba
 
 #: Element kinds that the copy omits: only the path planning agent uses the topological map.
@@ -53,7 +53,7 @@ class RemoteMap:
             for name, entry in building.floors.items():
                 plan = {
                     collection: self._elements(kind, name)
-                    for kind, (layer, collection) in PLACE.items()
+                    for kind, (layer, collection) in COLLECTION_OF.items()
                     if layer == "geometrical"
                 }
                 floors[name] = FloorMap(entry.floor, GeometricalMap(**plan))

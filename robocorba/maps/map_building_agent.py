@@ -26,18 +26,13 @@ from robocorba.errors.maps import (
     TransactionClosed,
     UnknownElement,
 )
-from robocorba.maps.changes import Change, Key, apply, difference, elements_of, inverse, key, key_of, ordered
-from robocorba.maps.collisions import Collision
+from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
 from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.element_rules import size_of
-from robocorba.maps.model import PLACE, Building, Element, ElementKind, TopologicalMap
-from robocorba.maps.storage import CommitKind, MapStore, StoredBuilding
+from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
+from robocorba.maps.store import DEFAULT_LIMITS, CommitKind, MapLimits, MapStore, StoredBuilding
 from robocorba.maps.validation import check_change, problems
 
-#: Maximum size of a building (see size_of). Bounds memory.
-MAX_BUILDING_SIZE = 2_000_000
-#: Maximum size of all open transactions together (see size_of).
-MAX_PENDING_SIZE = 500_000
 #: Blocked nodes and edges that the log lists for one edit; it counts the others.
 MAX_BLOCKED_LOGGED = 5
 
@@ -50,20 +45,13 @@ Listener = Callable[[Building, int, Sequence[Change]], None]
 class BuildingEditor:
     """Edits the building of a store. Safe from any thread.
 
-    It keeps `history_limit` commits for undo and changes_since, and at most `transaction_limit` open
-    transactions. A transaction without a call for `transaction_timeout_s` by `clock` is rolled back.
-    If the store fails, the edit raises MapFileError and changes nothing."""
+    `clock` returns the time [s] for the timeout of transactions. If the store fails, the edit raises MapFileError
+    and changes nothing."""
 
     def __init__(
-        self,
-        store: MapStore,
-        history_limit: int = 10_000,
-        clock: Callable[[], float] = time.monotonic,
-        transaction_limit: int = 64,
-        transaction_timeout_s: float = 300.0,
+        self, store: MapStore, limits: MapLimits = DEFAULT_LIMITS, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._store, self._history_limit, self._clock = store, history_limit, clock
-        self._transaction_limit, self._transaction_timeout_s = transaction_limit, transaction_timeout_s
+        self._store, self._limits, self._clock = store, limits, clock
         self._lock = threading.Lock()
         self._listeners: list[Listener] = []
         self._open: set[Transaction] = set()
@@ -98,9 +86,9 @@ class BuildingEditor:
 
         Raises UnknownElement for an unknown floor."""
         state = self._state
-        if kind in PLACE and floor not in state.building.floors:
+        if kind in COLLECTION_OF and floor not in state.building.floors:
             raise UnknownElement(ElementKind.FLOOR.value, "", floor)
-        versions = state.versions.get((kind, floor if kind in PLACE else ""), {})
+        versions = state.versions.get((kind, floor if kind in COLLECTION_OF else ""), {})
         return [(element, versions[name]) for name, element in state.building.elements(kind, floor).items()]
 
     def create(self, floor: str, element: Element) -> int:
@@ -125,8 +113,8 @@ class BuildingEditor:
         """Open a transaction. Raises TooManyTransactions."""
         with self._lock:
             self._expire()
-            if len(self._open) >= self._transaction_limit:
-                raise TooManyTransactions(self._transaction_limit)
+            if len(self._open) >= self._limits.transactions:
+                raise TooManyTransactions(self._limits.transactions)
             transaction = Transaction(self, self._clock())
             self._open.add(transaction)
             return transaction
@@ -179,9 +167,7 @@ class BuildingEditor:
             building = self.building
             if floor not in building.floors:
                 raise UnknownElement(ElementKind.FLOOR.value, "", floor)
-            entry = msgspec.structs.replace(building.floors[floor], topological=topology)
-            drawn = msgspec.structs.replace(building, floors={**building.floors, floor: entry})
-            return self._put(difference(building, drawn), building.name, check=True)
+            return self._put(difference(building, with_topology(building, floor, topology)), building.name, check=True)
 
     def subscribe(self, listener: Listener) -> tuple[Building, int]:
         """Call `listener` for each edit after the returned building and version.
@@ -201,7 +187,7 @@ class BuildingEditor:
         changes = draft.changes(self._state, self.version + 1)
         return self._commit(changes, self.building.name, check=True) if changes else self.version
 
-    def _put(self, elements: dict[Key, Element | None], name: str, check: bool = False) -> int:
+    def _put(self, elements: dict[ElementKey, Element | None], name: str, check: bool = False) -> int:
         if not elements and name == self.building.name:
             return self.version
         changes = ordered(
@@ -227,16 +213,17 @@ class BuildingEditor:
         if name != building.name:
             building = msgspec.structs.replace(building, name=name)
         size = before.size + sum(size_of(change.after) - size_of(change.before) for change in changes)
-        if size > MAX_BUILDING_SIZE and size > before.size:
-            reason = f"the building would have more than {MAX_BUILDING_SIZE} elements and points"
+        if size > self._limits.building_size and size > before.size:
+            reason = f"the building would have more than {self._limits.building_size} elements and points"
             raise InvalidElement(*changes[-1].key.words, reason)
         blocked = check_change(building, [change.key for change in changes], before.building) if check else []
         version = before.version + 1
-        names = (before.building.name, name)
-        self._store.commit(changes, version, names, kind, source, self._history_limit)
+        self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits)
         self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
         if blocked:
-            _log.warning("version %d blocks %s", version, _describe_blocked(blocked))
+            named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
+            rest = len(blocked) - MAX_BLOCKED_LOGGED
+            _log.warning("version %d blocks %s", version, named + (f"; and {rest} more" if rest > 0 else ""))
         for listener in self._listeners:
             listener(building, version, changes)
         self._expire()
@@ -244,7 +231,7 @@ class BuildingEditor:
 
     def _expire(self) -> None:
         """Roll back the transactions that have timed out. Requires the lock."""
-        oldest = self._clock() - self._transaction_timeout_s
+        oldest = self._clock() - self._limits.transaction_timeout_s
         for transaction in [each for each in self._open if each._used_at < oldest]:
             self._drop(transaction)
 
@@ -259,8 +246,8 @@ class BuildingEditor:
     ) -> None:
         with self._lock:
             self._use(transaction)
-            if added and size_of(added) + sum(other._draft.size for other in self._open) > MAX_PENDING_SIZE:
-                reason = f"open transactions would hold more than {MAX_PENDING_SIZE} elements and points"
+            if added and size_of(added) + sum(other._draft.size for other in self._open) > self._limits.pending_size:
+                reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
                 raise InvalidElement(*key_of("", added).words, reason)
             operation(transaction._draft, self._state)
 
@@ -318,12 +305,6 @@ class Transaction:
         self._editor._close(self, commit=False)
 
 
-def _describe_blocked(blocked: Sequence[Collision]) -> str:
-    named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
-    rest = len(blocked) - MAX_BLOCKED_LOGGED
-    return named + (f"; and {rest} more" if rest > 0 else "")
-
-
 def _editor_state(stored: StoredBuilding) -> EditorState:
     versions: Versions = {}
     for (kind, floor, name), version in stored.versions.items():
@@ -335,12 +316,12 @@ def _editor_state(stored: StoredBuilding) -> EditorState:
 def _updated_versions(versions: Versions, changes: Iterable[Change]) -> Versions:
     stamped, copied = dict(versions), set()
     for change in changes:
-        place = change.key.kind, change.key.floor
-        if place not in copied:
-            stamped[place] = dict(versions.get(place, {}))
-            copied.add(place)
+        group = change.key.kind, change.key.floor
+        if group not in copied:
+            stamped[group] = dict(versions.get(group, {}))
+            copied.add(group)
         if change.after is None:
-            del stamped[place][change.key.name]
+            del stamped[group][change.key.name]
         else:
-            stamped[place][change.key.name] = change.version
+            stamped[group][change.key.name] = change.version
     return stamped

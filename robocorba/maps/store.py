@@ -15,6 +15,7 @@ import sqlite3
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,16 +24,14 @@ import msgspec
 
 from robocorba.errors.maps import MapFileError, VersionUnavailable
 from robocorba.errors.services import AlreadyRunning
-from robocorba.maps.changes import Change, Key, elements_of
+from robocorba.maps.changes import Change, ElementKey, elements_of
 from robocorba.maps.model import (
-    PLACE,
+    COLLECTION_OF,
     TYPE_OF,
     Building,
     Element,
     ElementKind,
     FloorMap,
-    GeometricalMap,
-    TopologicalMap,
 )
 
 #: SQLite application id, "RoCo": identifies RoboCorba's map stores.
@@ -40,8 +39,6 @@ APPLICATION_ID = 0x526F436F
 SCHEMA_VERSION = 1
 #: Version of the building in a new store.
 FIRST_VERSION = 1
-#: Maximum number of changed elements in the journal, over all commits.
-MAX_JOURNAL_CHANGES = 1_000_000
 
 _SCHEMA = (
     "CREATE TABLE building (name TEXT NOT NULL, version INTEGER NOT NULL)",
@@ -68,6 +65,25 @@ _decoders: dict[ElementKind, msgspec.json.Decoder[Any]] = {
 _KINDS = {kind.value: kind for kind in ElementKind}
 
 
+@dataclass(frozen=True)
+class MapLimits:
+    """Limits of an edited map.
+
+    commits: kept for undo and for the list of changes. journal_changes: changed elements in them, over all commits.
+    building_size, pending_size: of the building, and of all open transactions together (see size_of); they bound
+    memory. transactions: open at the same time. transaction_timeout_s: after which an idle one is rolled back."""
+
+    commits: int = 10_000
+    journal_changes: int = 1_000_000
+    building_size: int = 2_000_000
+    pending_size: int = 500_000
+    transactions: int = 64
+    transaction_timeout_s: float = 300.0
+
+
+DEFAULT_LIMITS = MapLimits()
+
+
 class CommitKind(str, Enum):
     """How a commit came about."""
 
@@ -89,7 +105,7 @@ class StoredBuilding(NamedTuple):
 
     building: Building
     version: int
-    versions: dict[Key, int]
+    versions: dict[ElementKey, int]
 
 
 class Commit(NamedTuple):
@@ -110,7 +126,7 @@ class MapStore:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with _guarded(self.path):
-            if not self.exists(self.path):
+            if not self.path.exists():
                 raise MapFileError(str(self.path), 0, "", "there is no map store")
             self._lock = _lock(self.path)
             try:
@@ -125,14 +141,9 @@ class MapStore:
                 os.close(self._lock)
                 raise
 
-    @staticmethod
-    def exists(path: str | Path) -> bool:
-        """Whether the store exists. A new store gets its name only once it is complete."""
-        return Path(path).exists()
-
     @classmethod
     def create(cls, path: str | Path, building: Building) -> MapStore:
-        """Create a store with `building` at FIRST_VERSION, atomically.
+        """Create a store with `building` at FIRST_VERSION, atomically: it gets its name once it is complete.
 
         Raises MapFileError if the file exists, AlreadyRunning as the constructor does."""
         file = Path(path)
@@ -150,7 +161,11 @@ class MapStore:
                     with _transaction(connection):
                         _fill(connection, building)
                 fresh.rename(file)
-                _sync_folder(file.absolute().parent)
+                folder = os.open(file.absolute().parent, os.O_RDONLY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
             finally:
                 os.close(lock)
         return cls(file)
@@ -186,11 +201,11 @@ class MapStore:
             row = self._writer.execute("SELECT name, version FROM building").fetchone()
             if row is None:
                 raise MapFileError(str(self.path), 0, "", "damaged: it holds no building")
-            versions: dict[Key, int] = {}
+            versions: dict[ElementKey, int] = {}
             layers: dict[tuple[str, str], dict[str, Any]] = {}
             query = f"SELECT {_ELEMENT_COLUMNS} FROM elements ORDER BY id"
             for kind, floor, name, version, value in self._writer.execute(query):
-                key = Key(_KINDS[kind], floor, name)
+                key = ElementKey(_KINDS[kind], floor, name)
                 versions[key] = version
                 layers.setdefault((floor, kind), {})[name] = _decoders[key.kind].decode(value)
         floors = sorted(layers.get(("", "floor"), {}).values(), key=lambda floor: (floor.level, floor.name))
@@ -198,7 +213,10 @@ class MapStore:
         lost = next((floor for floor, _ in layers if floor not in known), None)
         if lost is not None:
             raise MapFileError(str(self.path), 0, "", f"damaged: it has elements on {lost!r}, which is no floor")
-        entries = {floor.name: _floor_map(floor, layers) for floor in floors}
+        entries = {
+            floor.name: FloorMap.of(floor, {kind: layers.get((floor.name, kind.value), {}) for kind in COLLECTION_OF})
+            for floor in floors
+        }
         return StoredBuilding(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
 
     def commit(
@@ -208,12 +226,12 @@ class MapStore:
         names: tuple[str, str],
         kind: CommitKind = CommitKind.EDIT,
         source: int = 0,
-        keep: int = 10_000,
+        limits: MapLimits = DEFAULT_LIMITS,
     ) -> None:
         """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
 
         `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
-        commit that they revert or repeat. The journal keeps the newest `keep` commits."""
+        commit that they revert or repeat. Drops the oldest commits beyond `limits`."""
         with _guarded(self.path), _transaction(self._writer) as writer:
             current = writer.execute("SELECT version FROM building").fetchone()[0]
             assert version == current + 1, (version, current)
@@ -224,25 +242,25 @@ class MapStore:
             else:
                 state = _CommitState.UNDONE if kind is CommitKind.UNDO else _CommitState.DONE
                 writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
-            dropped = self._drop_commits(version - keep, len(changes))
+            dropped = self._drop_commits(version - limits.commits, limits.journal_changes - len(changes))
             state = _CommitState.DONE if kind is CommitKind.EDIT else _CommitState.PAST
             writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
             writer.executemany(
                 "INSERT INTO changes VALUES (?, ?, ?, ?, ?, ?, ?)",
                 (
-                    (version, place, *change.key.words, _text(change.before), _text(change.after))
-                    for place, change in enumerate(changes)
+                    (version, position, *change.key.words, _text(change.before), _text(change.after))
+                    for position, change in enumerate(changes)
                 ),
             )
         self._journaled += len(changes) - dropped
 
-    def _drop_commits(self, up_to: int, added: int) -> int:
-        """Drop the commits up to a version, and more while the journal is too large. Returns the dropped changes."""
+    def _drop_commits(self, up_to: int, kept: int) -> int:
+        """Drop the commits up to a version, and more until at most `kept` changes remain; the number dropped."""
         dropped = 0
         query = "SELECT version, size, state FROM commits ORDER BY version"
         last, redo_lost = 0, False
         for version, size, state in self._writer.execute(query):
-            if version > up_to and self._journaled + added - dropped <= MAX_JOURNAL_CHANGES:
+            if version > up_to and self._journaled - dropped <= kept:
                 break
             last, dropped, redo_lost = version, dropped + size, redo_lost or state == _CommitState.UNDONE
         if last:
@@ -296,14 +314,6 @@ def _lock(path: Path) -> int:
         os.close(descriptor)
         raise AlreadyRunning(f"{path} is in use by another process") from None
     return descriptor
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
@@ -361,14 +371,7 @@ def _text(element: Element | None) -> str | None:
 def _changes(rows: sqlite3.Cursor) -> list[Change]:
     found = []
     for version, kind, floor, name, before, after in rows:
-        key = Key(_KINDS[kind], floor, name)
+        key = ElementKey(_KINDS[kind], floor, name)
         decode = _decoders[key.kind].decode
         found.append(Change(version, key, before and decode(before), after and decode(after)))
     return found
-
-
-def _floor_map(floor: Any, layers: dict[tuple[str, str], dict[str, Any]]) -> FloorMap:
-    parts: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
-    for kind, (layer, collection) in PLACE.items():
-        parts[layer][collection] = layers.get((floor.name, kind.value), {})
-    return FloorMap(floor, GeometricalMap(**parts["geometrical"]), TopologicalMap(**parts["topological"]))

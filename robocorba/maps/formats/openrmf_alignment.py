@@ -25,7 +25,7 @@ MISFIT_M = 0.1
 
 
 @dataclass(frozen=True)
-class Placement:
+class Alignment:
     """A similarity transform in complex numbers: metres = turn * (x - iy) + shift; x + iy if y is up in the file."""
 
     turn: complex
@@ -48,23 +48,23 @@ class Placement:
         return (found.real, found.imag)
 
 
-def metres(offset: XY) -> Placement:
-    """The placement of levels that are drawn in metres: coordinates of the file less `offset`."""
-    return Placement(1 + 0j, -complex(*offset), y_down=False)
+def metres(offset: XY) -> Alignment:
+    """The alignment of levels that are drawn in metres: coordinates of the file less `offset`."""
+    return Alignment(1 + 0j, -complex(*offset), y_down=False)
 
 
-def place_levels(levels: list[Level], reference: Level, losses: Losses) -> dict[str, Placement]:
-    """The placement of each level by name. Raises MapFileError for an impossible measurement."""
+def align_levels(levels: list[Level], reference: Level, losses: Losses) -> dict[str, Alignment]:
+    """The alignment of each level by name. Raises MapFileError for an impossible measurement."""
     own = {level.name: _measured_scale(level, losses) for level in levels}
     base = own[reference.name] or _scale_from_others(levels, reference, own)
     if not base:
         base = DEFAULT_SCALE
         losses.add(f"scale: the file has no measurements, {DEFAULT_SCALE} m per pixel is assumed")
-    placed = {reference.name: Placement(complex(base), 0j)}
+    aligned = {reference.name: Alignment(complex(base), 0j)}
     for level in levels:
         if level is not reference:
-            placed[level.name] = _align(level, reference, base, own[level.name], losses)
-    return placed
+            aligned[level.name] = _align(level, reference, base, own[level.name], losses)
+    return aligned
 
 
 def _measured_scale(level: Level, losses: Losses) -> float | None:
@@ -98,7 +98,7 @@ def _scale_from_others(levels: list[Level], reference: Level, own: dict[str, flo
     return None
 
 
-def _align(level: Level, reference: Level, base: float, own: float | None, losses: Losses) -> Placement:
+def _align(level: Level, reference: Level, base: float, own: float | None, losses: Losses) -> Alignment:
     pairs = [(mine, base * theirs) for mine, theirs in _pairs(level, reference)]
     fit = _fit(pairs)
     if fit:
@@ -108,16 +108,16 @@ def _align(level: Level, reference: Level, base: float, own: float | None, losse
             losses.add(
                 f"placement of {level.name}: its fiducials miss those of {reference.name} by up to {worst:.2f} m"
             )
-        return Placement(turn, shift)
+        return Alignment(turn, shift)
     scale = complex(own or base)
     if pairs:
         mine, theirs = pairs[0]
         losses.add(
             f"placement: only one common fiducial with {reference.name}, no rotation is assumed: {{names}}", level.name
         )
-        return Placement(scale, theirs - scale * mine)
+        return Alignment(scale, theirs - scale * mine)
     losses.add(f"placement: no common fiducial with {reference.name}, equal origins are assumed: {{names}}", level.name)
-    return Placement(scale, 0j)
+    return Alignment(scale, 0j)
 
 
 def _pairs(level: Level, reference: Level) -> list[tuple[complex, complex]]:
@@ -148,7 +148,7 @@ def _up(at: XY, y_down: bool = True) -> complex:
 def reference_level(levels: list[Level], root: Item) -> Level:
     """The reference level for alignment. Raises MapFileError if the file names one that does not exist."""
     named = root.get("reference_level_name")
-    if named is None or not named.level_name():
+    if not named.level_name():
         return levels[0]
     for level in levels:
         if level.name == named.level_name():

@@ -26,9 +26,8 @@ from robocorba.errors.maps import (
     UnknownElement,
     VersionUnavailable,
 )
-from robocorba.maps import editing
-from robocorba.maps.changes import Change, ChangeKind, Key, apply, elements_of, key_of
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.changes import Change, ChangeKind, ElementKey, apply, elements_of, key_of
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import (
     Area,
     Building,
@@ -40,7 +39,7 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapLimits, MapStore
 from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
 
 L1, WALL, NODE, EDGE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE, ElementKind.FLOOR
@@ -360,15 +359,9 @@ def test_a_floor_made_and_dropped_in_a_transaction_leaves_that_of_others_alone(e
     assert list(editor.building.floors["B"].geometrical.walls) == ["theirs"]
 
 
-def test_an_empty_transaction_is_no_edit(editor: BuildingEditor) -> None:
-    assert editor.begin().commit() == 1
-    with pytest.raises(NothingToUndo):
-        editor.undo(1)
-
-
 def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
     clock = Clock()
-    editor = BuildingEditor(store, clock=clock, transaction_limit=2, transaction_timeout_s=10.0)
+    editor = BuildingEditor(store, MapLimits(transactions=2, transaction_timeout_s=10.0), clock)
     idle, busy = editor.begin(), editor.begin()
     with pytest.raises(TooManyTransactions, match="2 transactions are open"):
         editor.begin()
@@ -384,10 +377,9 @@ def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
         third.roll_back()
 
 
-def test_memory_is_bounded(editor: BuildingEditor, monkeypatch: pytest.MonkeyPatch) -> None:
-    size = sum(1 for _ in elements_of(editor.building)) + 4 + 4 + 2 + 1
-    monkeypatch.setattr(editing, "MAX_BUILDING_SIZE", size + 5)
-    monkeypatch.setattr(editing, "MAX_PENDING_SIZE", 5)
+def test_memory_is_bounded(store: MapStore, building: Building) -> None:
+    size = sum(1 for _ in elements_of(building)) + 4 + 4 + 2 + 1
+    editor = BuildingEditor(store, MapLimits(building_size=size + 5, pending_size=5))
     room = Area(name="r", polygon=((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
     editor.create(L1, room)
     with pytest.raises(InvalidElement, match="the building would have more than"):
@@ -417,7 +409,7 @@ def test_listeners_hear_each_edit_before_it_returns(editor: BuildingEditor) -> N
 
 
 def test_history_is_bounded(store: MapStore) -> None:
-    editor = BuildingEditor(store, history_limit=3)
+    editor = BuildingEditor(store, MapLimits(commits=3))
     for name in "abcde":
         editor.create(L1, wall(name))
     assert editor.version == 6
@@ -440,7 +432,7 @@ def test_history_is_bounded(store: MapStore) -> None:
 
 
 def test_a_redo_is_lost_with_the_one_it_stands_on(store: MapStore) -> None:
-    editor = BuildingEditor(store, history_limit=3)
+    editor = BuildingEditor(store, MapLimits(commits=3))
     for name in "abcd":
         editor.create(L1, wall(name))
     editor.change(L1, wall("d", 3.0), 5)
@@ -484,6 +476,9 @@ def test_threads_lose_no_edit_and_see_no_half_of_one(editor: BuildingEditor) -> 
     assert len(editor.building.floors[L1].geometrical.walls) == 151
 
 
+Elements = dict[ElementKey, Element]
+
+
 class Model:
     """What an editor must do, as plain dictionaries: elements, their versions and the states to undo and redo."""
 
@@ -491,10 +486,10 @@ class Model:
         self.elements = dict(elements_of(building))
         self.versions = dict.fromkeys(self.elements, 1)
         self.version = 1
-        self.done: list[tuple[dict[Key, Element], set[Key]]] = []
-        self.undone: list[tuple[dict[Key, Element], set[Key]]] = []
+        self.done: list[tuple[Elements, set[ElementKey]]] = []
+        self.undone: list[tuple[Elements, set[ElementKey]]] = []
 
-    def accept(self, elements: dict[Key, Element], touched: set[Key]) -> None:
+    def accept(self, elements: Elements, touched: set[ElementKey]) -> None:
         """Go to the next version with these elements."""
         self.version += 1
         for key in touched:
@@ -502,20 +497,20 @@ class Model:
         self.elements = elements
         self.versions = {key: self.versions[key] for key in elements}
 
-    def edit(self, elements: dict[Key, Element], touched: set[Key]) -> None:
+    def edit(self, elements: Elements, touched: set[ElementKey]) -> None:
         """Accept something new."""
         self.done.append((self.elements, touched))
         self.undone.clear()
         self.accept(elements, touched)
 
-    def step(self, source: list[tuple[dict[Key, Element], set[Key]]], target: list[Any]) -> None:
+    def step(self, source: list[tuple[Elements, set[ElementKey]]], target: list[Any]) -> None:
         """Undo or redo."""
         elements, touched = source.pop()
         target.append((self.elements, touched))
         self.accept(elements, touched)
 
 
-def building_of(elements: dict[Key, Element]) -> Building:
+def building_of(elements: Elements) -> Building:
     """A building put together from nothing but its elements."""
     first = sorted(elements, key=lambda key: key.kind is not FLOOR)
     return apply(Building("two floors"), [Change(1, key, None, elements[key]) for key in first])
@@ -536,25 +531,25 @@ _operations = st.lists(
 )
 
 
-def edited(elements: dict[Key, Element], what: str, value: Any) -> tuple[dict[Key, Element], set[Key]] | None:
+def edited(elements: Elements, what: str, value: Any) -> tuple[Elements, set[ElementKey]] | None:
     """The elements after one edit and the keys it touches; None where the edit is refused outright."""
     if what == "put":
         floor, element = value
         key = key_of(floor, element)
-        if key.floor and Key(FLOOR, "", floor) not in elements:
+        if key.floor and ElementKey(FLOOR, "", floor) not in elements:
             return None
         return {**elements, key: element}, {key}
-    key = Key(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
+    key = ElementKey(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
     if key not in elements:
         return None
     gone = {key} | ({other for other in elements if other.floor == key.name} if key.kind is FLOOR else set())
     return {other: element for other, element in elements.items() if other not in gone}, gone
 
 
-def send(target: Any, model: Model, seen: dict[Key, Element], what: str, value: Any, made: bool) -> None:
+def send(target: Any, model: Model, seen: Elements, what: str, value: Any, made: bool) -> None:
     """Ask the editor or a transaction for the edit; `seen` are the elements there at this point."""
     if what == "remove":
-        key = Key(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
+        key = ElementKey(value[0], "" if value[0] in (FLOOR, ElementKind.ELEVATOR) else value[1], value[2])
         target.remove(*value, 0 if made else model.versions.get(key, 0))
         return
     key = key_of(*value)
@@ -611,10 +606,10 @@ def test_the_editor_agrees_with_plain_dictionaries(operations: list[tuple[str, A
 
 def _in_a_transaction(editor: BuildingEditor, model: Model, edits: list[tuple[str, Any]]) -> None:
     transaction, elements, touched = editor.begin(), model.elements, set()
-    gone: set[Key] = set()
+    gone: set[ElementKey] = set()
     for what, value in edits:
         result = edited(elements, what, value)
-        key = key_of(*value) if what == "put" else Key(*value)
+        key = key_of(*value) if what == "put" else ElementKey(*value)
         made = key in gone
         try:
             send(transaction, model, elements, what, value, made)

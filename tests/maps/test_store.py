@@ -13,10 +13,9 @@ import pytest
 
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning
-from robocorba.maps import storage
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building, ElementKind, Wall
-from robocorba.maps.storage import FIRST_VERSION, MapStore
+from robocorba.maps.store import FIRST_VERSION, MapLimits, MapStore
 from robocorba.testing.buildings import grid
 
 L1, WALL = "L1", ElementKind.WALL
@@ -27,10 +26,8 @@ def wall(name: str, x: float = 2.0) -> Wall:
 
 
 def test_a_fresh_store_holds_the_building(file: Path, building: Building) -> None:
-    assert not MapStore.exists(file)
     with MapStore.create(file, building) as store:
         stored = store.load()
-    assert MapStore.exists(file)
     assert (stored.building, stored.version) == (building, FIRST_VERSION)
     assert set(stored.versions.values()) == {FIRST_VERSION}
     assert list(stored.building.floors) == ["L1", "L2"]
@@ -63,21 +60,15 @@ def test_history_outlives_the_process(file: Path, building: Building) -> None:
         assert list(editor.building.floors[L1].geometrical.walls) == ["w", "a"]
 
 
-def test_one_process_at_a_time(file: Path, building: Building) -> None:
-    with MapStore.create(file, building), pytest.raises(AlreadyRunning, match=r"map\.db is in use"):
-        MapStore(file)
-    MapStore(file).close()
-
-
 def test_the_lock_of_a_living_process_holds(file: Path, building: Building) -> None:
     MapStore.create(file, building).close()
-    code = "import sys; from robocorba.maps.storage import *; s = MapStore(sys.argv[1]); print(1, flush=True); input()"
+    code = "import sys; from robocorba.maps.store import *; s = MapStore(sys.argv[1]); print(1, flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", code, str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "1\n"
-        with pytest.raises(AlreadyRunning):
+        with pytest.raises(AlreadyRunning, match=r"map\.db is in use"):
             MapStore(file)
         other.kill()
         other.wait()
@@ -173,12 +164,9 @@ def test_a_full_disk_refuses_the_edit_and_changes_nothing(file: Path, building: 
         assert set(store.load().building.floors[L1].geometrical.walls) == {"w", "a", "c"}
 
 
-def test_the_journal_is_bounded_by_what_it_holds(
-    file: Path, building: Building, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(storage, "MAX_JOURNAL_CHANGES", 10)
+def test_the_journal_is_bounded_by_what_it_holds(file: Path, building: Building) -> None:
     with MapStore.create(file, building) as store:
-        editor = BuildingEditor(store)
+        editor = BuildingEditor(store, MapLimits(journal_changes=10))
         for batch in range(4):
             change = editor.begin()
             for number in range(4):
@@ -199,9 +187,9 @@ def test_the_journal_is_bounded_by_what_it_holds(
 
 _WRITER = """
 import sys
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import ElementKind, Wall
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapStore
 
 editor = BuildingEditor(MapStore(sys.argv[1]))
 print("ready", flush=True)
