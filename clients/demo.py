@@ -28,7 +28,7 @@ import msgspec
 from omniORB import CORBA
 from rich.console import Console
 
-from robocorba.clients.robot_processes import Running, robocorba, servers
+from robocorba.clients.robot_processes import ReadyProcess, robocorba, servers
 from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
@@ -181,7 +181,7 @@ def _start_robots(stack: contextlib.ExitStack, scene: Scene, naming: Address, st
     for name, robot in scene.robots.items():
         place = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
         command = (robocorba(), "robot", name, *place, "--naming", str(naming), "--state", str(state))
-        running[name] = stack.enter_context(Running(logs / f"robot-{name}.log", *command))
+        running[name] = stack.enter_context(ReadyProcess(logs / f"robot-{name}.log", *command))
         if name == LEADER:
             running[name].wait_ready()
     for name in running.keys() - {LEADER}:
@@ -212,7 +212,7 @@ def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
         "--width",
         str(WIDTH_PX),
     )
-    with Running(logs / "film.log", *command, "--naming", str(naming)) as camera:
+    with ReadyProcess(logs / "film.log", *command, "--naming", str(naming)) as camera:
         camera.wait_file(file)
         yield
 

@@ -25,7 +25,7 @@ from omniORB import CORBA
 
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
 from robocorba.clients.robot_film import RobotShapes, Views, sheet
-from robocorba.clients.robot_processes import ActualRobot, Running, robocorba, servers
+from robocorba.clients.robot_processes import ActualRobot, ReadyProcess, robocorba, servers
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
 from robocorba.corba.conversion.errors import error_of
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             naming = stack.enter_context(servers(state / "system", *options))
         orb = stack.enter_context(Orb(naming))
         command = (robocorba(), "record", str(mcap), "--floor", FLOOR, "--naming", str(naming))
-        recorder = stack.enter_context(Running(state / "record.log", *command))
+        recorder = stack.enter_context(ReadyProcess(state / "record.log", *command))
         agents = _robots(stack, orb, state, given.channel, given.actual)
         recorder.wait_file(mcap)
         moments = play(agents, programs())
@@ -205,7 +205,7 @@ def _robots(
         place = ("--floor", FLOOR, "--at", ",".join(map(str, at)), "--channel", channel)
         command = (robocorba(), "robot", name, *place, "--naming", str(orb.naming), "--state", str(state))
         adaptor = ("--adaptor", "smartpal", "--", "--naming", str(actual[name].naming)) if are_actual else ()
-        running.append(stack.enter_context(Running(state / f"robot-{name}.log", *command, *adaptor)))
+        running.append(stack.enter_context(ReadyProcess(state / f"robot-{name}.log", *command, *adaptor)))
     for process in running:
         process.wait_ready()
     return {name: RemoteAgent(orb, name) for name in STARTS}

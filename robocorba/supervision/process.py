@@ -13,14 +13,15 @@ from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
 from robocorba.supervision.launch import bound_command
 
 #: A process that ran at least this long is restarted immediately [s].
 STEADY_S = 2.0
-#: Delay of a restart after shorter runs: doubled each time, from the first to the maximum [s].
-FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
+#: Pauses before the restarts of a process that ran shorter.
+BACKOFF = Backoff(0.1, 5.0)
 #: Time from SIGTERM to SIGKILL [s].
 GRACE_S = 5.0
 #: Interval between probes while a process starts [s].
@@ -90,13 +91,13 @@ class Supervised:
 
     def _restart_delays(self) -> Iterator[float]:
         """Delay before each start [s]: 0 for the first two and after a steady run, else growing."""
-        backoff_s = 0.0
+        short_runs = 0
         yield 0.0
         while True:
             if time.time() - self.started >= STEADY_S:
-                backoff_s = 0.0
-            yield backoff_s
-            backoff_s = min(2 * backoff_s or FIRST_BACKOFF_S, MAX_BACKOFF_S)
+                short_runs = 0
+            yield BACKOFF.pause_s(short_runs)
+            short_runs += 1
 
     async def _spawn(self) -> tuple[asyncio.subprocess.Process, asyncio.Task[None]]:
         # Not asyncio's pipe: some Python versions consider a process alive while others hold the pipe's write end.
