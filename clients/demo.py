@@ -38,7 +38,7 @@ from robocorba.corba.conversion import paths
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.errors.base import RoboCorbaError

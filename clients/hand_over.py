@@ -30,7 +30,7 @@ from robocorba.control.agent import AgentState
 from robocorba.control.runner import Result
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
 from robocorba.kinematics import tasks

@@ -19,11 +19,11 @@ from robocorba.corba.calls import describe
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.data_pool import PoolFollower
-from robocorba.corba.remote.paths import RemotePlanner
-from robocorba.corba.remote.places import path_node_positions
+from robocorba.corba.remote.map_editor import path_node_positions
+from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.corba.remote.session import RemoteSession
+from robocorba.corba.servants.control_agent import RobotAgentServant
 from robocorba.corba.servants.data_pool import DataPoolServant
-from robocorba.corba.servants.robot import RobotAgentServant
 from robocorba.data_pool.plans import Plans
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import PlaceTaken

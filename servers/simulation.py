@@ -13,8 +13,8 @@ from typing import Any
 from robocorba import logs
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.announcer import Announcer
-from robocorba.corba.remote.maps import RemoteMap
-from robocorba.corba.remote.sensors import RemoteSensors
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.virtual_sensor import RemoteSensors
 from robocorba.corba.servants.omni_database import OmniDatabaseServant
 from robocorba.corba.servants.simulation_server import (
     RobotSessionServant,

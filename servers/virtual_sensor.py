@@ -10,8 +10,8 @@ from typing import Any
 
 from robocorba import logs
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.maps import RemoteMap
-from robocorba.corba.remote.simulation import RemoteSimulation
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable

@@ -29,7 +29,7 @@ from matplotlib.axes import Axes
 from omniORB import CORBA
 
 from robocorba.control.agent import Condition
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.subplan import Carry

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.common.processes import Process
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.settings import Address

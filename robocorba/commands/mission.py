@@ -23,7 +23,7 @@ from robocorba.names import MISSIONS
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.missions.record import StoredPlan
     from robocorba.programs.icons import Destination
@@ -52,7 +52,7 @@ def move_table(
     naming: Naming = None,
 ) -> None:
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.programs.builder import ProgramBuilder
     from robocorba.programs.program import dumps
@@ -92,7 +92,7 @@ def status(leader: LeaderName, naming: Naming = None) -> None:
 @app.command()
 def abort(leader: LeaderName, naming: Naming = None) -> None:
     """Abort the mission that a robot leads: all robots put down what they hold, and are free."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
     with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
         RemoteAgent(orb, leader).abort()

@@ -150,7 +150,7 @@ def _planner(building: str | None, naming: str | None) -> Iterator[Planner | Non
 
         yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
     elif naming:
-        from robocorba.corba.remote.paths import RemotePlanner
+        from robocorba.corba.remote.path_planner import RemotePlanner
 
         with Orb(Settings.read(naming=naming).naming) as orb:
             yield RemotePlanner(orb)

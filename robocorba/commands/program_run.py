@@ -25,7 +25,7 @@ from robocorba.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.control.agent import AgentState
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
 #: Interval between requests for the robot's progress [s].
 LOOK_S = 0.1
@@ -46,7 +46,7 @@ def run(
     """Run a program on a robot, and print each icon that begins. Ctrl-C ends the program; the robot stops.
 
     Exit code 0 if the program is done. In a terminal p pauses, s steps, r resumes, q ends."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.programs.program import dumps
 
     stop = Stop()
@@ -129,7 +129,7 @@ def _keys() -> Iterator[int | None]:
 
 
 def _order(name: str, what: str, naming: str | None) -> None:
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
     with reporting(f"program {what}"), Orb(Settings.read(naming=naming).naming) as orb:
         getattr(RemoteAgent(orb, name), what)()

@@ -11,7 +11,7 @@ import typer
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absence, Stop, progress
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteFloors
+from robocorba.corba.remote.omni_database import RemoteFloors
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.settings import Settings

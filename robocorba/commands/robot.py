@@ -39,7 +39,7 @@ def stop(
     """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
-    from robocorba.corba.remote.agents import RemoteAgent, robots
+    from robocorba.corba.remote.control_agent import RemoteAgent, robots
 
     with reporting("stop"), Orb(Settings.read(naming=naming).naming) as orb:
         failed: dict[str, str] = {}
@@ -71,7 +71,7 @@ def switch(
     naming: Naming = None,
 ) -> None:
     """Switch a robot's agent to the actual or the virtual robot. It refuses while a program runs."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
     with reporting("switch"), Orb(Settings.read(naming=naming).naming) as orb:
         agent = RemoteAgent(orb, name)

@@ -16,7 +16,7 @@ from rich.text import Text
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import CALL_LIMIT_S, RemoteFloors
+from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba
@@ -42,14 +42,14 @@ class System:
         self._floors = RemoteFloors(orb, floors)
         self._server: Any = None
 
-    def look(self, find_s: float = RETRY_TIMEOUT_S) -> SystemTables:
+    def look(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SystemTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
-        self._floors.follow(find_s)
+        self._floors.follow(resolve_timeout_s)
         views = list(self._floors.views.values())
         try:
             if self._server is None:
                 interface = RoboCorba.SimulationServer
-                self._server = self._orb.resolve("SimulationServer", interface, find_s, CALL_LIMIT_S)
+                self._server = self._orb.resolve("SimulationServer", interface, resolve_timeout_s, CALL_TIMEOUT_S)
             return SystemTables(
                 [plain(self._server._get_state())],
                 clients(self._server.clients(), views),

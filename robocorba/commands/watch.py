@@ -19,7 +19,7 @@ from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absen
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import errors as idl_errors
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import CALL_LIMIT_S
+from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S
 from robocorba.errors.services import NotReachable
 from robocorba.settings import InvalidSetting, Settings
 from robocorba.stubs import RoboCorba
@@ -104,15 +104,15 @@ class Camera:
         self._server: Any = None
         self._floor = floors[0] if floors else ""
 
-    def png(self, find_s: float = RETRY_TIMEOUT_S) -> bytes:
+    def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:
         """Render the floor now. Raises UnknownFloor, InvalidPicture, NotReachable."""
         try:
             if not self._floor:
-                database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, find_s, CALL_LIMIT_S)
+                database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, resolve_timeout_s, CALL_TIMEOUT_S)
                 self._floor = database.floors()[0]
             if self._server is None:
                 interface = RoboCorba.SimulationServer
-                self._server = self._orb.resolve("SimulationServer", interface, find_s, PICTURE_LIMIT_S)
+                self._server = self._orb.resolve("SimulationServer", interface, resolve_timeout_s, PICTURE_LIMIT_S)
             return bytes(self._server.renderFloor(self._floor, self._width_px))
         except CORBA.UserException as error:
             raise (idl_errors.domain_error(error) or error) from None

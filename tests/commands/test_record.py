@@ -23,7 +23,7 @@ class Floors:
     def __init__(self, answers: Sequence[list[FloorUpdate] | NotReachable]) -> None:
         self._answers = iter(answers)
 
-    def follow(self, find_s: float) -> list[FloorUpdate]:
+    def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
         answer = next(self._answers)
         if isinstance(answer, NotReachable):
             raise answer

@@ -10,7 +10,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.conversion import floors as conversion
-from robocorba.corba.remote.floors import RemoteFloor, RemoteFloors
+from robocorba.corba.remote.omni_database import RemoteFloor, RemoteFloors
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate

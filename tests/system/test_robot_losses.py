@@ -14,7 +14,7 @@ import pytest
 from robocorba.control.agent import AgentState, Condition
 from robocorba.control.runner import Result
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import IllegalOrder
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps

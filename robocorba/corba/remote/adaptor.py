@@ -21,7 +21,7 @@ from robocorba.names import ADAPTORS
 from robocorba.stubs import RoboCorba
 
 #: Timeouts [s] for resolving the adaptor, for its `start`, and for its other calls.
-FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3
+RESOLVE_TIMEOUT_S, START_TIMEOUT_S, CALL_TIMEOUT_S = 5.0, 30.0, 0.3
 
 
 def adaptor(surroundings: Surroundings) -> RobotAdaptor:
@@ -46,14 +46,14 @@ class RemoteAdaptor(RobotAdaptor):
             found = (
                 self._orb.reference(given.uri, RoboCorba.RobotAdaptor)
                 if given.uri
-                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, FIND_LIMIT_S)
+                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, RESOLVE_TIMEOUT_S)
             )
         except NotReachable as error:
             raise RobotLost(str(error)) from None
         uri = self._orb.uri(found)
         self._starter, self._adaptor = (self._orb.reference(uri, RoboCorba.RobotAdaptor) for _ in range(2))
-        set_call_timeout(self._starter, START_LIMIT_S)
-        set_call_timeout(self._adaptor, CALL_LIMIT_S)
+        set_call_timeout(self._starter, START_TIMEOUT_S)
+        set_call_timeout(self._adaptor, CALL_TIMEOUT_S)
         return bool(self._call(lambda: self._starter.start(rest)))
 
     def stop(self) -> bool:

@@ -21,7 +21,7 @@ from robocorba.spatial.floor_update import FloorUpdate
 #: Interval at which changes of floors are published [s].
 PUBLISH_INTERVAL_S = 0.1
 #: Timeout for finding the channel [s].
-CHANNEL_LIMIT_S = 0.5
+RESOLVE_TIMEOUT_S = 0.5
 #: Maximum number of happenings that wait; beyond that the oldest are dropped.
 MAX_WAITING = 10_000
 #: Expiry of the published events [s]; older states of a floor are useless.
@@ -62,7 +62,7 @@ class Announcer:
             return
         try:
             if self._events is None:
-                self._events = EventClient(self._orb, self._channel, SOURCE, CHANNEL_LIMIT_S)
+                self._events = EventClient(self._orb, self._channel, SOURCE, RESOLVE_TIMEOUT_S)
             for update in updates:
                 self._push(update.floor, "floor.changed", [as_map(update)])
             for kind in {happening.kind for happening in happened}:

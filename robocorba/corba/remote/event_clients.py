@@ -20,7 +20,7 @@ from robocorba.events.queue import QueueItem
 from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
-DISCONNECT_LIMIT_S = 1.0
+DISCONNECT_TIMEOUT_S = 1.0
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -58,7 +58,7 @@ class _RemoteClient:
 
     def disconnect(self) -> None:
         try:
-            self._set_limit(DISCONNECT_LIMIT_S)
+            self._set_limit(DISCONNECT_TIMEOUT_S)
             getattr(self._remote, self._disconnect_operation)()
         except CORBA.Exception as error:
             _log.info("could not notify %s of its disconnection (%s)", self.address, describe(error))

@@ -20,11 +20,11 @@ from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call to a peer [s].
-CALL_LIMIT_S = 2.0
+CALL_TIMEOUT_S = 2.0
 #: Timeout of sending an acknowledgement [s].
-ACKNOWLEDGE_LIMIT_S = 0.2
+ACKNOWLEDGE_TIMEOUT_S = 0.2
 #: Timeout of finding a peer in the naming service [s].
-FIND_LIMIT_S = 1.0
+RESOLVE_TIMEOUT_S = 1.0
 
 #: Errors that the events themselves cause; retrying is useless.
 _PERMANENT_FAILURES = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
@@ -62,8 +62,8 @@ class RemoteFeed:
         # Two references with a timeout each, because both are called at the same time.
         self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
         self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed)
-        set_call_timeout(self._remote, CALL_LIMIT_S)
-        set_call_timeout(self._acknowledging, ACKNOWLEDGE_LIMIT_S)
+        set_call_timeout(self._remote, CALL_TIMEOUT_S)
+        set_call_timeout(self._acknowledging, ACKNOWLEDGE_TIMEOUT_S)
 
     def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         try:
@@ -106,7 +106,9 @@ class PeerJoiner:
     def _find(self, record: PeerRecord) -> Any:
         name = f"{CHANNELS}/{record.name}"
         if not record.address:
-            return self._orb.resolve(name, RoboCorba.EventChannel, timeout_s=FIND_LIMIT_S, call_timeout_s=CALL_LIMIT_S)
+            return self._orb.resolve(
+                name, RoboCorba.EventChannel, timeout_s=RESOLVE_TIMEOUT_S, call_timeout_s=CALL_TIMEOUT_S
+            )
         try:
             uri = f"corbaloc:iiop:1.2@{Address.parse(record.address)}/{name}"
         except InvalidSetting:
@@ -114,7 +116,7 @@ class PeerJoiner:
         return self._orb.reference(uri, RoboCorba.EventChannel)
 
     def _join(self, record: PeerRecord, channel: Any) -> tuple[RemoteFeed, str]:
-        set_call_timeout(channel, CALL_LIMIT_S)
+        set_call_timeout(channel, CALL_TIMEOUT_S)
         try:
             found = channel._get_name()
             if found != record.name:

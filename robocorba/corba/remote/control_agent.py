@@ -14,9 +14,9 @@ from robocorba.names import ROBOTS
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s].
-CALL_LIMIT_S = 3.0
+CALL_TIMEOUT_S = 3.0
 #: Timeout of calls that check a program or start an adaptor [s].
-SLOW_CALL_LIMIT_S = 40.0
+SLOW_CALL_TIMEOUT_S = 40.0
 
 
 class RemoteAgent:
@@ -25,9 +25,9 @@ class RemoteAgent:
 
     def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
         self.name = name
-        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_LIMIT_S)
+        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
         self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent)
-        set_call_timeout(self._slow_agent, SLOW_CALL_LIMIT_S)
+        set_call_timeout(self._slow_agent, SLOW_CALL_TIMEOUT_S)
 
     def state(self) -> AgentState:
         return robot.agent_state_of(self._call(self._agent._get_state))
