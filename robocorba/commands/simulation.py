@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
@@ -20,7 +21,6 @@ from robocorba.stubs import RoboCorba
 CALL_TIMEOUT_S = 60.0
 
 app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
-State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
 
 
 @app.command()

@@ -13,15 +13,15 @@ from omniORB import CORBA
 from rich.console import Console
 from rich.live import Live
 
-from robocorba.commands.reporting import reporting
+from robocorba.commands.options import Naming, connected
 from robocorba.commands.scene import System, SystemTables, as_json, as_tables, show
-from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absence, Stop, progress
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import errors as idl_errors
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S
 from robocorba.errors.services import NotReachable
-from robocorba.settings import InvalidSetting, Settings
+from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 
 #: Interval between updates of the tables in a terminal [s].
@@ -42,14 +42,12 @@ def watch(
     ] = 0.0,
     fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the video.")] = 960,
-    naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-    ] = None,
+    naming: Naming = None,
 ) -> None:
     """Show the simulation server, its robots, elevators and sensors, until Ctrl-C."""
     floors = floor or []
-    with reporting("watch"), Orb(Settings.read(naming=naming).naming) as orb:
-        stop = Stop()
+    with connected("watch", naming) as orb:
+        stop = StopSignal()
         if video:
             film(Camera(orb, floors, width), video, seconds, fps, stop)
             return
@@ -65,30 +63,30 @@ def watch(
             print_tables(system, scene, stop)
 
 
-def show_live(system: System, scene: SystemTables, stop: Stop) -> None:
+def show_live(system: System, scene: SystemTables, stop: StopSignal) -> None:
     """Show tables in the terminal until stopped. Raises UnknownFloor, NotReachable."""
-    absence = Absence()
+    outage = Outage()
     with Live(as_tables(scene), auto_refresh=False) as live:
         for _ in stop.ticks(SHOW_INTERVAL_S):
             try:
                 scene, note = system.look(), ""
-                absence.end()
+                outage.note_answer()
             except NotReachable as error:
-                note = absence.go_on(error)
+                note = outage.note_failure(error)
             live.update(as_tables(scene, note), refresh=True)
 
 
-def print_tables(system: System, scene: SystemTables, stop: Stop) -> None:
+def print_tables(system: System, scene: SystemTables, stop: StopSignal) -> None:
     """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
-    absence = Absence()
+    outage = Outage()
     for _ in stop.ticks(PRINT_INTERVAL_S):
         try:
             scene = system.look()
-            absence.end()
+            outage.note_answer()
         except NotReachable as error:
-            if not absence.is_on:
+            if not outage.is_active:
                 typer.echo(f"robocorba watch: {error}; waiting", err=True)
-            absence.go_on(error)
+            outage.note_failure(error)
             continue
         show(scene)
         print(flush=True)
@@ -121,7 +119,7 @@ class Camera:
             raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
 
 
-def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> None:
+def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal) -> None:
     """Film the running simulation; the video is playable however the recording ends.
 
     Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
@@ -129,7 +127,7 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> No
 
     from robocorba.video import VideoFile
 
-    absence, most = Absence(), round(seconds * fps) or math.inf
+    outage, most = Outage(), round(seconds * fps) or math.inf
     picture = camera.png(RESOLVE_TIMEOUT_S)
     video = VideoFile(file, *Image.open(io.BytesIO(picture)).size, fps)
     try:
@@ -137,9 +135,9 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> No
             for passed_s in stop.ticks(1 / fps, seconds):
                 try:
                     picture, note = camera.png(), ""
-                    absence.end()
+                    outage.note_answer()
                 except NotReachable as error:
-                    note = absence.go_on(error)
+                    note = outage.note_failure(error)
                 due = min(round(passed_s * fps) + 1, most)
                 video.add(picture, times=int(due) - video.count)
                 bar(passed_s, note or f"{video.count} pictures")

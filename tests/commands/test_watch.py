@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, plain, robots, sensor, show, tables
-from robocorba.commands.waiting import Absence, Stop
+from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
@@ -153,16 +153,16 @@ def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.fixture
-def stop() -> Iterator[Stop]:
+def stop() -> Iterator[StopSignal]:
     """A stop, and afterwards the signals as they were."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield Stop()
+    yield StopSignal()
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_wait(stop: Stop, number: signal.Signals) -> None:
+def test_a_signal_ends_a_wait(stop: StopSignal, number: signal.Signals) -> None:
     assert not stop.wait(0.0)
     os.kill(os.getpid(), number)
     began = time.monotonic()
@@ -171,7 +171,7 @@ def test_a_signal_ends_a_wait(stop: Stop, number: signal.Signals) -> None:
     assert time.monotonic() - began < 5.0
 
 
-def test_ticks_come_in_time_up_to_a_limit(stop: Stop) -> None:
+def test_ticks_come_in_time_up_to_a_limit(stop: StopSignal) -> None:
     began = time.monotonic()
     times = list(stop.ticks(0.02, 0.2))
     assert 0.2 <= time.monotonic() - began < 2.0
@@ -181,7 +181,7 @@ def test_ticks_come_in_time_up_to_a_limit(stop: Stop) -> None:
     assert all(later - earlier > 0.0 for earlier, later in itertools.pairwise(times))
 
 
-def test_slow_ticks_are_missed_not_made_up_for(stop: Stop) -> None:
+def test_slow_ticks_are_missed_not_made_up_for(stop: StopSignal) -> None:
     slow = []
     for passed_s in stop.ticks(0.01, 0.3):
         slow.append(passed_s)
@@ -189,7 +189,7 @@ def test_slow_ticks_are_missed_not_made_up_for(stop: Stop) -> None:
     assert 2 <= len(slow) <= 6
 
 
-def test_ticks_end_by_a_signal(stop: Stop) -> None:
+def test_ticks_end_by_a_signal(stop: StopSignal) -> None:
     count = 0
     for _ in stop.ticks(0.001):
         count += 1
@@ -198,15 +198,15 @@ def test_ticks_end_by_a_signal(stop: Stop) -> None:
     assert count == 3
 
 
-def test_an_absence_is_borne_up_to_a_limit() -> None:
+def test_an_outage_raises_after_its_limit() -> None:
     wrong = NotReachable("gone")
-    absence = Absence(0.1)
-    assert not absence.is_on
-    assert absence.go_on(wrong) == "away for 0 s: gone"
-    assert absence.is_on
-    absence.end()
-    assert not absence.is_on
-    absence.go_on(wrong)
+    outage = Outage(0.1)
+    assert not outage.is_active
+    assert outage.note_failure(wrong) == "not reachable for 0 s: gone"
+    assert outage.is_active
+    outage.note_answer()
+    assert not outage.is_active
+    outage.note_failure(wrong)
     time.sleep(0.15)
     with pytest.raises(NotReachable, match="gone"):
-        absence.go_on(wrong)
+        outage.note_failure(wrong)

@@ -1,6 +1,6 @@
 """Conversion of values to structs of the IDL and back, member by member.
 
-For structs that are rarely converted; those of events, floors and scans have functions of their own, which are faster."""
+For structs that are rarely converted; those of events, floors and scans have functions of their own, for speed."""
 
 from __future__ import annotations
 
