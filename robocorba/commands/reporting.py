@@ -14,11 +14,12 @@ from robocorba.errors.base import RoboCorbaError
 
 
 @contextlib.contextmanager
-def reporting(command: str) -> Iterator[None]:
-    """Print an error as one line and exit with code 1."""
+def reporting(command: str, *errors: type[Exception]) -> Iterator[None]:
+    """Print an error of RoboCorba, of CORBA or of the given types as one line, and exit with code 1."""
+    caught: tuple[type[Exception], ...] = (RoboCorbaError, *errors)
     try:
         yield
-    except RoboCorbaError as error:
+    except caught as error:
         reason = str(error)
     except CORBA.UserException as error:
         reason = idl_errors.error_of(error)

@@ -34,7 +34,7 @@ class SystemTables(NamedTuple):
     sensors: Sequence[Row] = ()
 
 
-class System:
+class RunningSimulation:
     """The running simulation on the given floors, or on all; reconnects after a failure."""
 
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
@@ -42,7 +42,7 @@ class System:
         self._floors = RemoteFloors(orb, floors)
         self._server: Any = None
 
-    def look(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SystemTables:
+    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SystemTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
         self._floors.follow(resolve_timeout_s)
         views = list(self._floors.views.values())
@@ -51,7 +51,7 @@ class System:
                 interface = RoboCorba.SimulationServer
                 self._server = self._orb.resolve("SimulationServer", interface, resolve_timeout_s, CALL_TIMEOUT_S)
             return SystemTables(
-                [plain(self._server._get_state())],
+                [members(self._server._get_state())],
                 clients(self._server.clients(), views),
                 elevators(views),
                 [sensor(state) for state in self._server.sensors()],
@@ -64,7 +64,7 @@ class System:
 # ---- state as rows ----
 
 
-def plain(struct: Any) -> Row:
+def members(struct: Any) -> Row:
     """Members of a struct of numbers and strings."""
     return dict(vars(struct))
 
@@ -93,7 +93,7 @@ def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
     return [
         {
             "name": state.name,
-            **plain(state.at),
+            **members(state.at),
             "speed": speeds.get(state.name, 0.0),
             "since": state.since,
             "silent": state.silent,
@@ -125,19 +125,19 @@ def elevators(views: Iterable[FloorView]) -> list[Row]:
 
 def sensor(state: Any) -> Row:
     """The row of a SensorState."""
-    return {"name": state.name, **plain(state.load), "robots": state.robots}
+    return {"name": state.name, **members(state.load), "robots": state.robots}
 
 
 # ---- rows as tables ----
 
 
-def _word(value: object) -> str:
+def _name(value: object) -> str:
     text = str(value)
     return text if text.isprintable() else repr(text)[1:-1]
 
 
-def _words(values: Iterable[str]) -> str:
-    return ", ".join(map(_word, values))
+def _names(values: Iterable[str]) -> str:
+    return ", ".join(map(_name, values))
 
 
 def _pace(value: float) -> str:
@@ -158,8 +158,8 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("map version", "mapVersion", str),
     ),
     "robot": (
-        ("robot", "name", _word),
-        ("floor", "floor", _word),
+        ("robot", "name", _name),
+        ("floor", "floor", _name),
         ("x [m]", "x", "{:.2f}".format),
         ("y [m]", "y", "{:.2f}".format),
         ("heading [°]", "heading", lambda value: f"{math.degrees(value):.0f}"),
@@ -167,19 +167,19 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("silent [s]", "silent", "{:.2f}".format),
         ("calls/s", "callRate", "{:.1f}".format),
         ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
-        ("sensor", "sensor", _word),
+        ("sensor", "sensor", _name),
     ),
     "elevator": (
-        ("elevator", "name", _word),
-        ("cabin", "cabin", lambda value: _word(value) or "travelling"),
+        ("elevator", "name", _name),
+        ("cabin", "cabin", lambda value: _name(value) or "travelling"),
         ("height [m]", "height", "{:.2f}".format),
         ("doors", "doors", str.lower),
         ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
-        ("riders", "riders", _words),
-        ("queue", "queue", _words),
+        ("riders", "riders", _names),
+        ("queue", "queue", _names),
     ),
     "sensor": (
-        ("sensor process", "name", _word),
+        ("sensor server", "name", _name),
         ("robots", "robots", str),
         ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
         ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),

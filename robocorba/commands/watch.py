@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.options import Naming, connected
-from robocorba.commands.scene import System, SystemTables, as_json, as_tables, show
+from robocorba.commands.scene import RunningSimulation, SystemTables, as_json, as_tables, show
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import errors as idl_errors
@@ -51,37 +51,37 @@ def watch(
         if video:
             film(Camera(orb, floors, width), video, seconds, fps, stop)
             return
-        system = System(orb, floors)
-        scene = system.look(RESOLVE_TIMEOUT_S)
+        simulation = RunningSimulation(orb, floors)
+        scene = simulation.read(RESOLVE_TIMEOUT_S)
         if json:
             print(as_json(scene))
         elif once:
             show(scene)
         elif Console().is_terminal:
-            show_live(system, scene, stop)
+            show_live(simulation, scene, stop)
         else:
-            print_tables(system, scene, stop)
+            print_tables(simulation, scene, stop)
 
 
-def show_live(system: System, scene: SystemTables, stop: StopSignal) -> None:
+def show_live(simulation: RunningSimulation, scene: SystemTables, stop: StopSignal) -> None:
     """Show tables in the terminal until stopped. Raises UnknownFloor, NotReachable."""
     outage = Outage()
     with Live(as_tables(scene), auto_refresh=False) as live:
         for _ in stop.ticks(SHOW_INTERVAL_S):
             try:
-                scene, note = system.look(), ""
+                scene, note = simulation.read(), ""
                 outage.note_answer()
             except NotReachable as error:
                 note = outage.note_failure(error)
             live.update(as_tables(scene, note), refresh=True)
 
 
-def print_tables(system: System, scene: SystemTables, stop: StopSignal) -> None:
+def print_tables(simulation: RunningSimulation, scene: SystemTables, stop: StopSignal) -> None:
     """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
     outage = Outage()
     for _ in stop.ticks(PRINT_INTERVAL_S):
         try:
-            scene = system.look()
+            scene = simulation.read()
             outage.note_answer()
         except NotReachable as error:
             if not outage.is_active:

@@ -46,26 +46,26 @@ def refusal(*arguments: str) -> str:
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
-def test_samples_are_sound(sample: str) -> None:
+def test_samples_are_valid(sample: str) -> None:
     (line,) = lines(robocorba_map("check", sample))
-    assert line.startswith(f"{sample} is sound: ")
+    assert line.startswith(f"{sample} is valid: ")
 
 
 def test_check_says_what_there_is_and_what_to_mind() -> None:
     there_and_back = two_floors().with_element("L1", PathEdge(name="out", a="lift1", b="east"))
     native.save(there_and_back, "sound.yaml")
     assert lines(robocorba_map("check", "sound.yaml")) == [
-        "sound.yaml is sound: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
+        "sound.yaml is valid: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
     ]
     odd = there_and_back.with_element("", Floor(name="roof", level=3, elevation=8.0))
     doors = (ElevatorDoor(floor="roof"),)
     native.save(odd.with_element("", Elevator(name="E2", at=(30.0, 0.0), size=(2.0, 2.0), doors=doors)), "odd.yaml")
     notes = lines(robocorba_map("check", "odd.yaml"))
     assert notes[0] == "note: elevator 'E2' serves only roof"
-    assert notes[1].startswith("note: floor 'roof' has no topological map")
+    assert notes[1].startswith("note: floor 'roof' has no nodes and edges")
     assert notes[2:] == [
         "warning: floors without an elevator to other floors (1): roof",
-        "odd.yaml can be served: 1 warning: 3 floors, 1 walls, 5 nodes, 4 edges, 2 elevators",
+        "odd.yaml is valid, 1 warning: 3 floors, 1 walls, 5 nodes, 4 edges, 2 elevators",
     ]
 
 
@@ -77,14 +77,14 @@ def test_check_says_what_is_blocked_and_what_no_robot_reaches() -> None:
         blocked,
         "warning: nodes of L1 that are walled in for a robot of radius 0.40 m (1): west",
         "warning: nodes of L1 that can be left but not entered (1): east",
-        "locked.yaml can be served: 3 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
+        "locked.yaml is valid, 3 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
     ]
     assert lines(robocorba_map("import", "locked.yaml", "out.yaml"))[0] == blocked
     assert native.load("out.yaml") == native.load("locked.yaml")
     assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-2:] == [
         "warning: elevators that a robot of radius 0.70 m can't enter (1): "
         "E1 (its widest door is 1.20 m wide, 1.40 m needed)",
-        "two.yaml can be served: 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
+        "two.yaml is valid, 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
     ]
     assert robocorba_map("check", "two.yaml", "--radius", "-1").exit_code == 2
     assert robocorba_map("check", "two.yaml", "--radius", "nan").exit_code == 2
@@ -156,7 +156,7 @@ def test_import_joins_ros_maps_of_several_floors() -> None:
     )
 
 
-def test_import_draws_roads_where_there_are_none() -> None:
+def test_import_generates_missing_topological_maps() -> None:
     bare = two_floors()
     for kind in (ElementKind.EDGE, ElementKind.NODE):
         for name in bare.elements(kind, "L1"):
@@ -173,13 +173,13 @@ def test_import_draws_roads_where_there_are_none() -> None:
     )
 
 
-def test_import_draws_roads_by_way_of_the_nodes_that_are_there() -> None:
+def test_import_generates_edges_between_given_nodes() -> None:
     bare = two_floors().with_element("L1", PathNode(name="in corner", at=(0.2, 0.2)))
     for name in bare.floors["L1"].topological.edges:
         bare = bare.without(ElementKind.EDGE, "L1", name)
     native.save(bare, "bare.yaml")
     assert lines(robocorba_map("check", "bare.yaml"))[0] == (
-        "note: floor 'L1' has no edges; `robocorba map import --topology` generates a roadmap"
+        "note: floor 'L1' has no edges; `robocorba map import --topology` generates them"
     )
     told = lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology"))
     drawn = native.load("drawn.yaml")
@@ -187,12 +187,12 @@ def test_import_draws_roads_by_way_of_the_nodes_that_are_there() -> None:
     assert told[:2] == [
         f"L1: added {len(nodes) - 4} nodes and {len(edges)} edges, connected 3 of 4 nodes; "
         "unreachable for a robot of radius 0.4 m: in corner",
-        "L2: roadmap kept, it has 1 edges",
+        "L2: topological map kept, it has 1 edges",
     ]
     assert bare.floors["L1"].topological.nodes.items() <= nodes.items()
     assert {"west", "east", "lift1"} <= {name for edge in edges.values() for name in (edge.a, edge.b)}
     assert drawn.floors["L2"] == bare.floors["L2"]
-    assert lines(robocorba_map("check", "drawn.yaml"))[-1].startswith("drawn.yaml can be served: 2 warnings: ")
+    assert lines(robocorba_map("check", "drawn.yaml"))[-1].startswith("drawn.yaml is valid, 2 warnings: ")
     native.save(two_floors(), "roads.yaml")
     lines(robocorba_map("import", "roads.yaml", "same.yaml", "--topology"))
     assert native.load("same.yaml") == two_floors()

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, plain, robots, sensor, show, tables
+from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, members, robots, sensor, show, tables
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
@@ -47,7 +47,7 @@ SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7
 
 def test_a_scene_as_tables() -> None:
     floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
-    scene = SystemTables([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
+    scene = SystemTables([members(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
     found = {kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in tables(scene)}
     assert found == {
         "server": [
@@ -97,7 +97,7 @@ def test_a_scene_as_tables() -> None:
                 "queue": "",
             },
         ],
-        "sensor": [{"sensor process": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
+        "sensor": [{"sensor server": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
     }
     assert json.loads(json.dumps(scene._asdict()))["robots"][0]["callRate"] == 12.5
 
@@ -109,8 +109,8 @@ def test_only_robots_on_the_floors_are_shown() -> None:
 
 
 def test_a_robot_that_no_floor_knows_yet_stands() -> None:
-    (row,) = clients([client("new", "L1")], [view("L1", "A")])
-    assert row["speed"] == 0.0
+    (found,) = clients([client("new", "L1")], [view("L1", "A")])
+    assert found["speed"] == 0.0
 
 
 def test_floors_alone_tell_where_robots_are() -> None:
@@ -126,8 +126,8 @@ def test_floors_alone_tell_where_robots_are() -> None:
 
 def test_the_last_known_elevator_counts() -> None:
     later = {"E1": ElevatorState(3.5, "L2", Doors.OPEN, 1.0, (), ())}
-    (row,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
-    assert (row["cabin"], row["doors"]) == ("L2", "OPEN")
+    (found,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
+    assert (found["cabin"], found["doors"]) == ("L2", "OPEN")
 
 
 def test_an_empty_scene_has_no_tables() -> None:

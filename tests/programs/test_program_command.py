@@ -38,7 +38,7 @@ def test_a_sound_program_is_told_with_what_was_not_proved() -> None:
     result = robocorba_program("check", "fetch.json")
     assert result.exit_code == 0
     assert "note: there is no map: nothing is proved of the base" in result.output
-    assert result.output.splitlines()[-1] == "fetch.json is sound: 5 icons"
+    assert result.output.splitlines()[-1] == "fetch.json is valid: 5 icons"
 
 
 def test_drives_are_proved_on_a_map() -> None:

@@ -28,16 +28,16 @@ def point(place: Place) -> Any:
     return RoboCorba.Point(*place)
 
 
-class _Position(NamedTuple):
+class _PointStruct(NamedTuple):
     floor: str
     x: float
     y: float
 
 
-class _PathPoint(NamedTuple):
+class _PathPointStruct(NamedTuple):
     kind: Any
     node: str
-    position: _Position
+    position: _PointStruct
     heading: float
     distance: float
     time: float
@@ -45,25 +45,26 @@ class _PathPoint(NamedTuple):
 
 
 def path_points(found: Path) -> list[Any]:
-    """The PathPointSeq of a path. It runs for every getPath: directly from the rows of the path, and with tuples
-    that have the names of the members, which omniORBpy accepts like the generated classes and which take a third of
-    the time."""
-    kinds, (floors, nodes, lifts) = _POINT_KIND_BY_VALUE, found.names
-    new, make, at = tuple.__new__, _PathPoint, _Position
+    """The PathPointSeq of a path.
+
+    It runs for every getPath, and so makes named tuples with the members' names directly from the rows of the path:
+    omniORBpy accepts them like the generated classes, and they take a third of the time."""
+    kinds, (floors, nodes, elevators) = _POINT_KIND_BY_VALUE, found.names
+    new, path_point, position = tuple.__new__, _PathPointStruct, _PointStruct
     return [
         new(
-            make,
+            path_point,
             (
                 kinds[int(kind)],
                 nodes[int(node)],
-                new(at, (floors[int(floor)], x, y)),
+                new(position, (floors[int(floor)], x, y)),
                 heading,
                 distance,
                 time,
-                lifts[int(lift)],
+                elevators[int(elevator)],
             ),
         )
-        for kind, node, floor, x, y, heading, distance, time, lift in found.rows
+        for kind, node, floor, x, y, heading, distance, time, elevator in found.rows
     ]
 
 

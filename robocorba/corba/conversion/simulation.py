@@ -35,16 +35,16 @@ _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
 _NO_RESERVATION = RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
 
 
-class _Velocity(NamedTuple):
+class _VelocityStruct(NamedTuple):
     ahead: float
     left: float
     turn: float
 
 
-class _RobotState(NamedTuple):
+class _RobotStateStruct(NamedTuple):
     time: float
     at: Pose
-    moving: _Velocity
+    moving: _VelocityStruct
     holding: str
     riding: Any
     collisions: int
@@ -74,7 +74,9 @@ def pose_of(struct: Any) -> Pose:
 
 
 def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
-    return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
+    return _RobotStateStruct(
+        state.time, state.pose, _VelocityStruct(*state.velocity), holding, ride(riding), collisions, touched
+    )
 
 
 def session_state_of(struct: Any) -> SessionState:

@@ -1,4 +1,4 @@
-"""The peers of a channel, called by their object references."""
+"""Clients of the peers of a channel: their gateways and their feeds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from robocorba.stubs import RoboCorba
 CALL_TIMEOUT_S = 2.0
 #: Timeout of sending an acknowledgement [s].
 ACKNOWLEDGE_TIMEOUT_S = 0.2
-#: Timeout of finding a peer in the naming service [s].
+#: Timeout to resolve a peer [s].
 RESOLVE_TIMEOUT_S = 1.0
 
 #: Errors that the events themselves cause; retrying is useless.
@@ -60,10 +60,8 @@ class RemoteFeed:
         self.session, self.position = terms.session, terms.position
         uri = orb.uri(terms.feed)
         # Two references with a timeout each, because both are called at the same time.
-        self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
-        self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed)
-        set_call_timeout(self._remote, CALL_TIMEOUT_S)
-        set_call_timeout(self._acknowledging, ACKNOWLEDGE_TIMEOUT_S)
+        self._remote = orb.reference(uri, RoboCorba.GatewayFeed, CALL_TIMEOUT_S)
+        self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed, ACKNOWLEDGE_TIMEOUT_S)
 
     def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         try:
@@ -87,7 +85,7 @@ class RemoteFeed:
 
 
 class PeerJoiner:
-    """Finds peers, and joins their feeds on behalf of channel `name`."""
+    """Begins sessions with the feeds of peers, on behalf of channel `name`."""
 
     def __init__(self, orb: Orb, name: str, channel: Any, gateway: Any) -> None:
         self._orb, self._name, self._channel, self._gateway = orb, name, channel, gateway

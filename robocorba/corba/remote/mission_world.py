@@ -20,7 +20,7 @@ from robocorba.missions.world import MovableObject
 from robocorba.planning.request import Path, PathRequest
 from robocorba.spatial.floor_update import WHOLE, BodyKind
 
-#: Timeout of resolving a server [s].
+#: Timeout to resolve a server [s].
 RESOLVE_TIMEOUT_S = 5.0
 
 

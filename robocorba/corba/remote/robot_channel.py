@@ -10,7 +10,7 @@ from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 
-#: Timeout for finding the channel [s].
+#: Timeout to resolve the channel [s].
 RESOLVE_TIMEOUT_S = 1.0
 #: Queue of a robot in the channel; beyond its size the oldest events are discarded.
 QUEUE = QueuePolicy(size=1000)

@@ -158,9 +158,8 @@ class RemoteSession:
             raise RobotLost(str(error)) from None
         with translated("the simulation server", RobotLost):
             uri = self._orb.uri(server.registerRobot(simulation.description(about)))
-            session, slow_session = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
-            set_call_timeout(session, CALL_TIMEOUT_S)
-            set_call_timeout(slow_session, CHANGE_TIMEOUT_S)
+            session = self._orb.reference(uri, RoboCorba.RobotSession, CALL_TIMEOUT_S)
+            slow_session = self._orb.reference(uri, RoboCorba.RobotSession, CHANGE_TIMEOUT_S)
             try:
                 sensor = slow_session._get_sensor()
             except CORBA.SystemException:

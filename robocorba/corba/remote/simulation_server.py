@@ -14,7 +14,7 @@ from robocorba.simulation.omni_database import LastScan
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.stubs import RoboCorba
 
-#: Timeouts for resolving the servers at start, and of calls [s].
+#: Timeouts to resolve the servers at start, and of calls [s].
 START_TIMEOUT_S, CALL_TIMEOUT_S = 300.0, 1.0
 
 

@@ -1,4 +1,4 @@
-"""The simulation server's calls to virtual sensor servers."""
+"""Client of the virtual sensor servers, for the simulation server."""
 
 from __future__ import annotations
 
@@ -46,15 +46,17 @@ class RemoteSensors:
 
     def _assign(self, robot: str) -> Any:
         """Reference of a robot's sensor; None if no server answers now."""
-        while sensor := self._balance.assign(robot):
+        while server := self._balance.assign(robot):
             try:
-                set_call_timeout(sensor.reference, CALL_TIMEOUT_S)
-                return sensor.reference.forRobot(robot)
+                set_call_timeout(server.reference, CALL_TIMEOUT_S)
+                return server.reference.forRobot(robot)
             except CORBA.SystemException as error:
                 _log.warning(
-                    "virtual sensor %s does not answer (%s); reassigning its robots", sensor.name, describe(error)
+                    "virtual sensor server %s does not answer (%s); reassigning its robots",
+                    server.name,
+                    describe(error),
                 )
-                self._balance.remove(sensor.name)
+                self._balance.remove(server.name)
         return None
 
     def dismiss(self, reference: Any, robot: str) -> None:

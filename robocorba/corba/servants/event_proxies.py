@@ -1,4 +1,4 @@
-"""Servants of the four kinds of proxy."""
+"""Servants of the four kinds of proxy, each named after the OMG interface that its client calls."""
 
 from __future__ import annotations
 
