@@ -70,8 +70,8 @@ def import_(
         Specks,
         typer.Option(
             "--specks",
-            help="Occupied or unknown regions of ROS maps with a side up to 0.05 m: keep them, remove those beside walls, "
-            "or all.",
+            help="Occupied or unknown regions of ROS maps with a side up to 0.05 m: keep them, or remove those beside "
+            "walls, or all.",
         ),
     ] = Specks.WALLS,
 ) -> None:

@@ -83,7 +83,7 @@ class ChannelStore(RecordFile):
         self.save("proxy", record.id, record)
 
     def forget_proxy(self, id: str) -> None:
-        self.forget("proxy", id)
+        self.delete("proxy", id)
 
     def peers(self) -> list[PeerRecord]:
         return self.all("peer", PeerRecord)
@@ -92,7 +92,7 @@ class ChannelStore(RecordFile):
         self.save("peer", record.name, record)
 
     def forget_peer(self, name: str) -> None:
-        self.forget("peer", name)
+        self.delete("peer", name)
 
     def advertisements(self) -> list[Advertisement]:
         return self.all("notice", Advertisement)
