@@ -151,10 +151,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         film(folder / f"{name}.mp4", moments, found.released_s)
         wrote.append(f"{name}.mp4")
     wrong = faults(found)
+    distance_mm, height_mm = 1000 * found.distance_error_m, 1000 * found.height_error_m
     print(
-        f"The taker's gripper was shut after {found.gripped_s:.2f} s, the giver's opened after {found.released_s:.2f} s. "
-        f"Largest errors in between: hands {1000 * found.distance_error_m:.1f} mm from the sheet's ends, "
-        f"height difference {1000 * found.height_error_m:.1f} mm, misalignment {math.degrees(found.angle_error_rad):.2f} deg."
+        f"The taker's gripper was shut after {found.gripped_s:.2f} s, "
+        f"the giver's opened after {found.released_s:.2f} s. "
+        f"Largest errors in between: hands {distance_mm:.1f} mm from the sheet's ends, "
+        f"height difference {height_mm:.1f} mm, misalignment {math.degrees(found.angle_error_rad):.2f} deg."
     )
     print(f"wrote {', '.join(wrote)} in {folder}")
     for fault in wrong:

@@ -75,17 +75,17 @@ def facts(moments: Sequence[Moment]) -> Facts:
 
 def faults(found: Facts) -> list[str]:
     """The faults of a hand-over; empty if it was correct."""
+    distance_mm, height_mm = 1000 * found.distance_error_m, 1000 * found.height_error_m
+    angle_deg = math.degrees(found.angle_error_rad)
     checks = {
-        "the taker's gripper was not shut before the giver's opened": not found.gripped_s < found.released_s < math.inf,
-        f"the hands were {1000 * found.distance_error_m:.1f} mm from where the sheet's ends are": not found.distance_error_m
-        <= TOLERANCE_M,
-        f"one hand was {1000 * found.height_error_m:.1f} mm over the other": not found.height_error_m <= TOLERANCE_M,
-        f"the hands were {math.degrees(found.angle_error_rad):.1f} deg misaligned": not found.angle_error_rad
-        <= TOLERANCE_RAD,
-        "the hands were not drawn back": not found.end_distance_m >= HAND_DISTANCE_M + MIN_DRAWN_BACK_M,
-        "the taker does not hold the sheet in the end": not found.is_taken,
+        "the taker's gripper was not shut before the giver's opened": found.gripped_s < found.released_s < math.inf,
+        f"the hands were {distance_mm:.1f} mm from where the sheet's ends are": found.distance_error_m <= TOLERANCE_M,
+        f"one hand was {height_mm:.1f} mm over the other": found.height_error_m <= TOLERANCE_M,
+        f"the hands were {angle_deg:.1f} deg misaligned": found.angle_error_rad <= TOLERANCE_RAD,
+        "the hands were not drawn back": found.end_distance_m >= HAND_DISTANCE_M + MIN_DRAWN_BACK_M,
+        "the taker does not hold the sheet in the end": found.is_taken,
     }
-    return [fault for fault, is_found in checks.items() if is_found]
+    return [fault for fault, is_met in checks.items() if not is_met]
 
 
 def is_shut(state: RobotState, side: Side) -> bool:

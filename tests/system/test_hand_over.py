@@ -90,13 +90,11 @@ class Play:
         )
         return self
 
-    def _state(
-        self, robot: str, side: Side, hand: HandPose, is_shut: bool, distance_error_m: float = 0.0
-    ) -> RobotState:
+    def _state(self, robot: str, side: Side, hand: HandPose, is_shut: bool, offset_m: float = 0.0) -> RobotState:
         joints = self._kinematics.solve(side, hand, np.zeros(len(JOINTS)))
         joints[GRIP[side]] = SHUT_RAD if is_shut else OPEN_RAD
         x, y, heading = MEETING_POSES[robot]
-        return RobotState(0.0, x + distance_error_m, y, heading, joints=joints)
+        return RobotState(0.0, x + offset_m, y, heading, joints=joints)
 
 
 def test_a_hand_over_as_it_should_be(kinematics: InverseKinematics) -> None:
