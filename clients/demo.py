@@ -33,7 +33,6 @@ from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
-from robocorba.corba.calls import describe
 from robocorba.corba.conversion import paths
 from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.naming import corbaname
@@ -127,12 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             (folder / file).unlink(missing_ok=True)
         with _state_folder(logs) as state:
             is_at_goal = play(scene, folder, state, logs, console, is_filmed=not given.quick)
-    except (RoboCorbaError, OSError) as error:
-        reason = str(error)
-    except CORBA.UserException as refused:
-        reason = error_of(refused)
-    except CORBA.SystemException as failed:
-        reason = f"a call failed ({describe(failed)})"
+    except (RoboCorbaError, CORBA.Exception, OSError) as error:
+        reason = error_of(error)
     except KeyboardInterrupt as signalled:
         reason = f"ended by {str(signalled) or 'Ctrl-C'}"
     else:

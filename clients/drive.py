@@ -109,7 +109,5 @@ def main(name: str, *places: str) -> None:
 if __name__ == "__main__":
     try:
         main(*sys.argv[1:])
-    except CORBA.UserException as refused:
-        sys.exit(f"drive: {error_of(refused)}")
-    except (RoboCorbaError, TypeError, ValueError) as error:
-        sys.exit(f"drive: {error}")
+    except (RoboCorbaError, CORBA.UserException, TypeError, ValueError) as error:
+        sys.exit(f"drive: {error_of(error)}")

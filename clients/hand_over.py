@@ -275,7 +275,5 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except RoboCorbaError as error:
-        sys.exit(f"hand_over: {error}")
-    except CORBA.UserException as refused:
-        sys.exit(f"hand_over: {error_of(refused)}")
+    except (RoboCorbaError, CORBA.Exception) as error:
+        sys.exit(f"hand_over: {error_of(error)}")

@@ -7,17 +7,15 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from omniORB import CORBA
 from rich.console import Console, Group
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
-from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteFloors
-from robocorba.errors.services import NotReachable
+from robocorba.corba.remote.remote_object import RemoteObject
 from robocorba.spatial.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba
 
@@ -38,27 +36,30 @@ class RunningSimulation:
     """The running simulation on the given floors, or on all; reconnects after a failure."""
 
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
-        self._orb = orb
         self._floors = RemoteFloors(orb, floors)
-        self._server: Any = None
+        self._server = simulation_server(orb, CALL_TIMEOUT_S)
 
     def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SystemTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
         self._floors.follow(resolve_timeout_s)
         views = list(self._floors.views.values())
-        try:
-            if self._server is None:
-                interface = RoboCorba.SimulationServer
-                self._server = self._orb.resolve("SimulationServer", interface, resolve_timeout_s, CALL_TIMEOUT_S)
+
+        def read(server: Any) -> SystemTables:
             return SystemTables(
-                [members(self._server._get_state())],
-                clients(self._server.clients(), views),
+                [members(server._get_state())],
+                clients(server.clients(), views),
                 elevators(views),
-                [sensor(state) for state in self._server.sensors()],
+                [sensor(state) for state in server.sensors()],
             )
-        except CORBA.SystemException as error:
-            self._server = None
-            raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
+
+        self._server.resolve_timeout_s = resolve_timeout_s
+        return self._server.call(read)
+
+
+def simulation_server(orb: Orb, call_timeout_s: float) -> RemoteObject:
+    """The simulation server, resolved again after each failure."""
+    timeouts = RETRY_TIMEOUT_S, call_timeout_s
+    return RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts)
 
 
 # ---- state as rows ----

@@ -89,7 +89,7 @@ def _check(orb: Orb, name: str) -> ObjectStatus:
         if name and probe is None:
             return ObjectStatus(name, problem="unknown to this version of robocorba")
         if probe:
-            answered_ms = probe.ask(orb, key, TIMEOUT_S)
+            answered_ms = probe.call_object(orb, key, TIMEOUT_S)
         else:
             began = time.perf_counter()
             orb.check_naming(TIMEOUT_S)

@@ -6,30 +6,26 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from omniORB import CORBA
 from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.options import Naming, connected
-from robocorba.commands.scene import RunningSimulation, SystemTables, as_json, as_tables, show
+from robocorba.commands.scene import RunningSimulation, SystemTables, as_json, as_tables, show, simulation_server
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
 from robocorba.settings import InvalidSetting
-from robocorba.stubs import RoboCorba
 
 #: Interval between updates of the tables in a terminal [s].
 SHOW_INTERVAL_S = 0.25
 #: Interval between printed tables without a terminal [s].
 PRINT_INTERVAL_S = 1.0
 #: Timeout of a call that renders a picture [s]; the first picture of a floor is slow.
-PICTURE_LIMIT_S = 15.0
+PICTURE_TIMEOUT_S = 15.0
 
 
 def watch(
@@ -98,25 +94,18 @@ class Camera:
     def __init__(self, orb: Orb, floors: Sequence[str], width_px: int) -> None:
         if len(floors) > 1:
             raise InvalidSetting("--floor", ", ".join(floors), "a video shows one floor")
-        self._orb, self._width_px = orb, width_px
-        self._server: Any = None
+        self._width_px = width_px
+        self._database = RemoteDatabase(orb, RETRY_TIMEOUT_S)
+        self._server = simulation_server(orb, PICTURE_TIMEOUT_S)
         self._floor = floors[0] if floors else ""
 
     def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:
         """Render the floor now. Raises UnknownFloor, InvalidPicture, NotReachable."""
-        try:
-            if not self._floor:
-                database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, resolve_timeout_s, CALL_TIMEOUT_S)
-                self._floor = database.floors()[0]
-            if self._server is None:
-                interface = RoboCorba.SimulationServer
-                self._server = self._orb.resolve("SimulationServer", interface, resolve_timeout_s, PICTURE_LIMIT_S)
-            return bytes(self._server.renderFloor(self._floor, self._width_px))
-        except CORBA.UserException as error:
-            raise (idl_errors.domain_error(error) or error) from None
-        except CORBA.SystemException as error:
-            self._server = None
-            raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
+        if not self._floor:
+            self._database.set_resolve_timeout(resolve_timeout_s)
+            self._floor = self._database.floors()[0]
+        self._server.resolve_timeout_s = resolve_timeout_s
+        return bytes(self._server.call(lambda server: server.renderFloor(self._floor, self._width_px)))
 
 
 def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal) -> None:
@@ -127,7 +116,7 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal)
 
     from robocorba.video import VideoFile
 
-    outage, most = Outage(), round(seconds * fps) or math.inf
+    outage, max_pictures = Outage(), round(seconds * fps) or math.inf
     picture = camera.png(RESOLVE_TIMEOUT_S)
     video = VideoFile(file, *Image.open(io.BytesIO(picture)).size, fps)
     try:
@@ -138,7 +127,7 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal)
                     outage.note_answer()
                 except NotReachable as error:
                     note = outage.note_failure(error)
-                due = min(round(passed_s * fps) + 1, most)
+                due = min(round(passed_s * fps) + 1, max_pictures)
                 video.add(picture, times=int(due) - video.count)
                 bar(passed_s, note or f"{video.count} pictures")
     finally:

@@ -27,7 +27,6 @@ import threading
 from collections.abc import Mapping
 from functools import cached_property
 from queue import SimpleQueue
-from types import TracebackType
 from typing import Any
 
 import PortableServer
@@ -135,9 +134,7 @@ class Orb:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._restore_signal_handlers()
         self._bound_names.close()
         self._shut_down()

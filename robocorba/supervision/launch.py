@@ -10,11 +10,10 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 #: Time from SIGTERM to SIGKILL [s].
-END_LIMIT_S = 15.0
+GRACE_PERIOD_S = 15.0
 #: Runs a module as `python -P -m` does; that option came with Python 3.11.
 _WITHOUT_CURRENT_DIRECTORY = (
     "import sys; sys.path.remove(''); import runpy; sys.argv.pop(0); "
@@ -38,24 +37,22 @@ def bound_command(*command: str, cores: Sequence[int] = ()) -> tuple[str, ...]:
 
 
 class ChildProcess(subprocess.Popen[str]):
-    """A command bound to this process, running inside a `with`: SIGTERM ends it, SIGKILL after `end_limit_s`.
+    """A command bound to this process, running inside a `with`: SIGTERM ends it, SIGKILL after `grace_period_s`.
 
     Ctrl-C in the terminal does not reach it. Start it in the main thread, see `bound_command`. options: as of
     subprocess.Popen; its stdin is empty by default."""
 
     def __init__(
-        self, *command: str, cores: Sequence[int] = (), end_limit_s: float = END_LIMIT_S, **options: Any
+        self, *command: str, cores: Sequence[int] = (), grace_period_s: float = GRACE_PERIOD_S, **options: Any
     ) -> None:
-        self._end_limit_s = end_limit_s
+        self._grace_period_s = grace_period_s
         options = {"stdin": subprocess.DEVNULL, **options}
         super().__init__(bound_command(*command, cores=cores), text=True, start_new_session=True, **options)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.terminate()
         try:
-            self.wait(self._end_limit_s)
+            self.wait(self._grace_period_s)
         except subprocess.TimeoutExpired:
             self.kill()
             self.wait()
@@ -76,14 +73,12 @@ class LoggedProcess(ChildProcess):
         self._reader = threading.Thread(target=self._read, name=f"stdout of {log.stem}", daemon=True)
         self._reader.start()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        super().__exit__(kind, error, traceback)
+    def __exit__(self, *raised: object) -> None:
+        super().__exit__(*raised)
         if self.stdin is not None:
             with contextlib.suppress(OSError):
                 self.stdin.close()
-        self._reader.join(self._end_limit_s)
+        self._reader.join(self._grace_period_s)
 
     def write_line(self, line: str) -> None:
         """Write a line to its stdin, which must be a pipe. Raises OSError if it has ended."""

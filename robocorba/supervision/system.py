@@ -133,7 +133,7 @@ class System:
 
         def probe() -> None:
             for name, object_probe in server.objects.items():
-                object_probe.ask(orb, name)
+                object_probe.call_object(orb, name)
 
         def relay(line: str) -> None:
             level, _, text = line.partition(" ")

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import PIPE, Popen
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -83,9 +82,7 @@ class Launcher:
     def __enter__(self) -> Launcher:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         for process in self._started:
             family = [] if process.poll() is not None else psutil.Process(process.pid).children(recursive=True)
             process.kill()

@@ -1,4 +1,4 @@
-"""What `robocorba watch` shows of any state, and how it goes on and ends."""
+"""What `robocorba watch` shows of any state, and when it retries and ends."""
 
 from __future__ import annotations
 
@@ -108,12 +108,12 @@ def test_only_robots_on_the_floors_are_shown() -> None:
     assert [row["name"] for row in clients(both, [view("L2"), view("L1")])] == ["A", "B"]
 
 
-def test_a_robot_that_no_floor_knows_yet_stands() -> None:
+def test_a_robot_that_is_on_no_floor_yet_has_no_speed() -> None:
     (found,) = clients([client("new", "L1")], [view("L1", "A")])
     assert found["speed"] == 0.0
 
 
-def test_floors_alone_tell_where_robots_are() -> None:
+def test_robots_of_floors_without_a_server() -> None:
     scene = SystemTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
     ((kind, titles, rows),) = tables(scene)
     assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
@@ -149,7 +149,7 @@ def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
 
 
-# ---- going on ----
+# ---- signals and outages ----
 
 
 @pytest.fixture

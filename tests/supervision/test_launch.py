@@ -51,7 +51,7 @@ def test_environment_folder_cores_and_log(tmp_path: Path) -> None:
 
 
 def test_a_child_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
-    with LoggedProcess(tmp_path / "log", sys.executable, "-c", STUBBORN, end_limit_s=0.2) as child:
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", STUBBORN, grace_period_s=0.2) as child:
         assert child.read_line(20.0) == "ready\n"
     assert not child.is_running
 

@@ -10,28 +10,9 @@ from omniORB import CORBA
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.structs import BOOLEAN, SAME, STRINGS, Converter, enumeration, sequence, struct
 from robocorba.errors import maps as errors
+from robocorba.maps import model
 from robocorba.maps.changes import Change, Key
-from robocorba.maps.model import (
-    KIND_OF,
-    Area,
-    BoxShape,
-    CircleShape,
-    Door,
-    DoorKind,
-    Element,
-    ElementKind,
-    Elevator,
-    ElevatorDoor,
-    Floor,
-    MapObject,
-    PathEdge,
-    PathNode,
-    PolygonShape,
-    SegmentShape,
-    Shape,
-    Side,
-    Wall,
-)
+from robocorba.maps.model import KIND_OF, DoorKind, Element, ElementKind, Shape, Side
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 
@@ -45,10 +26,10 @@ _ENDS = {"fromPoint": "a", "toPoint": "b"}
 
 #: The discriminator of each kind of shape, and the member of its struct.
 _SHAPES = {
-    SegmentShape: (RoboCorba.SEGMENT_SHAPE, "length", SAME),
-    BoxShape: (RoboCorba.BOX_SHAPE, "size", _POINT),
-    CircleShape: (RoboCorba.CIRCLE_SHAPE, "radius", SAME),
-    PolygonShape: (RoboCorba.POLYGON_SHAPE, "points", _POINTS),
+    model.SegmentShape: (RoboCorba.SEGMENT_SHAPE, "length", SAME),
+    model.BoxShape: (RoboCorba.BOX_SHAPE, "size", _POINT),
+    model.CircleShape: (RoboCorba.CIRCLE_SHAPE, "radius", SAME),
+    model.PolygonShape: (RoboCorba.POLYGON_SHAPE, "points", _POINTS),
 }
 
 
@@ -74,27 +55,29 @@ def _shape_of(union: Any) -> Shape:
     raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
 
 
-_ELEVATOR_DOOR = struct(ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(Side))
+_ELEVATOR_DOOR = struct(model.ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(Side))
 _ELEMENTS = {
-    ElementKind.FLOOR: struct(Floor, RoboCorba.Floor, outline=_POINTS),
-    ElementKind.WALL: struct(Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
+    ElementKind.FLOOR: struct(model.Floor, RoboCorba.Floor, outline=_POINTS),
+    ElementKind.WALL: struct(model.Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
     ElementKind.OBJECT: struct(
-        *(MapObject, RoboCorba.MapObject, {"footprint": "shape"}),
+        *(model.MapObject, RoboCorba.MapObject, {"footprint": "shape"}),
         shape=Converter(_shape, _shape_of),
         at=_POINT,
         movable=BOOLEAN,
     ),
     ElementKind.DOOR: struct(
-        Door, RoboCorba.Door, _ENDS, a=_POINT, b=_POINT, kind=enumeration(DoorKind), locked=BOOLEAN
+        model.Door, RoboCorba.Door, _ENDS, a=_POINT, b=_POINT, kind=enumeration(DoorKind), locked=BOOLEAN
     ),
-    ElementKind.AREA: struct(Area, RoboCorba.Area, polygon=_POINTS),
-    ElementKind.NODE: struct(PathNode, RoboCorba.PathNode, {"inElevator": "elevator"}, at=_POINT),
+    ElementKind.AREA: struct(model.Area, RoboCorba.Area, polygon=_POINTS),
+    ElementKind.NODE: struct(model.PathNode, RoboCorba.PathNode, {"inElevator": "elevator"}, at=_POINT),
     ElementKind.EDGE: struct(
-        *(PathEdge, RoboCorba.PathEdge, {"fromNode": "a", "toNode": "b", "directed": "one_way"}),
+        *(model.PathEdge, RoboCorba.PathEdge, {"fromNode": "a", "toNode": "b", "directed": "one_way"}),
         one_way=BOOLEAN,
         graphs=STRINGS,
     ),
-    ElementKind.ELEVATOR: struct(Elevator, RoboCorba.Elevator, at=_POINT, size=_POINT, doors=sequence(_ELEVATOR_DOOR)),
+    ElementKind.ELEVATOR: struct(
+        model.Elevator, RoboCorba.Elevator, at=_POINT, size=_POINT, doors=sequence(_ELEVATOR_DOOR)
+    ),
 }
 
 
