@@ -18,7 +18,7 @@ from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.services import StartFailed
 from robocorba.settings import Address
 from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 
 #: Timeout for a process to get ready [s]; it may have to compile kernels on a busy machine.
 START_TIMEOUT_S = 600.0
@@ -65,10 +65,9 @@ class ActualRobot:
         naming, endpoint = (Address("127.0.0.1", port) for port in free_ports(2))
         self.naming = naming
         self._stack = contextlib.ExitStack()
-        names = ("-start", str(naming.port), "-always", "-nohostname", "-datadir", str(folder))
         units = ("--state", str(folder), "--endpoint", str(endpoint), "--naming", str(naming))
         self._commands = {
-            "omniNames": (find_omninames(), *names, "-ORBendPoint", f"giop:tcp:{naming}"),
+            "omniNames": naming_service_command(naming, folder),
             "smartpal": module_command("robocorba.servers.smartpal", *units),
         }
         self._folder = folder
