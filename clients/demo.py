@@ -33,8 +33,8 @@ from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
+from robocorba.corba.calls import error_of
 from robocorba.corba.conversion import paths
-from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent

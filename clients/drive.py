@@ -14,7 +14,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Settings

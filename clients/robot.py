@@ -15,7 +15,7 @@ from robocorba.control.agent import AgentState, ControlAgent
 from robocorba.control.model_switcher import Surroundings
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
-from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.data_pool import PoolFollower
 from robocorba.corba.remote.map_editor import path_node_positions

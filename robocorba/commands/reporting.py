@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import typer
 from omniORB import CORBA
 
-from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.calls import error_of
 from robocorba.errors.base import RoboCorbaError
 
 

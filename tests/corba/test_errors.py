@@ -12,7 +12,8 @@ import pytest
 from omniORB import CORBA
 
 from robocorba import errors
-from robocorba.corba.conversion.errors import MAX_TEXT, domain_error, error_of, raise_idl, registered, translating
+from robocorba.corba.calls import error_of
+from robocorba.corba.conversion.errors import MAX_TEXT, domain_error, raise_idl, registered, translating
 from robocorba.errors.base import FieldError, RoboCorbaError
 from robocorba.errors.events import UnknownPeer
 from robocorba.errors.maps import InvalidElement, StaleEdit

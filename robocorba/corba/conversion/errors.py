@@ -13,7 +13,6 @@ from typing import Any, NoReturn
 
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable, ServiceError
 
@@ -91,15 +90,6 @@ def domain_error(exception: Any) -> Exception | None:
         _load_all()
     make = _to_domain.get(type(exception))
     return make(exception) if make else None
-
-
-def error_of(error: Any) -> str:
-    """A sentence that describes any error, also one of CORBA, for display."""
-    if isinstance(error, CORBA.SystemException):
-        return f"the call failed ({describe(error)})"
-    if isinstance(error, CORBA.UserException):
-        return str(domain_error(error) or f"{type(error).__name__}: {error}")
-    return str(error)
 
 
 def _load_all() -> None:
