@@ -150,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.film:
         film(folder / f"{name}.mp4", moments, found.released_s)
         wrote.append(f"{name}.mp4")
-    wrong = faults(found)
+    found_faults = faults(found)
     distance_mm, height_mm = 1000 * found.distance_error_m, 1000 * found.height_error_m
     print(
         f"The taker's gripper was shut after {found.gripped_s:.2f} s, "
@@ -159,9 +159,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"height difference {height_mm:.1f} mm, misalignment {math.degrees(found.angle_error_rad):.2f} deg."
     )
     print(f"wrote {', '.join(wrote)} in {folder}")
-    for fault in wrong:
+    for fault in found_faults:
         print(f"wrong: {fault}")
-    return 1 if wrong else 0
+    return 1 if found_faults else 0
 
 
 def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> list[Moment]:
