@@ -15,15 +15,14 @@ from robocorba.control.agent import AgentState, ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.data_pool import PoolFollower
-from robocorba.corba.remote.paths import RemotePlanner
-from robocorba.corba.remote.places import path_node_positions
+from robocorba.corba.remote.map_editor import path_node_positions
+from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.corba.remote.session import RemoteSession
+from robocorba.corba.servants.control_agent import RobotAgentServant
 from robocorba.corba.servants.data_pool import DataPoolServant
-from robocorba.corba.servants.robot import RobotAgentServant
 from robocorba.data_pool.plans import Plans
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import PlaceTaken
@@ -112,9 +111,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 if __name__ == "__main__":
     try:
         main()
-    except RoboCorbaError as error:
-        sys.exit(f"robot: {error}")
-    except CORBA.UserException as refused:
-        sys.exit(f"robot: {error_of(refused)}")
-    except CORBA.SystemException as failed:
-        sys.exit(f"robot: a call failed ({describe(failed)})")
+    except (RoboCorbaError, CORBA.Exception) as error:
+        sys.exit(f"robot: {error_of(error)}")

@@ -20,8 +20,9 @@ from robocorba.spatial.grids import Floats
 GROUND, FLOOR, INK, EDGE = "#ffffff", "#eef0f3", "#1f2430", "#5a6270"
 #: Pictures are drawn larger by this factor and then reduced, for smooth edges.
 SUPERSAMPLING = 2
+#: Height of the line of text, size of its font, and gap between the two views [pixels].
 HEAD_PX, FONT_PX, GAP_PX = 26, 12, 6
-#: Height of the side view.
+#: Height of the side view [m].
 HEIGHT_M = 1.5
 Colour = tuple[int, int, int]
 

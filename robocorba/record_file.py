@@ -76,7 +76,7 @@ class RecordFile:
             if not done.rowcount:
                 self._db.execute("INSERT INTO records VALUES (?, ?, ?)", (kind, key, value))
 
-    def forget(self, kind: str, key: str) -> None:
+    def delete(self, kind: str, key: str) -> None:
         with self._guarded():
             self._db.execute("DELETE FROM records WHERE kind = ? AND key = ?", (kind, key))
 

@@ -11,7 +11,7 @@ from typing import Any
 from robocorba import logs
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.event_clients import RemoteClients
-from robocorba.corba.remote.event_peers import PeerJoiner, RemoteGateway
+from robocorba.corba.remote.event_gateway import PeerJoiner, RemoteGateway
 from robocorba.corba.remote.foreign_channel import ForeignChannel
 from robocorba.corba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
 from robocorba.corba.servants.event_gateway import EventGatewayServant, GatewayFeedServant

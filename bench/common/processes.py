@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from robocorba.supervision.launch import ChildProcess
+from robocorba.supervision.launch import LoggedProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,7 +18,7 @@ class ProcessFailed(Exception):
     """A process of a bench did not answer in time, or ended."""
 
 
-class Process(ChildProcess):
+class Process(LoggedProcess):
     """A command in the repository, on some cores or on all. environment: added to that of this process."""
 
     def __init__(
@@ -30,7 +31,8 @@ class Process(ChildProcess):
     ) -> None:
         self._name = " ".join(command[-4:])
         both = {**os.environ, **(environment or {})}
-        super().__init__(log, *command, cwd=ROOT, environment=both, cores=cores, pass_fds=pass_fds, has_stdin=True)
+        options = {"cwd": ROOT, "env": both, "cores": cores, "pass_fds": pass_fds, "stdin": subprocess.PIPE}
+        super().__init__(log, *command, **options)
 
     def send(self, value: Any) -> None:
         """Send a value. Raises ProcessFailed where the process has ended."""

@@ -30,7 +30,7 @@ from omniORB import CORBA
 
 from bench import RESULTS
 from robocorba.control.agent import AgentCondition
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.subplan import Carry

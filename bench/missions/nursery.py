@@ -6,7 +6,6 @@ stdin, and the robots end with it."""
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import gc
 import json
@@ -20,9 +19,7 @@ from pathlib import Path
 from robocorba.clients import robot
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.missions import carry_planning
-from robocorba.supervision.child import PR_SET_PDEATHSIG
-
-_libc = ctypes.CDLL(None)
+from robocorba.supervision.child import bind_to_parent
 
 
 def main() -> None:
@@ -45,7 +42,7 @@ def _be_robot(out: str, arguments: Sequence[str]) -> None:
     """Run a robot in the forked process. Does not return."""
     code = 1
     try:
-        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        bind_to_parent(signal.SIGTERM)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         random.seed()
         for descriptor, file, flags in ((0, os.devnull, os.O_RDONLY), (1, out, os.O_CREAT | os.O_WRONLY)):

@@ -26,8 +26,7 @@ from omniORB import CORBA
 from bench import RESULTS
 from bench.common.places import random_trips
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
+from robocorba.corba.calls import describe, error_of
 from robocorba.corba.conversion import maps, paths
 from robocorba.corba.orb import Orb
 from robocorba.maps import native
@@ -264,7 +263,7 @@ def _with_picklable_errors(call: Callable[..., T], *arguments: object) -> T:
     try:
         return call(*arguments)
     except CORBA.UserException as error:
-        raise RuntimeError(idl_errors.error_of(error)) from None
+        raise RuntimeError(error_of(error)) from None
     except CORBA.SystemException as error:
         raise RuntimeError(describe(error)) from None
 

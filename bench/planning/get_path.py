@@ -19,11 +19,13 @@ from omniORB import CORBA
 
 from bench import RESULTS
 from bench.common.places import random_places
+from robocorba.backoff import Backoff
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 from robocorba.planning.request import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
+from robocorba.supervision.launch import ChildProcess
 from robocorba.testing.report import quantile, summarize_samples
 
 CALLS, ROUNDS = 2200, 5
@@ -82,24 +84,12 @@ def canned(points: int) -> Iterator[Any]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"127.0.0.1:{probe.getsockname()[1]}"
-    command = [sys.executable, "-m", "bench.planning.canned_answer", endpoint, str(points)]
-    server = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    try:
+    command = (sys.executable, "-m", "bench.planning.canned_answer", endpoint, str(points))
+    with ChildProcess(*command, stderr=subprocess.DEVNULL):
         orb = CORBA.ORB_init([], CORBA.ORB_ID)
         planner = orb.string_to_object(f"corbaloc:iiop:{endpoint}/PathPlanner")._unchecked_narrow(RoboCorba.PathPlanner)
-        deadline = time.monotonic() + 20
-        while True:
-            try:
-                planner._non_existent()
-                break
-            except CORBA.TRANSIENT:
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(0.1)
+        Backoff(0.1, 0.1).call(planner._non_existent, 20.0, CORBA.TRANSIENT)
         yield planner
-    finally:
-        server.terminate()
-        server.wait(timeout=20)
 
 
 def _is_reachable(planner: Any, start: Any, goal: Any) -> bool:

@@ -14,13 +14,13 @@ import numpy as np
 
 from bench.common.processes import Process
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
 
@@ -45,8 +45,7 @@ def stand_in(folder: Path, orb: Orb, host: str = "127.0.0.1", within: Sequence[s
     names.mkdir()
     with claimed_ports() as port:
         naming = Address(host, port)
-        own = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
-        own_naming = (*within, find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
+        own_naming = (*within, *naming_service_command(naming, names))
         robot = (
             sys.executable,
             "-m",

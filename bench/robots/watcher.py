@@ -21,7 +21,7 @@ from collections.abc import Callable
 from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
@@ -32,7 +32,7 @@ LOOK_S = 0.002
 #: Most observations that wait to be printed: one minute.
 MAX_LOOKS = 30_000
 #: Timeouts for resolving and for calls [s].
-RESOLVE_TIMEOUT_S, CALL_LIMIT_S = 0.5, 1.0
+RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S = 0.5, 1.0
 #: A base below this speed is stationary [m/s] and [rad/s].
 STANDS_M_S = 0.005
 _MOBILITY_BUSY = 0x11
@@ -46,7 +46,7 @@ def building(orb: Orb, floor: str, name: str) -> Look:
     def look() -> list[float]:
         try:
             if not copy:
-                database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, RESOLVE_TIMEOUT_S, CALL_LIMIT_S)
+                database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S)
                 copy.append(RemoteFloor(database, floor))
             copy[0].follow()
         except RoboCorbaError:
@@ -63,8 +63,8 @@ def building(orb: Orb, floor: str, name: str) -> Look:
 
 def units(orb: Orb, naming: Address) -> Look:
     """Observes the robot's base and left arm through the robot's public interface."""
-    mobility = orb.resolve_in_other_naming_service(naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_LIMIT_S)
-    arm = orb.resolve_in_other_naming_service(naming, "MnpL", _GlobalIDL.ArmUnit, CALL_LIMIT_S)
+    mobility = orb.resolve_in_other_naming_service(naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_TIMEOUT_S)
+    arm = orb.resolve_in_other_naming_service(naming, "MnpL", _GlobalIDL.ArmUnit, CALL_TIMEOUT_S)
 
     def look() -> list[float]:
         _, state, _ = mobility.getState()
@@ -78,7 +78,7 @@ def units(orb: Orb, naming: Address) -> Look:
 def main(what: str, naming: str, *more: str) -> None:
     looks: deque[list[float]] = deque(maxlen=MAX_LOOKS)
     ended = threading.Event()
-    with Orb(Address.parse(naming, "HOST:PORT"), call_timeout_s=CALL_LIMIT_S) as orb:
+    with Orb(Address.parse(naming, "HOST:PORT"), call_timeout_s=CALL_TIMEOUT_S) as orb:
         look = building(orb, *more) if what == "building" else units(orb, orb.naming)
         look()
 

@@ -22,8 +22,7 @@ import psutil
 from omniORB import CORBA
 
 from bench.common.processes import Process
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
+from robocorba.corba.calls import describe, error_of
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.repeating import Repeating
@@ -234,7 +233,7 @@ def checked_call(call: Callable[..., Any], *arguments: object) -> Any:
     try:
         return call(*arguments)
     except CORBA.UserException as error:
-        raise RuntimeError(idl_errors.error_of(error)) from None
+        raise RuntimeError(error_of(error)) from None
     except CORBA.OBJECT_NOT_EXIST as error:
         raise LoggedOff(describe(error)) from None
     except CORBA.SystemException as error:

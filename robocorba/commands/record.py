@@ -8,13 +8,11 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.reporting import reporting
-from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absence, Stop, progress
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteFloors
+from robocorba.commands.options import Naming, connected
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
+from robocorba.corba.remote.omni_database import RemoteFloors
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
-from robocorba.settings import Settings
 from robocorba.simulation.recording import Recorder
 from robocorba.stubs import RoboCorba
 
@@ -22,8 +20,8 @@ from robocorba.stubs import RoboCorba
 POLL_INTERVAL_S = 0.05
 #: Longest interval between recorded updates of an unchanged floor [s].
 MAX_PAUSE_S = 1.0
-#: Time to wait for a server that does not answer [s].
-ABSENCE_LIMIT_S = 30.0
+#: Time for which the command retries while a server does not answer [s].
+OUTAGE_LIMIT_S = 30.0
 
 
 def record(
@@ -31,13 +29,11 @@ def record(
     floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Record this floor only; repeatable.")] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Duration [s]; 0: until Ctrl-C.")] = 0.0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
-    naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-    ] = None,
+    naming: Naming = None,
 ) -> None:
     """Record floors of the running simulation, 20 times a second, until Ctrl-C or SIGTERM."""
-    with reporting("record"), Orb(Settings.read(naming=naming).naming) as orb:
-        stop = Stop()
+    with connected("record", naming) as orb:
+        stop = StopSignal()
         floors = floor or []
         RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
@@ -49,18 +45,20 @@ def record(
             typer.echo(f"wrote {file}: {recorder.count} updates, {recorder.size} bytes")
 
 
-def follow(floors: RemoteFloors, recorder: Recorder, seconds: float, stop: Stop) -> None:
+def follow(
+    floors: RemoteFloors, recorder: Recorder, seconds: float, stop: StopSignal, outage_limit_s: float = OUTAGE_LIMIT_S
+) -> None:
     """Record changes until stopped. Raises UnknownFloor, InvalidRecording, NotReachable."""
-    absence = Absence(ABSENCE_LIMIT_S)
+    outage = Outage(outage_limit_s)
     began = time.time()
     written_at: dict[str, float] = {}
     with progress(seconds) as bar:
         for passed_s in stop.ticks(POLL_INTERVAL_S, seconds):
             try:
                 updates = floors.follow(RETRY_TIMEOUT_S)
-                absence.end()
+                outage.note_answer()
             except NotReachable as error:
-                bar(passed_s, absence.go_on(error))
+                bar(passed_s, outage.note_failure(error))
                 continue
             for update in updates:
                 # Unchanged floors are recorded too, if rarely, to record the passing of time.

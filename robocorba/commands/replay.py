@@ -15,7 +15,7 @@ from rich.live import Live
 
 from robocorba.commands.reporting import reporting
 from robocorba.commands.scene import SystemTables, as_tables, elevators, robots, show
-from robocorba.commands.waiting import Stop, progress
+from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.settings import InvalidSetting
@@ -72,7 +72,7 @@ def scene(views: Mapping[str, FloorView]) -> SystemTables:
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
     """Play a recording as tables in the terminal. Raises UnknownFloor, InvalidRecording."""
-    stop = Stop()
+    stop = StopSignal()
     began = time.monotonic()
     with Live(auto_refresh=False) as live:
         for at_s, views in recording.sampled(SHOW_INTERVAL_S * speed, floors):
@@ -102,7 +102,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
 
     from robocorba.video import VideoFile
 
-    stop, draw = Stop(), painting(recording, width_px)
+    stop, draw = StopSignal(), painting(recording, width_px)
     size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
     with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:
         for at_s, views in recording.sampled(speed / fps, [floor]):

@@ -7,17 +7,15 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from omniORB import CORBA
 from rich.console import Console, Group
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
-from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import CALL_LIMIT_S, RemoteFloors
-from robocorba.errors.services import NotReachable
+from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteFloors
+from robocorba.corba.remote.remote_object import RemoteObject
 from robocorba.spatial.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba
 
@@ -34,37 +32,40 @@ class SystemTables(NamedTuple):
     sensors: Sequence[Row] = ()
 
 
-class System:
+class RunningSimulation:
     """The running simulation on the given floors, or on all; reconnects after a failure."""
 
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
-        self._orb = orb
         self._floors = RemoteFloors(orb, floors)
-        self._server: Any = None
+        self._server = simulation_server(orb, CALL_TIMEOUT_S)
 
-    def look(self, find_s: float = RETRY_TIMEOUT_S) -> SystemTables:
+    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SystemTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
-        self._floors.follow(find_s)
+        self._floors.follow(resolve_timeout_s)
         views = list(self._floors.views.values())
-        try:
-            if self._server is None:
-                interface = RoboCorba.SimulationServer
-                self._server = self._orb.resolve("SimulationServer", interface, find_s, CALL_LIMIT_S)
+
+        def read(server: Any) -> SystemTables:
             return SystemTables(
-                [plain(self._server._get_state())],
-                clients(self._server.clients(), views),
+                [members(server._get_state())],
+                clients(server.clients(), views),
                 elevators(views),
-                [sensor(state) for state in self._server.sensors()],
+                [sensor(state) for state in server.sensors()],
             )
-        except CORBA.SystemException as error:
-            self._server = None
-            raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
+
+        self._server.resolve_timeout_s = resolve_timeout_s
+        return self._server.call(read)
+
+
+def simulation_server(orb: Orb, call_timeout_s: float) -> RemoteObject:
+    """The simulation server, resolved again after each failure."""
+    timeouts = RETRY_TIMEOUT_S, call_timeout_s
+    return RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts)
 
 
 # ---- state as rows ----
 
 
-def plain(struct: Any) -> Row:
+def members(struct: Any) -> Row:
     """Members of a struct of numbers and strings."""
     return dict(vars(struct))
 
@@ -93,7 +94,7 @@ def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
     return [
         {
             "name": state.name,
-            **plain(state.at),
+            **members(state.at),
             "speed": speeds.get(state.name, 0.0),
             "since": state.since,
             "silent": state.silent,
@@ -125,19 +126,19 @@ def elevators(views: Iterable[FloorView]) -> list[Row]:
 
 def sensor(state: Any) -> Row:
     """The row of a SensorState."""
-    return {"name": state.name, **plain(state.load), "robots": state.robots}
+    return {"name": state.name, **members(state.load), "robots": state.robots}
 
 
 # ---- rows as tables ----
 
 
-def _word(value: object) -> str:
+def _name(value: object) -> str:
     text = str(value)
     return text if text.isprintable() else repr(text)[1:-1]
 
 
-def _words(values: Iterable[str]) -> str:
-    return ", ".join(map(_word, values))
+def _names(values: Iterable[str]) -> str:
+    return ", ".join(map(_name, values))
 
 
 def _pace(value: float) -> str:
@@ -158,8 +159,8 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("map version", "mapVersion", str),
     ),
     "robot": (
-        ("robot", "name", _word),
-        ("floor", "floor", _word),
+        ("robot", "name", _name),
+        ("floor", "floor", _name),
         ("x [m]", "x", "{:.2f}".format),
         ("y [m]", "y", "{:.2f}".format),
         ("heading [°]", "heading", lambda value: f"{math.degrees(value):.0f}"),
@@ -167,19 +168,19 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("silent [s]", "silent", "{:.2f}".format),
         ("calls/s", "callRate", "{:.1f}".format),
         ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
-        ("sensor", "sensor", _word),
+        ("sensor", "sensor", _name),
     ),
     "elevator": (
-        ("elevator", "name", _word),
-        ("cabin", "cabin", lambda value: _word(value) or "travelling"),
+        ("elevator", "name", _name),
+        ("cabin", "cabin", lambda value: _name(value) or "travelling"),
         ("height [m]", "height", "{:.2f}".format),
         ("doors", "doors", str.lower),
         ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
-        ("riders", "riders", _words),
-        ("queue", "queue", _words),
+        ("riders", "riders", _names),
+        ("queue", "queue", _names),
     ),
     "sensor": (
-        ("sensor server", "name", _word),
+        ("sensor server", "name", _name),
         ("robots", "robots", str),
         ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
         ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),

@@ -85,7 +85,7 @@ class ChannelStore(RecordFile):
         self.save("proxy", proxy.id, proxy)
 
     def forget_proxy(self, id: str) -> None:
-        self.forget("proxy", id)
+        self.delete("proxy", id)
 
     def peers(self) -> list[Peer]:
         return self.all("peer", Peer)
@@ -94,7 +94,7 @@ class ChannelStore(RecordFile):
         self.save("peer", peer.name, peer)
 
     def forget_peer(self, name: str) -> None:
-        self.forget("peer", name)
+        self.delete("peer", name)
 
     def advertisements(self) -> list[Advertisement]:
         return self.all("notice", Advertisement)

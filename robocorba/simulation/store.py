@@ -85,7 +85,7 @@ class SimulationStore(RecordFile):
         self.save("client", record.key, record)
 
     def forget_client(self, key: str) -> None:
-        self.forget("client", key)
+        self.delete("client", key)
 
     def world(self) -> WorldRecord | None:
         """The last world record; None if none was written."""
@@ -144,5 +144,5 @@ class SimulationStore(RecordFile):
         with self._writing_missions:
             if name not in self._missions:
                 raise UnknownMission(name)
-            self.forget("mission", name)
+            self.delete("mission", name)
             del self._missions[name]

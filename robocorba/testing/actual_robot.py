@@ -13,7 +13,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import Launcher, claimed_ports, eventually
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,8 +42,7 @@ def running_stand_in(folder: Path, *arguments: str, orb: Orb | None = None) -> I
         naming = Address("127.0.0.1", port)
         names = folder / "names"
         names.mkdir(exist_ok=True)
-        options = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
-        launch(find_omninames(), *options, "-ORBendPoint", f"giop:tcp:{naming}")
+        launch(*naming_service_command(naming, names))
         process = launch(
             *(*module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
             *("--endpoint", f"127.0.0.1:{port + 1}", "--naming", str(naming), *arguments),

@@ -21,7 +21,7 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
 from robocorba.repeating import Repeating

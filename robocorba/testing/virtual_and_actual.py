@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from robocorba.control.agent import AgentState
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import Side
 from robocorba.testing.processes import ROBOCORBA, Launcher

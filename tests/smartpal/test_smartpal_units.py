@@ -11,7 +11,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.remote import smartpal_units
-from robocorba.corba.remote.smartpal_units import CALL_LIMIT_S, RemoteSmartPalUnits, units_at
+from robocorba.corba.remote.smartpal_units import CALL_TIMEOUT_S, RemoteSmartPalUnits, units_at
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import Side
@@ -145,7 +145,7 @@ def test_a_call_is_repeated_only_after_a_short_pause_of_this_process(
     monkeypatch.setattr(smartpal_units, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
     def answer() -> Any:
-        now[0] += CALL_LIMIT_S + paused_s
+        now[0] += CALL_TIMEOUT_S + paused_s
         return CORBA.TIMEOUT() if len(notes.calls) == 1 else (True, 90.0)
 
     notes.answers = {("GripperL", "getFeedback"): answer}

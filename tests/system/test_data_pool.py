@@ -16,7 +16,7 @@ import pytest
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.remote.data_pool import PoolFollower, RemotePool
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import UnknownPlan

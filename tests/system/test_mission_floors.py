@@ -18,9 +18,9 @@ import pytest
 
 from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
-from robocorba.corba.remote.floors import RemoteDatabase
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.missions.formation import HAND_M

@@ -16,7 +16,7 @@ import pytest
 from robocorba.control.agent import AgentCondition, AgentState
 from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
 from robocorba.errors.services import NotReachable

@@ -14,7 +14,7 @@ import pytest
 from robocorba.control.agent import AgentCondition, AgentState
 from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import IllegalOrder
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps

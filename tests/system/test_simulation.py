@@ -16,7 +16,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.spatial import floor_format
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually

@@ -22,8 +22,9 @@ from bench.common.processes import Process
 from bench.events.network import mission
 from bench.events.network.load import Core
 from bench.events.network.networks import SUBNET_OF, Counts, Network, counts
+from robocorba.settings import Address
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 
 STANDARD, FEDERATED = "standard", "federated"
 SET_UPS = (STANDARD, FEDERATED)
@@ -186,16 +187,7 @@ def experiment(network: Network, folder: Path, leaders_core: int, cores: Sequenc
         naming = network.address("server", "naming", "server")
         data = folder / "naming"
         data.mkdir()
-        command = (
-            find_omninames(),
-            "-start",
-            naming.rsplit(":", 1)[1],
-            "-always",
-            "-nohostname",
-            "-datadir",
-            str(data),
-        )
-        start("server", "naming", "omniNames", *command, "-ORBendPoint", f"giop:tcp:{naming}")
+        start("server", "naming", "omniNames", *naming_service_command(Address.parse(naming), data))
         channel("server", "central", CENTRAL)
         channel("server", "channel", CHANNEL_OF["II"], "--peer", CHANNEL_OF["I"])
         channel("channel", "channel", CHANNEL_OF["I"], "--peer", CHANNEL_OF["II"])

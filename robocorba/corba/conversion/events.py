@@ -43,7 +43,6 @@ from robocorba.stubs import RoboCorba
 
 values.patch_omniorb()  # events may hold values of any type
 
-_ENCODINGS = {Encoding.MSGPACK: RoboCorba.MSGPACK, Encoding.CDR_ANY: RoboCorba.CDR_ANY}
 #: By the value of the enumerator; hashing it would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
 _RULES = {rule: getattr(RoboCorba, rule.name) for rule in OverflowRule}
@@ -274,55 +273,40 @@ def proxy_state(proxy: ProxySnapshot) -> Any:
 def link_states(link: LinkSnapshot) -> list[Any]:
     """The LinkStates of both directions."""
     feed, gateway = link.feed, link.gateway
-    conditions = {True: RoboCorba.UP, False: RoboCorba.DOWN}
     return [
-        RoboCorba.LinkState(
-            link.peer,
-            RoboCorba.INCOMING,
-            conditions[gateway.is_up],
-            gateway.problem,
-            max(0, gateway.joins - 1),
-            gateway.lag_s,
-            gateway.packets,
-            gateway.bytes,
-            gateway.duplicates,
-            0,
-            patterns(link.wanted_here),
-            account(gateway.totals),
-        ),
-        RoboCorba.LinkState(
-            link.peer,
-            RoboCorba.OUTGOING,
-            conditions[feed.is_up],
-            feed.problem,
-            max(0, feed.joins - 1),
-            feed.oldest_s,
-            feed.packets,
-            feed.bytes,
-            0,
-            feed.unseen,
-            patterns(link.wanted_there),
-            account(feed.totals),
-        ),
+        _link_state(link.peer, RoboCorba.INCOMING, gateway, gateway.lag_s, gateway.duplicates, 0, link.wanted_here),
+        _link_state(link.peer, RoboCorba.OUTGOING, feed, feed.oldest_s, 0, feed.unseen, link.wanted_there),
     ]
+
+
+def _link_state(
+    peer: str, direction: Any, end: Any, lag_s: float, repeated: int, unseen: int, wanted: Iterable[Pattern]
+) -> Any:
+    """The LinkState of one direction. end: state of this channel's feed or gateway."""
+    condition, rejoins = RoboCorba.UP if end.is_up else RoboCorba.DOWN, max(0, end.joins - 1)
+    return RoboCorba.LinkState(
+        *(peer, direction, condition, end.problem, rejoins, lag_s, end.packets, end.bytes, repeated, unseen),
+        patterns(wanted),
+        account(end.totals),
+    )
 
 
 def foreign_states(link: ForeignLink) -> list[Any]:
     """The LinkStates of both directions of a link with a foreign channel."""
     condition = RoboCorba.DOWN if link.problem else RoboCorba.UP
     everything = patterns([EVERYTHING])
-    reconnects = max(0, link.connections - 1)
-    incoming, outgoing = account(link.received_totals()), account(link.proxy.totals())
+
+    def state(direction: Any, lag_s: float, repeated: int, totals: Totals) -> Any:
+        reconnects = max(0, link.connections - 1)
+        counts = lag_s, 0, 0, repeated, 0
+        return RoboCorba.LinkState(
+            link.name, direction, condition, link.problem, reconnects, *counts, everything, account(totals)
+        )
+
     return [
-        RoboCorba.LinkState(
-            link.name, RoboCorba.INCOMING, condition, link.problem, reconnects, link.lag_s, 0, 0, link.duplicates, 0,
-            everything, incoming,
-        ),
-        RoboCorba.LinkState(
-            link.name, RoboCorba.OUTGOING, condition, link.problem, reconnects, link.proxy.oldest_s(), 0, 0, 0, 0,
-            everything, outgoing,
-        ),
-    ]  # fmt: skip
+        state(RoboCorba.INCOMING, link.lag_s, link.duplicates, link.received_totals()),
+        state(RoboCorba.OUTGOING, link.proxy.oldest_s(), 0, link.proxy.totals()),
+    ]
 
 
 def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:

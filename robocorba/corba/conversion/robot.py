@@ -10,15 +10,11 @@ from robocorba.control.agent import AgentCondition, AgentState
 from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
+from robocorba.corba.conversion.structs import Converter, enumeration, struct
 from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba
-
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in AgentCondition}
-_CONDITION_OF = {struct: condition for condition, struct in _CONDITIONS.items()}
-_RESULTS = {result: getattr(RoboCorba, result.name) for result in ProgramResult}
-_RESULT_OF = {struct: result for result, struct in _RESULTS.items()}
 
 
 def actor_state(state: RobotState) -> Any:
@@ -33,16 +29,16 @@ def actor_state(state: RobotState) -> Any:
     )
 
 
-def fill(state: RobotState, struct: Any) -> None:
+def fill(state: RobotState, found: Any) -> None:
     """Copy an ActorState into a state."""
-    state.time, state.x, state.y, state.heading = struct.time, struct.x, struct.y, struct.heading
-    state.velocity = struct.moving.ahead, struct.moving.left, struct.moving.turn
-    state.joints, state.joint_velocities = np.array(struct.joints), np.array(struct.jointVelocities)
+    state.time, state.x, state.y, state.heading = found.time, found.x, found.y, found.heading
+    state.velocity = found.moving.ahead, found.moving.left, found.moving.turn
+    state.joints, state.joint_velocities = np.array(found.joints), np.array(found.jointVelocities)
 
 
-def actor_state_of(struct: Any) -> RobotState:
+def actor_state_of(found: Any) -> RobotState:
     state = RobotState()
-    fill(state, struct)
+    fill(state, found)
     return state
 
 
@@ -55,70 +51,43 @@ def actor_command(command: ActorCommand) -> Any:
     )
 
 
-def actor_command_of(struct: Any) -> ActorCommand:
+def actor_command_of(found: Any) -> ActorCommand:
     """Raises AdaptorFailed for an inconsistent or non-finite command."""
-    wanted = struct.wanted
+    wanted = found.wanted
     velocity = wanted.ahead, wanted.left, wanted.turn
-    joints, velocities = np.array(struct.joints, float), np.array(struct.jointVelocities, float)
+    joints, velocities = np.array(found.joints, float), np.array(found.jointVelocities, float)
     if len(joints) != len(velocities):
         raise AdaptorFailed(f"the command has {len(joints)} joints, but {len(velocities)} joint velocities")
-    if not np.isfinite([*velocity, struct.validFor, *joints, *velocities]).all():
+    if not np.isfinite([*velocity, found.validFor, *joints, *velocities]).all():
         raise AdaptorFailed("the command has a value that is not a finite number")
-    return ActorCommand(velocity, joints, velocities, struct.validFor)
+    return ActorCommand(velocity, joints, velocities, found.validFor)
+
+
+_REPORT = struct(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
+_AGENT_STATE = struct(
+    *(AgentState, RoboCorba.AgentState, {"tickJitter": "jitter_s"}),
+    condition=enumeration(AgentCondition),
+    at=Converter(lambda pose: pose, pose_of),
+    actor=Converter(actor_state, actor_state_of),
+    program=_REPORT,
+)
 
 
 def agent_state(state: AgentState) -> Any:
-    return RoboCorba.AgentState(
-        state.name,
-        state.adaptor,
-        _CONDITIONS[state.condition],
-        state.reason,
-        state.at,
-        actor_state(state.actor),
-        state.speed_cap,
-        state.jitter_s,
-        report(state.program),
-    )
+    return _AGENT_STATE.to_idl(state)
 
 
-def agent_state_of(struct: Any) -> AgentState:
-    return AgentState(
-        struct.name,
-        struct.adaptor,
-        _CONDITION_OF[struct.condition],
-        struct.reason,
-        pose_of(struct.at),
-        actor_state_of(struct.actor),
-        struct.speedCap,
-        struct.tickJitter,
-        report_of(struct.program),
-    )
-
-
-def report(found: ProgramReport) -> Any:
-    return RoboCorba.ProgramReport(
-        found.name, _RESULTS[found.result], found.icon, found.kind, found.reason, found.icons_done, found.seconds
-    )
-
-
-def report_of(struct: Any) -> ProgramReport:
-    return ProgramReport(
-        struct.name,
-        _RESULT_OF[struct.result],
-        struct.icon,
-        struct.kind,
-        struct.reason,
-        struct.iconsDone,
-        struct.seconds,
-    )
+def agent_state_of(found: Any) -> AgentState:
+    state: AgentState = _AGENT_STATE.from_idl(found)
+    return state
 
 
 def begun(icon: IconBegun) -> Any:
     return RoboCorba.IconBegun(*icon)
 
 
-def begun_of(struct: Any) -> IconBegun:
-    return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
+def begun_of(found: Any) -> IconBegun:
+    return IconBegun(found.number, found.icon, found.kind, found.seconds)
 
 
 register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")

@@ -19,17 +19,17 @@ from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
 
 
-class _ScanData(NamedTuple):
+class _ScanDataStruct(NamedTuple):
     time: float
     firstAngle: float
     step: float
     distances: list[float]
 
 
-class _SensorData(NamedTuple):
+class _SensorDataStruct(NamedTuple):
     robot: str
     at: Pose
-    seen: _ScanData
+    seen: _ScanDataStruct
 
 
 def spec_of(struct: Any) -> ScanSpec:
@@ -84,12 +84,12 @@ def places_of(structs: Sequence[Any]) -> Floats:
 
 def scan(result: ScanResult, found: ScanSpec) -> Any:
     """The scan of a result with one sensor."""
-    return _ScanData(result.time, found.fan.first_rad, found.fan.step_rad, result.distances[0].tolist())
+    return _ScanDataStruct(result.time, found.fan.first_rad, found.fan.step_rad, result.distances[0].tolist())
 
 
 def last_scan(found: LastScan) -> Any:
-    return _SensorData(
-        found.robot, found.at, _ScanData(found.time, found.first_rad, found.step_rad, found.distances.tolist())
+    return _SensorDataStruct(
+        found.robot, found.at, _ScanDataStruct(found.time, found.first_rad, found.step_rad, found.distances.tolist())
     )
 
 

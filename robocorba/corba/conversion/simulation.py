@@ -12,6 +12,7 @@ from omniORB import CORBA
 from robocorba.control.session import SessionState
 from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.corba.conversion.maps import xy, xy_of
+from robocorba.corba.conversion.structs import Converter, struct
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import Phase, RideStatus
@@ -35,46 +36,50 @@ _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
 _NO_RESERVATION = RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
 
 
-class _Velocity(NamedTuple):
+class _VelocityStruct(NamedTuple):
     ahead: float
     left: float
     turn: float
 
 
-class _RobotState(NamedTuple):
+class _RobotStateStruct(NamedTuple):
     time: float
     at: Pose
-    moving: _Velocity
+    moving: _VelocityStruct
     holding: str
     riding: Any
     collisions: int
     touched: str
 
 
-def description_of(struct: Any) -> Description:
-    """Raises InvalidDescription."""
-    limits = struct.limits
-    return Description(
-        struct.name,
-        pose_of(struct.start),
-        struct.radius,
-        struct.mass,
-        Limits(limits.speed, limits.turn, limits.acceleration, limits.turnAcceleration),
-    )
-
-
-def description(about: Description) -> Any:
-    return RoboCorba.RobotDescription(
-        about.name, about.pose, about.radius_m, about.mass_kg, RoboCorba.MotionLimits(*about.limits)
-    )
-
-
 def pose_of(struct: Any) -> Pose:
     return Pose(struct.floor, struct.x, struct.y, struct.heading)
 
 
+_DESCRIPTION = struct(
+    *(Description, RoboCorba.RobotDescription, {"start": "pose", "radius": "radius_m", "mass": "mass_kg"}),
+    pose=Converter(lambda pose: pose, pose_of),
+    limits=Converter(
+        lambda limits: RoboCorba.MotionLimits(*limits),
+        lambda found: Limits(found.speed, found.turn, found.acceleration, found.turnAcceleration),
+    ),
+)
+
+
+def description_of(found: Any) -> Description:
+    """Raises InvalidDescription."""
+    about: Description = _DESCRIPTION.from_idl(found)
+    return about
+
+
+def description(about: Description) -> Any:
+    return _DESCRIPTION.to_idl(about)
+
+
 def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
-    return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
+    return _RobotStateStruct(
+        state.time, state.pose, _VelocityStruct(*state.velocity), holding, ride(riding), collisions, touched
+    )
 
 
 def session_state_of(struct: Any) -> SessionState:

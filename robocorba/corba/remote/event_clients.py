@@ -20,7 +20,7 @@ from robocorba.events.queue import QueueItem
 from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
-DISCONNECT_LIMIT_S = 1.0
+DISCONNECT_TIMEOUT_S = 1.0
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -29,15 +29,15 @@ _GONE = (CORBA.OBJECT_NOT_EXIST, CORBA.INV_OBJREF, CORBA.BAD_OPERATION, CORBA.NO
 _TRANSPORT_FAILURES = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT, CORBA.NO_RESOURCES, CORBA.NO_MEMORY)
 
 
-def delivery_failure(wrong: CORBA.Exception) -> EventError:
+def delivery_failure(error: CORBA.Exception) -> EventError:
     """The domain error for an exception of a call to a client: NotDelivered, Unconfirmed, Refused or ClientGone."""
-    if isinstance(wrong, CosEventComm.Disconnected):
+    if isinstance(error, CosEventComm.Disconnected):
         return ClientGone("it answers that it is disconnected")
-    if isinstance(wrong, _GONE):
-        return ClientGone(describe(wrong))
-    if isinstance(wrong, _TRANSPORT_FAILURES):
-        return (NotDelivered if wrong.completed == CORBA.COMPLETED_NO else Unconfirmed)(describe(wrong))
-    return Refused(describe(wrong))
+    if isinstance(error, _GONE):
+        return ClientGone(describe(error))
+    if isinstance(error, _TRANSPORT_FAILURES):
+        return (NotDelivered if error.completed == CORBA.COMPLETED_NO else Unconfirmed)(describe(error))
+    return Refused(describe(error))
 
 
 class _RemoteClient:
@@ -58,7 +58,7 @@ class _RemoteClient:
 
     def disconnect(self) -> None:
         try:
-            self._set_limit(DISCONNECT_LIMIT_S)
+            self._set_limit(DISCONNECT_TIMEOUT_S)
             getattr(self._remote, self._disconnect_operation)()
         except CORBA.Exception as error:
             _log.info("could not notify %s of its disconnection (%s)", self.address, describe(error))
@@ -147,7 +147,7 @@ class RemotePullConsumer(_RemoteClient):
 
 
 class RemoteClients:
-    """Makes the ports of clients from their references."""
+    """Makes clients of proxies from their references."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb

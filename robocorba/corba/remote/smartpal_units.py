@@ -24,7 +24,7 @@ from robocorba.spatial.grids import Floats
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 
 #: Timeout of a call [s].
-CALL_LIMIT_S = 0.3
+CALL_TIMEOUT_S = 0.3
 #: A call that exceeds its timeout by this time [s] was late because this process was paused, not because of the unit.
 _PAUSED_S = 0.05
 #: After a longer pause [s] no call is repeated: the robot must not continue an old motion.
@@ -72,13 +72,13 @@ class RemoteSmartPalUnits:
     resolved.
 
     Every method raises UnitFailed with the return or state code if a unit refuses, and AdaptorFailed if it does not
-    answer within CALL_LIMIT_S. Thread-safe."""
+    answer within CALL_TIMEOUT_S. Thread-safe."""
 
     def __init__(self, orb: Orb, naming: Address) -> None:
         self._units: dict[str, Any] = {}
         for unit, (name, interface) in _BOUND.items():
             try:
-                self._units[unit] = orb.resolve_in_other_naming_service(naming, name, interface, CALL_LIMIT_S)
+                self._units[unit] = orb.resolve_in_other_naming_service(naming, name, interface, CALL_TIMEOUT_S)
             except NotReachable as error:
                 raise AdaptorFailed(str(error)) from None
 
@@ -201,7 +201,7 @@ class RemoteSmartPalUnits:
         try:
             return self._call_once(unit, operation, *arguments)
         except AdaptorFailed:
-            if not CALL_LIMIT_S + _PAUSED_S < time.monotonic() - began < _MAX_PAUSE_S:
+            if not CALL_TIMEOUT_S + _PAUSED_S < time.monotonic() - began < _MAX_PAUSE_S:
                 raise
             return self._call_once(unit, operation, *arguments)
 

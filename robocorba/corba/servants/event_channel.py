@@ -1,4 +1,4 @@
-"""Servants of a channel and its two admins."""
+"""Servants of an event channel, its ConsumerAdmin and its SupplierAdmin."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 
 
 class _Admin:
-    """Base of both admins."""
+    """Base of ConsumerAdmin and SupplierAdmin, which hand out proxies to clients."""
 
     def __init__(self, proxies: Proxies, objects: ChannelObjects) -> None:
         self._proxies, self._objects = proxies, objects

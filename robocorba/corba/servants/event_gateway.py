@@ -1,4 +1,4 @@
-"""Servants of the two ends of links."""
+"""Servants of the two ends of a link between channels: the feed that sends, and the gateway that receives."""
 
 from __future__ import annotations
 

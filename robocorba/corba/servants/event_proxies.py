@@ -1,4 +1,4 @@
-"""Servants of the four kinds of proxy."""
+"""Servants of the four kinds of proxy, each named after the OMG interface that its client calls."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.stubs import RoboCorba__POA
 
 #: Maximum duration of a pull [s]; then it raises TRANSIENT, because the client may be gone.
-PULL_LIMIT_S = 300.0
+PULL_TIMEOUT_S = 300.0
 
 
 class ClientFactory(Protocol):
@@ -148,7 +148,7 @@ class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
 
     @translating
     def pull(self) -> Any:
-        run = self._pulled(PULL_LIMIT_S)
+        run = self._pulled(PULL_TIMEOUT_S)
         if run is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         return events.any_of(run)

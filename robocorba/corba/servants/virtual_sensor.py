@@ -16,8 +16,8 @@ from robocorba.sensing.virtual_sensor import ScanSpec, VirtualSensor
 from robocorba.stubs import RoboCorba__POA
 
 
-class Activator(Protocol):
-    """Activates and deactivates the sensors of single robots."""
+class RobotSensors(Protocol):
+    """The sensors of single robots in a sensor server."""
 
     def for_robot(self, name: str) -> Any:
         """Reference of a robot's sensor, activated if necessary."""
@@ -29,8 +29,10 @@ class Activator(Protocol):
 class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     """RoboCorba::VirtualSensor of a sensor server, or of one robot if `robot` names it."""
 
-    def __init__(self, sensor: VirtualSensor, reports: Reports, activator: Activator, robot: str | None = None) -> None:
-        self._sensor, self._reports, self._activator, self._robot = sensor, reports, activator, robot
+    def __init__(
+        self, sensor: VirtualSensor, reports: Reports, robot_sensors: RobotSensors, robot: str | None = None
+    ) -> None:
+        self._sensor, self._reports, self._robot_sensors, self._robot = sensor, reports, robot_sensors, robot
 
     @translating
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
@@ -61,10 +63,10 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     def forRobot(self, name: str) -> Any:
         if not 0 < len(name) <= 60:
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
-        return self._activator.for_robot(name)
+        return self._robot_sensors.for_robot(name)
 
     def dismiss(self, name: str) -> None:
-        self._activator.dismiss(name)
+        self._robot_sensors.dismiss(name)
 
 
 class RobotSensorServant(RoboCorba__POA.VirtualSensor):

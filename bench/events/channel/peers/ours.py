@@ -25,7 +25,7 @@ from robocorba.events.subscription import ALL
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
 #: Lossless: a full queue blocks the supplier.
@@ -172,8 +172,7 @@ def naming_service(folder: Path, start: Start) -> str:
     port = free_port()
     data = folder / f"names-{port}"
     data.mkdir()
-    endpoint = ("-ORBendPoint", f"giop:tcp:127.0.0.1:{port}")
-    start(find_omninames(), "-start", str(port), "-always", "-nohostname", "-datadir", str(data), *endpoint)
+    start(*naming_service_command(Address("127.0.0.1", port), data))
     return f"127.0.0.1:{port}"
 
 

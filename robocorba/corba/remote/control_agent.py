@@ -1,4 +1,4 @@
-"""Client of robot agents, for operators and leaders."""
+"""Client of robots' control agents, for operators and leaders."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import IconBegun
-from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated
@@ -14,20 +13,19 @@ from robocorba.names import ROBOTS
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s].
-CALL_LIMIT_S = 3.0
+CALL_TIMEOUT_S = 3.0
 #: Timeout of calls that check a program or start an adaptor [s].
-SLOW_CALL_LIMIT_S = 40.0
+SLOW_CALL_TIMEOUT_S = 40.0
 
 
 class RemoteAgent:
-    """The agent of the robot called `name`. Raises NotReachable if it is not found within `timeout_s`, and in every
-    call that it does not answer."""
+    """The agent of the robot `name`. Raises NotReachable if it is not found within `timeout_s`, and in calls that it
+    does not answer."""
 
     def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
         self.name = name
-        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_LIMIT_S)
-        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent)
-        set_call_timeout(self._slow_agent, SLOW_CALL_LIMIT_S)
+        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
+        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, SLOW_CALL_TIMEOUT_S)
 
     def state(self) -> AgentState:
         return robot.agent_state_of(self._call(self._agent._get_state))

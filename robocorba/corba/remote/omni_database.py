@@ -1,19 +1,25 @@
-"""Copies of the Omni database's floors in another process."""
+"""Client of the Omni database, and copies of its floors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+from robocorba.corba.conversion import floors
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.remote_object import RemoteObject
-from robocorba.corba.remote.simulation import changes
+from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call to the database [s].
-CALL_LIMIT_S = 2.0
+CALL_TIMEOUT_S = 2.0
+
+
+def changes(database: Any, floor: str, since: int) -> FloorUpdate:
+    """Changes of a floor since a version in a RoboCorba::OmniDatabase. Raises UnknownFloor, NotReachable."""
+    with translated("the Omni database"):
+        return floors.update_of(database.floorChanges(floor, since))
 
 
 class RemoteFloor:
@@ -35,19 +41,11 @@ class RemoteFloor:
 class RemoteDatabase:
     """The Omni database of a running system, resolved by the first call and after each failure. Thread-safe.
 
-    find_s: timeout for resolving it [s]."""
+    resolve_timeout_s: timeout to resolve it [s]."""
 
-    def __init__(self, orb: Orb, find_s: float) -> None:
-        what = "the Omni database"
-        self._database = RemoteObject(orb, "OmniDatabase", RoboCorba.OmniDatabase, what, find_s, CALL_LIMIT_S)
-
-    @property
-    def find_s(self) -> float:
-        return self._database.resolve_s
-
-    @find_s.setter
-    def find_s(self, timeout_s: float) -> None:
-        self._database.resolve_s = timeout_s
+    def __init__(self, orb: Orb, resolve_timeout_s: float) -> None:
+        timeouts = resolve_timeout_s, CALL_TIMEOUT_S
+        self._database = RemoteObject(orb, "OmniDatabase", RoboCorba.OmniDatabase, "the Omni database", *timeouts)
 
     def floors(self) -> list[str]:
         """Names of all floors. Raises NotReachable."""
@@ -56,6 +54,9 @@ class RemoteDatabase:
     def changes(self, floor: str, since: int) -> FloorUpdate:
         """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
         return self._database.call(lambda database: changes(database, floor, since))
+
+    def set_resolve_timeout(self, timeout_s: float) -> None:
+        self._database.resolve_timeout_s = timeout_s
 
 
 class RemoteFloors:
@@ -66,20 +67,20 @@ class RemoteFloors:
         #: Copies by name.
         self.views: dict[str, FloorView] = {}
 
-    def follow(self, find_s: float) -> list[FloorUpdate]:
+    def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
         """Update all views. After a failure the next call loads whole floors again.
 
-        Raises UnknownFloor, and NotReachable if the database is not found within `find_s`."""
-        self._database.find_s = find_s
+        Raises UnknownFloor, and NotReachable if the database is not found within `resolve_timeout_s`."""
+        self._database.set_resolve_timeout(resolve_timeout_s)
         try:
             names = self._chosen or self._database.floors()
             self.views = {name: self.views.get(name) or FloorView(name) for name in names}
-            return [self._catch_up(view) for view in self.views.values()]
+            return [self._update(view) for view in self.views.values()]
         except NotReachable:
             self.views = {}
             raise
 
-    def _catch_up(self, view: FloorView) -> FloorUpdate:
+    def _update(self, view: FloorView) -> FloorUpdate:
         update = self._database.changes(view.floor, view.version)
         view.apply(update)
         return update

@@ -1,4 +1,4 @@
-"""Servants of the stand-in's units, with SmartPal's public interface, and of its faults."""
+"""Servants of the units of the stand-in for a SmartPal, with SmartPal's public interface, and of its faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from robocorba.stubs import (
 Servant = TypeVar("Servant", bound=type)
 
 
-def with_network_faults(servant: Servant) -> Servant:
+def _with_network_faults(servant: Servant) -> Servant:
     """Apply the network faults to each call of a unit's servant; a lost call raises COMM_FAILURE."""
 
     def guarded(operation: Callable[..., Any]) -> Callable[..., Any]:
@@ -49,6 +49,24 @@ def _is_ok(answer: Answer) -> bool:
     return answer is Answer.OK
 
 
+def _accepts(operation: Callable[..., Answer]) -> Callable[..., bool]:
+    """A method of a servant that calls this operation of its unit; returns whether the unit accepts it."""
+
+    def method(self: Any, *arguments: Any) -> bool:
+        return getattr(self._unit, operation.__name__)(*arguments) is Answer.OK
+
+    return method
+
+
+def _answers(operation: Callable[..., Answer]) -> Callable[..., Answer]:
+    """As `_accepts`, but returns the unit's answer."""
+
+    def method(self: Any, *arguments: Any) -> Any:
+        return getattr(self._unit, operation.__name__)(*arguments)
+
+    return method
+
+
 def _alarms(unit: Unit, max_count: int) -> tuple[int, list[Any]]:
     types = {
         AlarmType.FAULT: _GlobalIDL.FAULT,
@@ -63,18 +81,27 @@ def _state_text(state: Any) -> str:
     return str(state.name.replace("_", " ").capitalize())
 
 
-@with_network_faults
+@_with_network_faults
 class MobilityServant(YeRTUnitMobility__POA.mobility):
     """YeRTUnitMobility::mobility."""
 
     def __init__(self, unit: Mobility, faults: Faults) -> None:
         self._unit, self._faults = unit, faults
 
-    def stop(self) -> bool:
-        return _is_ok(self._unit.stop())
-
-    def clearAlarm(self) -> bool:
-        return _is_ok(self._unit.clear_alarms())
+    stop = _accepts(Mobility.stop)
+    clearAlarm = _accepts(Mobility.clear_alarms)
+    pause = _accepts(Mobility.pause)
+    resume = _accepts(Mobility.resume)
+    unlock = _accepts(Mobility.unlock)
+    setPosition = _accepts(Mobility.set_position)
+    setVelocity = _accepts(Mobility.set_velocity)
+    setAcceleration = _accepts(Mobility.set_acceleration)
+    setJogTimeout = _accepts(Mobility.set_jog_timeout)
+    moveJog = _accepts(Mobility.jog)
+    moveLinear = _accepts(Mobility.move_by)
+    moveLinearAbs = _accepts(Mobility.move_to)
+    moveCircular = _accepts(Mobility.move_around)
+    moveWagon = _accepts(Mobility.move_wagon)
 
     def setPower(self, on: bool) -> bool:
         return _is_ok(self._unit.power_on() if on else self._unit.power_off())
@@ -85,23 +112,11 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
     def getVersion(self) -> tuple[bool, str]:
         return True, VERSION
 
-    def pause(self) -> bool:
-        return _is_ok(self._unit.pause())
-
-    def resume(self) -> bool:
-        return _is_ok(self._unit.resume())
-
-    def unlock(self) -> bool:
-        return _is_ok(self._unit.unlock())
-
     def getServoStatus(self, axis: int) -> tuple[bool, bool]:
         return axis < WHEELS, axis < WHEELS and self._unit.is_servo_on
 
     def getActiveAlarm(self, max_count: int) -> tuple[bool, int, list[Any]]:
         return (True, *_alarms(self._unit, max_count))
-
-    def setPosition(self, x: float, y: float, theta: float) -> bool:
-        return _is_ok(self._unit.set_position(x, y, theta))
 
     def getPosition(self) -> tuple[bool, float, float, float]:
         return (True, *self._unit.position)
@@ -109,18 +124,6 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
     def getState(self) -> tuple[bool, int, str]:
         state = self._unit.mobility_state
         return True, int(state), _state_text(state)
-
-    def setVelocity(self, translation: float, rotation: float) -> bool:
-        return _is_ok(self._unit.set_velocity(translation, rotation))
-
-    def setAcceleration(self, translation: float, rotation: float) -> bool:
-        return _is_ok(self._unit.set_acceleration(translation, rotation))
-
-    def setJogTimeout(self, timeout: int) -> bool:
-        return _is_ok(self._unit.set_jog_timeout(timeout))
-
-    def moveJog(self, x: float, y: float, theta: float) -> bool:
-        return _is_ok(self._unit.jog(x, y, theta))
 
     def moveForward(self, distance: float) -> bool:
         return _is_ok(self._unit.move_by(distance, 0.0, 0.0))
@@ -131,20 +134,8 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
     def moveTurnContinuous(self, angle: float) -> bool:
         return _is_ok(self._unit.move_by(0.0, 0.0, angle, is_continuous=True))
 
-    def moveLinear(self, x: float, y: float, theta: float) -> bool:
-        return _is_ok(self._unit.move_by(x, y, theta))
-
-    def moveLinearAbs(self, x: float, y: float, theta: float) -> bool:
-        return _is_ok(self._unit.move_to(x, y, theta))
-
-    def moveCircular(self, x: float, y: float, angle: float) -> bool:
-        return _is_ok(self._unit.move_around(x, y, angle))
-
     def moveContinuous(self, x: float, y: float, theta: float) -> bool:
         return _is_ok(self._unit.move_by(x, y, theta, is_continuous=True))
-
-    def moveWagon(self, x: float, y: float) -> bool:
-        return _is_ok(self._unit.move_wagon(x, y))
 
     def moveWagonAbs(self, x: float, y: float) -> bool:
         return _is_ok(self._unit.move_wagon(x, y, is_absolute=True))
@@ -153,39 +144,26 @@ class MobilityServant(YeRTUnitMobility__POA.mobility):
         return True, self._unit.battery_v
 
 
-@with_network_faults
+@_with_network_faults
 class ArmServant(_GlobalIDL__POA.ArmUnit):
     """ArmUnit."""
 
     def __init__(self, unit: Arm, faults: Faults) -> None:
         self._unit, self._faults = unit, faults
 
-    def abort(self) -> int:
-        return self._unit.stop()
-
-    def stop(self) -> int:
-        return self._unit.stop()
-
-    def pause(self) -> int:
-        return self._unit.pause()
-
-    def resume(self) -> int:
-        return self._unit.resume()
-
-    def powerOn(self) -> int:
-        return self._unit.power_on()
-
-    def powerOff(self) -> int:
-        return self._unit.power_off()
-
-    def servoOn(self) -> int:
-        return self._unit.servo_on()
-
-    def servoOff(self) -> int:
-        return self._unit.servo_off()
-
-    def clearAlarms(self) -> int:
-        return self._unit.clear_alarms()
+    abort = _answers(Arm.stop)
+    stop = _answers(Arm.stop)
+    pause = _answers(Arm.pause)
+    resume = _answers(Arm.resume)
+    powerOn = _answers(Arm.power_on)
+    powerOff = _answers(Arm.power_off)
+    servoOn = _answers(Arm.servo_on)
+    servoOff = _answers(Arm.servo_off)
+    clearAlarms = _answers(Arm.clear_alarms)
+    moveJogJoint = _answers(Arm.jog_joints)
+    moveJointAbs = _answers(Arm.move_joints)
+    setJogTimeout = _answers(Arm.set_jog_timeout)
+    setJointAcceleration = _answers(Arm.set_joint_acceleration)
 
     def getActiveAlarm(self, max_count: int) -> tuple[int, int, list[Any]]:
         return (Answer.OK, *_alarms(self._unit, max_count))
@@ -233,15 +211,9 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
     def isServoOn(self) -> bool:
         return self._unit.is_servo_on
 
-    def moveJogJoint(self, speeds: Sequence[float]) -> int:
-        return self._unit.jog_joints(speeds)
-
     def moveJogLinear(self, frame: Any, speeds: Any, redundancy_speed: float) -> int:
         velocity = (speeds.x, speeds.y, speeds.z, speeds.rx, speeds.ry, speeds.rz)
         return self._unit.jog_line(frame == _GlobalIDL.TOOL, velocity, redundancy_speed)
-
-    def moveJointAbs(self, positions: Sequence[float], speed: float) -> int:
-        return self._unit.move_joints(positions, speed)
 
     def moveJointRel(self, positions: Sequence[float], speed: float) -> int:
         return self._unit.move_joints(positions, speed, is_relative=True)
@@ -257,12 +229,6 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
     def setControlPointOffset(self, offset: Any) -> int:
         return self._unit.set_control_point_offset(_position(offset))
 
-    def setJogTimeout(self, timeout: int) -> int:
-        return self._unit.set_jog_timeout(timeout)
-
-    def setJointAcceleration(self, time: int) -> int:
-        return self._unit.set_joint_acceleration(time)
-
     def setLinearAcceleration(self, times: Any) -> int:
         return self._unit.set_line_acceleration(times.translation, times.rotation)
 
@@ -277,16 +243,18 @@ def _soft_limits(unit: AxesUnit) -> tuple[bool, int, list[Any]]:
 
 
 class _AxesServant:
-    """What gripper and lumbar servants share."""
+    """Base of the servants of gripper and lumbar."""
 
     _unit: Gripper | Lumbar
     _faults: Faults
 
-    def servoOn(self) -> bool:
-        return _is_ok(self._unit.servo_on())
-
-    def servoOff(self) -> bool:
-        return _is_ok(self._unit.servo_off())
+    servoOn = _accepts(AxesUnit.servo_on)
+    servoOff = _accepts(AxesUnit.servo_off)
+    pause = _accepts(AxesUnit.pause)
+    resume = _accepts(AxesUnit.resume)
+    stop = _accepts(AxesUnit.stop)
+    abort = _accepts(AxesUnit.stop)
+    clearAlarms = _accepts(AxesUnit.clear_alarms)
 
     def isPowerOn(self) -> bool:
         return self._unit.is_power_on
@@ -294,23 +262,8 @@ class _AxesServant:
     def isServoOn(self) -> bool:
         return self._unit.is_servo_on
 
-    def pause(self) -> bool:
-        return _is_ok(self._unit.pause())
-
-    def resume(self) -> bool:
-        return _is_ok(self._unit.resume())
-
-    def stop(self) -> bool:
-        return _is_ok(self._unit.stop())
-
-    def abort(self) -> bool:
-        return _is_ok(self._unit.stop())
-
     def isMoving(self) -> bool:
         return self._unit.is_moving
-
-    def clearAlarms(self) -> bool:
-        return _is_ok(self._unit.clear_alarms())
 
     def getActiveAlarm(self, max_count: int) -> tuple[bool, int, list[Any]]:
         return (True, *_alarms(self._unit, max_count))
@@ -322,10 +275,10 @@ class _AxesServant:
         return True, VERSION
 
 
-with_network_faults(_AxesServant)
+_with_network_faults(_AxesServant)
 
 
-@with_network_faults
+@_with_network_faults
 class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
     """GripperUnit."""
 
@@ -342,7 +295,7 @@ class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
         return True, self._unit.command[0]
 
 
-@with_network_faults
+@_with_network_faults
 class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
     """LumbarUnit."""
 
@@ -350,11 +303,9 @@ class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
         self._unit: Lumbar = unit
         self._faults = faults
 
-    def powerOn(self) -> bool:
-        return _is_ok(self._unit.power_on())
-
-    def powerOff(self) -> bool:
-        return _is_ok(self._unit.power_off())
+    powerOn = _accepts(Lumbar.power_on)
+    powerOff = _accepts(Lumbar.power_off)
+    moveCooperative = _accepts(Lumbar.move_cooperative)
 
     def getState(self) -> tuple[bool, int, str]:
         state = self._unit.state
@@ -371,9 +322,6 @@ class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
 
     def moveUpperAxis(self, position: float, speed: float, acceleration: float) -> bool:
         return _is_ok(self._unit.move([None, position], speed, acceleration))
-
-    def moveCooperative(self, position: float, speed: float, acceleration: float) -> bool:
-        return _is_ok(self._unit.move_cooperative(position, speed, acceleration))
 
     def getFeedback(self) -> tuple[bool, float, float]:
         lower, upper = self._unit.feedback

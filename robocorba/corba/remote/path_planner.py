@@ -1,4 +1,4 @@
-"""The path planning agent as a remote object."""
+"""Client of the path planning agent."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from robocorba.corba.remote.remote_object import RemoteObject
 from robocorba.planning.request import Path, PathRequest
 from robocorba.stubs import RoboCorba
 
-#: Timeouts for resolving the agent and for a call [s].
-FIND_LIMIT_S, CALL_LIMIT_S = 5.0, 5.0
+#: Timeouts to resolve the agent and for a call [s].
+RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S = 5.0, 5.0
 
 
 class RemotePlanner:
     """Resolves the agent on first use, and again after a failed call."""
 
     def __init__(self, orb: Orb) -> None:
-        what = "the path planning agent"
-        self._agent = RemoteObject(orb, "PathPlanner", RoboCorba.PathPlanner, what, FIND_LIMIT_S, CALL_LIMIT_S)
+        what, timeouts = "the path planning agent", (RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S)
+        self._agent = RemoteObject(orb, "PathPlanner", RoboCorba.PathPlanner, what, *timeouts)
 
     def paths(self, request: PathRequest) -> list[Path]:
         """The best path first. Raises PathError and NotReachable."""

@@ -1,26 +1,26 @@
-"""The simulation server's calls to virtual sensor servers."""
+"""Client of the virtual sensor servers, for the simulation server."""
 
 from __future__ import annotations
 
 import logging
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.simulation.load_balance import LoadBalance
 
-#: Time that a robot's call waits for a sensor server to appear [s].
-FIND_LIMIT_S = 5.0
-#: Calls that wait at the same time at most: each occupies one of the server's few threads.
+#: Time for which a robot's call waits for a sensor server that answers [s].
+ASSIGN_TIMEOUT_S = 5.0
+#: Pauses between attempts to assign a sensor server.
+POLLING = Backoff(0.05, 0.05)
+#: Maximum number of calls that wait at the same time; each occupies one of the server's few threads.
 MAX_WAITING = 4
 #: Timeout of a call to a sensor server [s].
-CALL_LIMIT_S = 1.0
-#: Interval between attempts to find a sensor server [s].
-RETRY_INTERVAL_S = 0.05
+CALL_TIMEOUT_S = 1.0
 _log = logging.getLogger(__name__)
 
 
@@ -37,10 +37,7 @@ class RemoteSensors:
         reference = self._assign(robot)
         if reference is None and self._waiting.acquire(blocking=False):
             try:
-                deadline = time.monotonic() + FIND_LIMIT_S
-                while reference is None and time.monotonic() < deadline:
-                    time.sleep(RETRY_INTERVAL_S)
-                    reference = self._assign(robot)
+                reference = POLLING.poll(lambda: self._assign(robot), ASSIGN_TIMEOUT_S)
             finally:
                 self._waiting.release()
         if reference is None:
@@ -49,15 +46,17 @@ class RemoteSensors:
 
     def _assign(self, robot: str) -> Any:
         """Reference of a robot's sensor; None if no server answers now."""
-        while sensor := self._balance.assign(robot):
+        while server := self._balance.assign(robot):
             try:
-                set_call_timeout(sensor.reference, CALL_LIMIT_S)
-                return sensor.reference.forRobot(robot)
+                set_call_timeout(server.reference, CALL_TIMEOUT_S)
+                return server.reference.forRobot(robot)
             except CORBA.SystemException as error:
                 _log.warning(
-                    "virtual sensor %s does not answer (%s); reassigning its robots", sensor.name, describe(error)
+                    "virtual sensor server %s does not answer (%s); reassigning its robots",
+                    server.name,
+                    describe(error),
                 )
-                self._balance.remove(sensor.name)
+                self._balance.remove(server.name)
         return None
 
     def dismiss(self, reference: Any, robot: str) -> None:
@@ -70,7 +69,7 @@ class RemoteSensors:
     @staticmethod
     def _send_dismissal(reference: Any, robot: str) -> None:
         try:
-            set_call_timeout(reference, CALL_LIMIT_S)
+            set_call_timeout(reference, CALL_TIMEOUT_S)
             reference.dismiss(robot)
         except CORBA.SystemException as error:
             _log.warning("could not dismiss %s at its previous virtual sensor (%s)", robot, describe(error))

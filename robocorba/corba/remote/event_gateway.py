@@ -1,4 +1,4 @@
-"""The peers of a channel, called by their object references."""
+"""Clients of the peers of a channel: their gateways and their feeds."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call to a peer [s].
-CALL_LIMIT_S = 2.0
+CALL_TIMEOUT_S = 2.0
 #: Timeout of sending an acknowledgement [s].
-ACKNOWLEDGE_LIMIT_S = 0.2
-#: Timeout of finding a peer in the naming service [s].
-FIND_LIMIT_S = 1.0
+ACKNOWLEDGE_TIMEOUT_S = 0.2
+#: Timeout to resolve a peer [s].
+RESOLVE_TIMEOUT_S = 1.0
 
 #: Errors that the events themselves cause; retrying is useless.
 _PERMANENT_FAILURES = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
@@ -60,10 +60,8 @@ class RemoteFeed:
         self.session, self.position = terms.session, terms.position
         uri = orb.uri(terms.feed)
         # Two references with a timeout each, because both are called at the same time.
-        self._remote = orb.reference(uri, RoboCorba.GatewayFeed)
-        self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed)
-        set_call_timeout(self._remote, CALL_LIMIT_S)
-        set_call_timeout(self._acknowledging, ACKNOWLEDGE_LIMIT_S)
+        self._remote = orb.reference(uri, RoboCorba.GatewayFeed, CALL_TIMEOUT_S)
+        self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed, ACKNOWLEDGE_TIMEOUT_S)
 
     def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         try:
@@ -87,7 +85,7 @@ class RemoteFeed:
 
 
 class PeerJoiner:
-    """Finds peers, and joins their feeds on behalf of channel `name`."""
+    """Begins sessions with the feeds of peers, on behalf of channel `name`."""
 
     def __init__(self, orb: Orb, name: str, channel: Any, gateway: Any) -> None:
         self._orb, self._name, self._channel, self._gateway = orb, name, channel, gateway
@@ -106,7 +104,9 @@ class PeerJoiner:
     def _find(self, record: Peer) -> Any:
         name = f"{CHANNELS}/{record.name}"
         if not record.address:
-            return self._orb.resolve(name, RoboCorba.EventChannel, timeout_s=FIND_LIMIT_S, call_timeout_s=CALL_LIMIT_S)
+            return self._orb.resolve(
+                name, RoboCorba.EventChannel, timeout_s=RESOLVE_TIMEOUT_S, call_timeout_s=CALL_TIMEOUT_S
+            )
         try:
             uri = f"corbaloc:iiop:1.2@{Address.parse(record.address)}/{name}"
         except InvalidSetting:
@@ -114,7 +114,7 @@ class PeerJoiner:
         return self._orb.reference(uri, RoboCorba.EventChannel)
 
     def _join(self, record: Peer, channel: Any) -> tuple[RemoteFeed, str]:
-        set_call_timeout(channel, CALL_LIMIT_S)
+        set_call_timeout(channel, CALL_TIMEOUT_S)
         try:
             found = channel._get_name()
             if found != record.name:
