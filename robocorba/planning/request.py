@@ -70,7 +70,7 @@ class PathPoint(NamedTuple):
     elevator: str
 
 
-class Names(NamedTuple):
+class IndexedNames(NamedTuple):
     """Names of floors, nodes and elevators by index; the last one is empty, for index -1."""
 
     floors: Sequence[str]
@@ -84,7 +84,7 @@ class Path(NamedTuple):
     map's."""
 
     rows: list[list[float]]
-    names: Names
+    names: IndexedNames
     version: int
 
     @property

@@ -14,7 +14,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
-from robocorba.planning.request import MAX_RADIUS_M, Names
+from robocorba.planning.request import MAX_RADIUS_M, IndexedNames
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
 from robocorba.spatial.grids import Floats, Grid, Longs
 
@@ -103,7 +103,7 @@ class RoadMap:
         self.offset = np.concatenate([[0], np.cumsum([len(part.names) for part in parts])]).astype(np.int64)
         self.elevators = list(building.elevators)
         nodes = [name for part in parts for name in part.names]
-        self.names = Names([*self.floors, ""], [*nodes, ""], [*self.elevators, ""])
+        self.names = IndexedNames([*self.floors, ""], [*nodes, ""], [*self.elevators, ""])
         self.elevations = np.array([entry.floor.elevation for entry in building.floors.values()])
         self._join(parts)
 

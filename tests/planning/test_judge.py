@@ -10,7 +10,7 @@ from robocorba.maps.model import Building
 from robocorba.maps.samples import load_sample
 from robocorba.maps.validation import problems
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import Names, Path, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
 from tests.planning.adversary import Adversary
 from tests.planning.generated import one_way_hall, random_building, two_halls
 from tests.planning.judge import Judge
@@ -29,7 +29,7 @@ START, WAYPOINT, ENTRY, EXIT, GOAL = (
 
 def path_of(building: Building, *points: tuple[PointKind, str, float, float]) -> Path:
     """A path at 1 m/s through points of kind, floor, x, y; rides are in the first elevator."""
-    names = Names([*building.floors, ""], [""], [*building.elevators, ""])
+    names = IndexedNames([*building.floors, ""], [""], [*building.elevators, ""])
     heights = {name: entry.floor.elevation for name, entry in building.floors.items()}
     rows, driven = [], 0.0
     for i, (kind, floor, x, y) in enumerate(points):

@@ -9,7 +9,7 @@ from omniORB import CORBA
 from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.corba.conversion.maps import element_id, kind_of, xy, xy_of
 from robocorba.errors import paths as errors
-from robocorba.planning.request import Criterion, Names, Path, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import Criterion, IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.stubs import RoboCorba
 
 _POINT_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in PointKind}
@@ -88,7 +88,7 @@ def path_of(struct: Any) -> Path:
         ]
         for s in struct.points
     ]
-    return Path(rows, Names(list(floors), list(nodes), list(elevators)), struct.mapVersion)
+    return Path(rows, IndexedNames(list(floors), list(nodes), list(elevators)), struct.mapVersion)
 
 
 class _Index(dict[str, int]):
