@@ -22,7 +22,7 @@ from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
 from robocorba.missions.formation import Formation, Pose, width_of
 from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, NearestObstacle, placed
-from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, remaining
+from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, distances_to_goal
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY
 
@@ -33,7 +33,7 @@ NEAR_M = 5.0
 
 
 class SearchResult(NamedTuple):
-    """A failed search. left: `remaining` for a disc of radius `core_m`. reached: lattice points reached by the body."""
+    """A failed search. left: `distances_to_goal` for a disc of radius `core_m`. reached: lattice points reached by the body."""
 
     lattice: Lattice
     left: Floats
@@ -116,7 +116,9 @@ def _progress(attempt: Attempt) -> tuple[float, list[XY], int]:
     path if even a thin disc has none."""
     assert attempt.searched
     lattice, left, core_m, reached, start, goals = attempt.searched
-    path = _downhill(lattice, left, start) or _downhill(lattice, remaining(lattice, goals, THIN_RADIUS_M), start)
+    path = _downhill(lattice, left, start) or _downhill(
+        lattice, distances_to_goal(lattice, goals, THIN_RADIUS_M), start
+    )
     if not path:
         return 0.0, [], 0
     if reached.any():

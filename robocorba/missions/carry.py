@@ -26,10 +26,10 @@ from robocorba.planning.body import body_of
 from robocorba.planning.body_search import (
     HEADINGS,
     STEP_M,
-    Found,
+    LatticeRoute,
+    distances_to_goal,
     find_routes,
     lay_lattice,
-    remaining,
     shorten,
 )
 from robocorba.planning.request import MAX_COORDINATE_M, SMARTPAL_RADIUS_M
@@ -216,7 +216,7 @@ def _plan_legs(
     elevators = [obstacles.building.elevators[name] for name, _ in route]
     floors = [start.floor, *(floor for _, floor in route)]
     sources = np.array([[*start.pose, 0.0]])
-    done: list[list[Found]] = []
+    done: list[list[LatticeRoute]] = []
     for i, floor in enumerate(floors):
         is_last = i == len(floors) - 1
         goals = np.array([goal.pose]) if is_last else _cabin_poses(elevators[i], body)
@@ -230,7 +230,7 @@ def _plan_legs(
         box = floor_obstacles.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
         lattice = lay_lattice(floor_obstacles.grid, box, anchor, body.search_body.reach + 1.0)
         core_m = body.core_m + body.margin_m
-        left = remaining(lattice, goals, core_m)
+        left = distances_to_goal(lattice, goals, core_m)
         found, reached = find_routes(
             floor_obstacles.grid, body.search_body, lattice, left, sources, goals, body.margin_m
         )
@@ -245,7 +245,7 @@ def _plan_legs(
 
 def _cheapest_legs(
     body: _CarriedBody,
-    done: list[list[Found]],
+    done: list[list[LatticeRoute]],
     elevators: Sequence[Elevator],
     floors: Sequence[str],
     obstacles: BuildingObstacles,
@@ -257,7 +257,7 @@ def _cheapest_legs(
         path = done[i][index]
         ridden = frozenset(elevator.name for elevator in elevators[max(i - 1, 0) : i + 1])
         grid = obstacles.on_floor(floors[i], ridden).grid
-        poses = shorten(grid, body.search_body, path.way, body.margin_m, max(PREFERRED_MARGIN_M, body.margin_m))
+        poses = shorten(grid, body.search_body, path.route, body.margin_m, max(PREFERRED_MARGIN_M, body.margin_m))
         legs.insert(0, CarryLeg(floors[i], poses, elevators[i].name if i < len(elevators) else ""))
         index = path.source
     return legs

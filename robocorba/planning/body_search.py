@@ -49,10 +49,10 @@ class Lattice(NamedTuple):
     open_m: Floats
 
 
-class Found(NamedTuple):
+class LatticeRoute(NamedTuple):
     """A route (k, 3) to a goal, its cost, and the indices of its source and goal."""
 
-    way: Floats
+    route: Floats
     cost: float
     source: int
     goal: int
@@ -69,11 +69,11 @@ def lay_lattice(grid: Grid, box: tuple[float, float, float, float], anchor: Floa
     return Lattice(frame, _open(grid, frame, far_m))
 
 
-def remaining(lattice: Lattice, goals: Floats, radius_m: float) -> Floats:
+def distances_to_goal(lattice: Lattice, goals: Floats, radius_m: float) -> Floats:
     """Distance from each point (rows, columns) to the nearest goal for a disc of this radius [m]; inf where it
     cannot reach one."""
     cells = [_cell(lattice, goal) for goal in goals]
-    return _remaining(lattice.frame, lattice.open_m, np.array(cells, np.int64).reshape(-1, 2), radius_m)
+    return _distances_to_goal(lattice.frame, lattice.open_m, np.array(cells, np.int64).reshape(-1, 2), radius_m)
 
 
 def find_routes(
@@ -84,9 +84,9 @@ def find_routes(
     sources: Floats,
     goals: Floats,
     margin_m: float,
-) -> tuple[list[Found], Bytes]:
+) -> tuple[list[LatticeRoute], Bytes]:
     """Routes on the lattice that keep `margin_m` from obstacles, from sources (n, 4: pose and initial cost) to goals
-    (m, 3), and the points reached (rows, columns). to_goal_m: the result of `remaining` for the goals.
+    (m, 3), and the points reached (rows, columns). to_goal_m: the result of `distances_to_goal` for the goals.
 
     The search ends without further routes after MAX_EXPANDED poses."""
     frame = lattice.frame
@@ -119,7 +119,7 @@ def find_routes(
             poses.append(_pose(frame, at))
         source = -int(parents[at]) - 1
         poses.append(sources[source, :3])
-        found.append(Found(unwrapped(np.array(poses[::-1])), float(costs[state]), source, index))
+        found.append(LatticeRoute(unwrapped(np.array(poses[::-1])), float(costs[state]), source, index))
     return found, reached
 
 
@@ -166,7 +166,7 @@ def _open(grid: Grid, frame: Floats, cap: float) -> Floats:
 
 
 @kernel
-def _remaining(frame: Floats, open_m: Floats, cells: Longs, radius: float) -> Floats:
+def _distances_to_goal(frame: Floats, open_m: Floats, cells: Longs, radius: float) -> Floats:
     rows, columns = open_m.shape
     to_goal_m = np.full((rows, columns), np.inf)
     queue = [(0.0, 0)]

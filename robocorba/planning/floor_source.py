@@ -65,7 +65,7 @@ class FloorSource:
 
 
 def _differing(now: dict[str, T], before: dict[str, T]) -> set[str]:
-    """IndexedNames whose objects differ between the two."""
+    """Names whose objects differ between the two."""
     if now is before:
         return set()
     changed = {name for name, value in now.items() if before.get(name) is not value}
