@@ -33,7 +33,8 @@ NEAR_M = 5.0
 
 
 class SearchResult(NamedTuple):
-    """A failed search. left: `distances_to_goal` for a disc of radius `core_m`. reached: lattice points reached by the body."""
+    """A failed search. left: `distances_to_goal` for a disc of radius `core_m`. reached: lattice points that the body
+    reached."""
 
     lattice: Lattice
     left: Floats

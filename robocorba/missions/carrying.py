@@ -45,7 +45,7 @@ class CarryMotion:
         #: Leader's time and trajectory time [s] of each control cycle.
         self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         now = self._clock.now()
         along_s, rate = self._progress.along_s(now)
         self.ticks.append((now, along_s))

@@ -56,7 +56,7 @@ class Drive:
         self._nearest = self._least_error_rad = math.inf
         self._progress_at = 0.0
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         here = state.x, state.y
         if self._segment_start is None:
             self._segment_start = here
@@ -155,12 +155,12 @@ class DriveBy:
         self._by, self._speed, self._limits = (ahead, left, turn), speed, limits
         self._drive: Drive | None = None
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if self._drive is None:
             ahead, left, turn = self._by
             goal = out_of(ahead, left, (state.x, state.y, state.heading))
             self._drive = _StraightDrive(goal, state.heading + turn, self._speed, self._limits)
-        return self._drive.wish(state, elapsed_s)
+        return self._drive.command(state, elapsed_s)
 
 
 class _StraightDrive(Drive):
@@ -180,7 +180,7 @@ class DriveAt:
     def __init__(self, velocity: Velocity, seconds: float) -> None:
         self._velocity, self._seconds = velocity, seconds
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if elapsed_s < self._seconds:
             return MotionCommand(self._velocity)
         return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
@@ -189,7 +189,7 @@ class DriveAt:
 class StopBase:
     """Stops the base; ends once it is stationary."""
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
 
 

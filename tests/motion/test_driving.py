@@ -30,9 +30,9 @@ class Base:
     def run(self, motion: Motion, limit_s: float = 200.0) -> float:
         """Seconds that it took."""
         begin = self.state.time
-        while (wish := motion.wish(self.state, self.state.time - begin)) is not None:
+        while (command := motion.command(self.state, self.state.time - begin)) is not None:
             assert self.state.time < begin + limit_s
-            self._step(wish.velocity)
+            self._step(command.velocity)
         return self.state.time - begin
 
     def _step(self, wanted: tuple[float, float, float]) -> None:

@@ -34,9 +34,9 @@ class Arms:
 
     def run(self, motion: Motion) -> None:
         begin = self.time
-        while (wish := motion.wish(self._state(), self.time - begin)) is not None:
-            if wish.joints is not None and wish.joint_velocities is not None:
-                self.servo.command(wish.joints, wish.joint_velocities, self.time + 0.1)
+        while (command := motion.command(self._state(), self.time - begin)) is not None:
+            if command.joints is not None and command.joint_velocities is not None:
+                self.servo.command(command.joints, command.joint_velocities, self.time + 0.1)
             self.time += TICK_S
             self.servo.advance(self.time, TICK_S)
             if self._blocked is not None and self.servo.joints[self._blocked] > self._stop_at:
@@ -70,8 +70,8 @@ def test_one_way_keeps_accelerations_too_and_takes_its_time(begin: Floats, end: 
     motion = moving([begin, end], seconds)
     assert motion.seconds >= seconds
     times = np.linspace(0.0, motion.seconds, 400)[:-1]
-    wishes = [motion.wish(RobotState(joints=begin), time) for time in times.tolist()]
-    velocities = np.array([wish.joint_velocities for wish in wishes if wish])
+    commands = [motion.command(RobotState(joints=begin), time) for time in times.tolist()]
+    velocities = np.array([command.joint_velocities for command in commands if command])
     assert (np.abs(velocities) <= SPEED).all()
     assert (np.abs(np.diff(velocities, axis=0)) / (times[1] - times[0]) <= ACCELERATION + 1e-6).all()
 
@@ -98,9 +98,9 @@ def test_fingers_stop_at_what_they_meet_and_press_on_it() -> None:
     arms = Arms(begin, blocked=finger, stop_at=-0.2)
     motion = GripMotion(begin, end, [finger], JOINTS, SPEED, ACCELERATION, 20.0)
     arms.run(motion)
-    wish = motion.wish(arms._state(), 0.0)
-    assert wish is not None and wish.joints is not None
-    pressing = (wish.joints[finger] - arms.servo.joints[finger]) * FINGER_N_PER_RAD
+    command = motion.command(arms._state(), 0.0)
+    assert command is not None and command.joints is not None
+    pressing = (command.joints[finger] - arms.servo.joints[finger]) * FINGER_N_PER_RAD
     assert pressing == pytest.approx(20.0, abs=1.0)
 
 
