@@ -27,7 +27,7 @@ HOLD_S = 0.1
 #: Shares of the joints' acceleration and speed limits that a motion uses. The rest compensates for lag; at this speed,
 #: 40 deg/s, arms stop within 0.1 s.
 ACCELERATION_SHARE, SPEED_SHARE = 0.7, 0.45
-#: Greatest first and second derivative of the quintic polynomial that rises from 0 to 1 in 1 s.
+#: Maximum first and second derivative of the quintic polynomial that rises from 0 to 1 in 1 s.
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / math.sqrt(3.0)
 
 

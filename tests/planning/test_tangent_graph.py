@@ -145,8 +145,8 @@ def test_several_targets_get_what_each_gets_alone() -> None:
 def test_ways_longer_than_asked_for_are_not_found() -> None:
     graph = TangentGraph(FloorSpace(room(10.0, 6.0, wall("w", 5.0, 0.0, 5.0, 5.0)), "L1"), 0.4)
     (leg,) = graph.legs((4.0, 1.0), [(6.0, 1.0)])
-    assert math.isfinite(graph.legs((4.0, 1.0), [(6.0, 1.0)], longest_m=leg.length + 1e-6)[0].length)
-    assert math.isinf(graph.legs((4.0, 1.0), [(6.0, 1.0)], longest_m=leg.length - 1e-6)[0].length)
+    assert math.isfinite(graph.legs((4.0, 1.0), [(6.0, 1.0)], max_length_m=leg.length + 1e-6)[0].length)
+    assert math.isinf(graph.legs((4.0, 1.0), [(6.0, 1.0)], max_length_m=leg.length - 1e-6)[0].length)
 
 
 def test_walls_that_cross_block() -> None:
