@@ -21,7 +21,7 @@ from bench.common.places import random_places
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
-from robocorba.planning.request import SMARTPAL_RADIUS_M
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 from robocorba.testing.report import quantile, write
 

@@ -23,7 +23,6 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
 from robocorba.planning.request import (
-    SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
@@ -32,6 +31,7 @@ from robocorba.planning.request import (
     RouteMode,
 )
 from robocorba.settings import Settings
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 
 

@@ -12,9 +12,7 @@ from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
 from robocorba.maps.reachability import Reachability
-
-#: Radius of the robot that should reach every node [m]: SmartPal's.
-DEFAULT_RADIUS_M = 0.40
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 
 class Finding(NamedTuple):
@@ -32,7 +30,7 @@ class Finding(NamedTuple):
     subject: str
 
 
-def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[Finding]:
+def findings(building: Building, radius_m: float = SMARTPAL_RADIUS_M) -> list[Finding]:
     """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
     reach = Reachability(building, radius_m)
     found = list(blocked(building))

@@ -32,8 +32,9 @@ from robocorba.planning.body_search import (
     lay_lattice,
     shorten,
 )
-from robocorba.planning.request import MAX_COORDINATE_M, SMARTPAL_RADIUS_M
+from robocorba.planning.request import MAX_COORDINATE_M
 from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Least clearance of the body [m].
 MARGIN_M = 0.05

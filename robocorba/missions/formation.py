@@ -15,8 +15,8 @@ from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import InvalidCarry
-from robocorba.planning.request import SMARTPAL_RADIUS_M
 from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 Pose = tuple[float, float, float]
 

@@ -10,7 +10,6 @@ from robocorba.errors.paths import NoPath, NotFree
 from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
 from robocorba.planning import diagnosis, geometric, topological
 from robocorba.planning.request import (
-    SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
@@ -22,6 +21,7 @@ from robocorba.planning.request import (
 )
 from robocorba.planning.search import find_path
 from robocorba.planning.snapshot import BuildingSnapshot
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
 TIME_LIMIT_S = 8.0

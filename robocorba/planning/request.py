@@ -9,12 +9,10 @@ from typing import NamedTuple
 from robocorba.errors.paths import InvalidPoint, InvalidRequest, UnknownFloor
 from robocorba.maps.model import Building
 from robocorba.maps.polygons import MAX_COORDINATE_M, check_polygon
-from robocorba.spatial.pose import XY
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY, Limits
 
-#: Radius of the disc that planners in SmartPal's laboratory use for its base [m].
-SMARTPAL_RADIUS_M = 0.40
-#: Maximum speed of the base [m/s].
-SMARTPAL_SPEED_M_S = 1.0
+#: Maximum speed of SmartPal's base [m/s].
+SMARTPAL_SPEED_M_S = Limits().speed
 
 #: Maximum robot radius of a request; clearances are computed up to it [m].
 MAX_RADIUS_M = 3.0

@@ -17,13 +17,14 @@ from robocorba.maps.movable import movables
 from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
 from robocorba.planning.packing import Packed
-from robocorba.planning.request import SMARTPAL_RADIUS_M, Path, PathRequest
+from robocorba.planning.request import Path, PathRequest
 from robocorba.planning.roads import CLEARANCE, RoadMap
 from robocorba.planning.search import points_of
 from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
 from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Maximum number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
 MAX_GRAPHS = 64

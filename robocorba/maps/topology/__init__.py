@@ -26,6 +26,7 @@ from robocorba.maps.topology.naming import round_positions, to_topological_map
 from robocorba.maps.topology.pruning import cut_small_loops, prune
 from robocorba.maps.topology.roadmap import RoadmapGraph
 from robocorba.maps.topology.straightening import straighten
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 __all__ = ["topological_map"]
 
@@ -34,7 +35,7 @@ MAX_RADIUS_M = 1000.0
 
 
 def topological_map(
-    building: Building, floor: str, radius_m: float = 0.40, places: Sequence[PathNode] = ()
+    building: Building, floor: str, radius_m: float = SMARTPAL_RADIUS_M, places: Sequence[PathNode] = ()
 ) -> TopologicalMap:
     """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and `places` only.
 
