@@ -1,4 +1,4 @@
-"""Joints move smoothly and within their limits; the virtual controller follows them."""
+"""Motions of the joints are smooth and within the limits, and the virtual controller follows them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
-from hypothesis import strategies as some
+from hypothesis import strategies as st
 
 from robocorba.control.virtual_controller import VirtualController
 from robocorba.errors.robots import MotionFailed
@@ -18,7 +18,7 @@ from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
 
 TICK_S = 0.02
-POSTURES = some.lists(some.floats(0.0, 1.0), min_size=len(JOINTS), max_size=len(JOINTS)).map(
+POSTURES = st.lists(st.floats(0.0, 1.0), min_size=len(JOINTS), max_size=len(JOINTS)).map(
     lambda shares: LOWER + np.array(shares) * (UPPER - LOWER)
 )
 
@@ -53,19 +53,19 @@ def moving(waypoints: list[Floats], seconds: float = 0.0) -> JointMotion:
 
 
 @settings(deadline=None, max_examples=15)
-@given(POSTURES, some.lists(POSTURES, min_size=1, max_size=4))
-def test_any_way_is_gone_within_limits(begin: Floats, way: list[Floats]) -> None:
+@given(POSTURES, st.lists(POSTURES, min_size=1, max_size=4))
+def test_any_motion_keeps_the_limits(begin: Floats, waypoints: list[Floats]) -> None:
     arms = Arms(begin)
-    arms.run(moving([begin, *way]))
-    assert np.abs(arms.servo.joints - way[-1]).max() < math.radians(0.1)
+    arms.run(moving([begin, *waypoints]))
+    assert np.abs(arms.servo.joints - waypoints[-1]).max() < math.radians(0.1)
     track = np.array(arms.track)
     assert (track >= LOWER - 1e-9).all() and (track <= UPPER + 1e-9).all()
     assert (np.abs(np.diff(track, axis=0)) <= SPEED * TICK_S + 1e-9).all()
 
 
 @settings(deadline=None, max_examples=40)
-@given(POSTURES, POSTURES, some.floats(0.0, 5.0))
-def test_one_way_keeps_accelerations_too_and_takes_its_time(begin: Floats, end: Floats, seconds: float) -> None:
+@given(POSTURES, POSTURES, st.floats(0.0, 5.0))
+def test_a_motion_keeps_accelerations_and_its_duration(begin: Floats, end: Floats, seconds: float) -> None:
     assume(not np.array_equal(begin, end))
     motion = moving([begin, end], seconds)
     assert motion.seconds >= seconds
@@ -76,14 +76,14 @@ def test_one_way_keeps_accelerations_too_and_takes_its_time(begin: Floats, end: 
     assert (np.abs(np.diff(velocities, axis=0)) / (times[1] - times[0]) <= ACCELERATION + 1e-6).all()
 
 
-def test_joints_that_do_not_come_are_named() -> None:
+def test_joints_that_do_not_arrive_are_named() -> None:
     begin, end = np.zeros(18), np.zeros(18)
     end[3] = 1.0
     with pytest.raises(MotionFailed, match=r"left_4 is 28\.6 deg from its target"):
         Arms(begin, blocked=3, stop_at=0.5).run(moving([begin, end]))
 
 
-def test_joints_that_come_near_enough_have_come_after_a_while() -> None:
+def test_joints_within_the_tolerance_have_arrived_after_the_settling_time() -> None:
     begin, end = np.zeros(18), np.zeros(18)
     end[3] = 1.0
     motion, arms = moving([begin, end]), Arms(begin, blocked=3, stop_at=1.0 - math.radians(0.2))
@@ -91,7 +91,7 @@ def test_joints_that_come_near_enough_have_come_after_a_while() -> None:
     assert motion.seconds + SETTLE_S < arms.time < motion.seconds + SETTLE_S + 0.2
 
 
-def test_fingers_stop_at_what_they_meet_and_press_on_it() -> None:
+def test_fingers_stop_at_an_object_and_press_on_it() -> None:
     begin, end = np.zeros(18), np.zeros(18)
     finger = GRIP[Side.LEFT]
     begin[finger], end[finger] = -0.8, SHUT_RAD
@@ -104,7 +104,7 @@ def test_fingers_stop_at_what_they_meet_and_press_on_it() -> None:
     assert pressing == pytest.approx(20.0, abs=1.0)
 
 
-def test_fingers_that_meet_nothing_shut() -> None:
+def test_fingers_without_an_object_close() -> None:
     begin, end = np.zeros(18), np.zeros(18)
     finger = GRIP[Side.RIGHT]
     begin[finger], end[finger] = -0.8, SHUT_RAD
@@ -113,7 +113,7 @@ def test_fingers_that_meet_nothing_shut() -> None:
     assert arms.servo.joints[finger] == pytest.approx(SHUT_RAD, abs=0.02)
 
 
-def test_a_servo_stands_when_commands_end() -> None:
+def test_a_servo_stops_when_commands_end() -> None:
     servo = VirtualController(np.zeros(18), LOWER, UPPER, SPEED, ACCELERATION)
     servo.command(np.full(18, 0.5), np.full(18, 0.3), 0.1)
     for tick in range(1, 200):
