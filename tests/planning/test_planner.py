@@ -176,7 +176,7 @@ def test_an_edge_under_an_object_is_blocked() -> None:
 
 @pytest.mark.parametrize(
     ("start", "goal"),
-    [((11, 7), (11, 2)), ((11, 2), (11, 7)), ((11, 7), (6, 2)), ((6, 2), (11, 7))],
+    [((11.0, 7.0), (11.0, 2.0)), ((11.0, 2.0), (11.0, 7.0)), ((11.0, 7.0), (6.0, 2.0)), ((6.0, 2.0), (11.0, 7.0))],
 )
 @pytest.mark.parametrize("mode", RouteMode)
 def test_a_path_that_begins_on_a_node_does_not_lead_through_the_wall(
