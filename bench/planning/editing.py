@@ -33,9 +33,9 @@ from robocorba.maps import native
 from robocorba.maps.changes import ElementKey, elements_of, key_of
 from robocorba.maps.model import Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
 from robocorba.maps.samples import load_sample
-from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
+from robocorba.planning.request import Place
 from robocorba.settings import Address
-from robocorba.spatial.pose import XY
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY
 from robocorba.stubs import RoboCorba
 from robocorba.testing.report import PROGRESS, quantile, summarize_samples, timed_ms
 

@@ -23,7 +23,7 @@ from robocorba.backoff import Backoff
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
-from robocorba.planning.request import SMARTPAL_RADIUS_M
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import ChildProcess
 from robocorba.testing.report import quantile, summarize_samples

@@ -37,7 +37,8 @@ from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import Building
 from robocorba.planning.elevators import ride
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest, Place, RouteMode
+from robocorba.planning.request import PathRequest, Place, RouteMode
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
 from robocorba.testing.report import PROGRESS, quantile, summarize_samples, timed_ms

@@ -68,9 +68,9 @@ class GiveWay:
         #: Since when each stationary robot has been stationary [s], by name.
         self._stationary_since: dict[str, float] = {}
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         """Raises MotionFailed, Blocked."""
-        command = self._motion.wish(state, elapsed_s)
+        command = self._motion.command(state, elapsed_s)
         if command is None:
             return None
         try:

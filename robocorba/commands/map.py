@@ -14,6 +14,7 @@ import msgspec
 import typer
 
 from robocorba.commands.reporting import reporting
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 if TYPE_CHECKING:
     from robocorba.maps.checking import MapFinding
@@ -62,7 +63,7 @@ def import_(
         bool,
         typer.Option("--topology", help="Generate the topological map of every floor without edges, using its nodes."),
     ] = False,
-    radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = 0.40,
+    radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = SMARTPAL_RADIUS_M,
     unknown: Annotated[
         UnknownCells, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
     ] = UnknownCells.BLOCKED,
@@ -133,7 +134,7 @@ def check(
     file: Annotated[str, _FILE],
     radius: Annotated[
         float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should reach every node.")
-    ] = 0.40,
+    ] = SMARTPAL_RADIUS_M,
 ) -> None:
     """Check a map: exit code 0 if it is valid, else 1 and the file, line and key of the error.
 

@@ -20,7 +20,6 @@ from robocorba.corba.conversion import paths
 from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
 from robocorba.planning.request import (
-    SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
@@ -28,6 +27,7 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
 )
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 
 

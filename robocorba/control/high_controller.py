@@ -288,7 +288,7 @@ class HighController:
                 running.paused(state)
             return MotionCommand()
         try:
-            command = running.motion.wish(state, running.elapsed(state))
+            command = running.motion.command(state, running.elapsed(state))
             if command is None:
                 self._end_motion(None)
             elif running.elapsed(state) > running.limit_s:

@@ -12,7 +12,7 @@ from enum import Enum
 import numpy as np
 
 from robocorba.spatial.grids import Floats
-from robocorba.spatial.pose import Limits
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M, Limits
 
 
 class Side(Enum):
@@ -53,6 +53,6 @@ JOINT_SPEED: Floats = np.radians([*[90.0] * 14, *[30.0] * 2, *[120.0] * 2])
 JOINT_ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 2])
 
 #: Radius of the circle around the base [m], mass [kg] and height [m].
-RADIUS_M, MASS_KG, HEIGHT_M = 0.40, 127.0, 1.325
+RADIUS_M, MASS_KG, HEIGHT_M = SMARTPAL_RADIUS_M, 127.0, 1.325
 #: Motion limits of the base; its accelerations are assumed.
 BASE_LIMITS = Limits(1.0, math.radians(100), 1.0, math.radians(100))

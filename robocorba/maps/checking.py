@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
-from robocorba.maps.model import DEFAULT_RADIUS_M, KIND_OF, Building, ElementKind, Elevator
+from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
 from robocorba.maps.reachability import Reachability
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 
 class MapFinding(NamedTuple):
@@ -29,7 +30,7 @@ class MapFinding(NamedTuple):
     subject: str
 
 
-def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[MapFinding]:
+def findings(building: Building, radius_m: float = SMARTPAL_RADIUS_M) -> list[MapFinding]:
     """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
     reach = Reachability(building, radius_m)
     found = list(blocked(building))

@@ -19,9 +19,6 @@ import msgspec
 
 from robocorba.spatial.pose import XY
 
-#: Default radius of the robots that use a map [m]: SmartPal's.
-DEFAULT_RADIUS_M = 0.40
-
 
 class ElementKind(str, Enum):
     """The kinds of elements that an edit creates, changes or removes."""

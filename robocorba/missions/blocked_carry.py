@@ -22,7 +22,7 @@ from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
 from robocorba.missions.formation import MARGIN_M, Formation, width_of
 from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, ObstacleInMargin, placed
-from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, remaining
+from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, distances_to_goal
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY, Pose
 
@@ -113,7 +113,9 @@ def _progress(search: FailedSearch) -> tuple[float, list[XY], int]:
     """Share of a disc's path that the body reached, the path, and the index of its first point not reached; an empty
     path if even a thin disc has none."""
     lattice, to_goal_m, core_m, reached, start, goals = search
-    path = _downhill(lattice, to_goal_m, start) or _downhill(lattice, remaining(lattice, goals, THIN_RADIUS_M), start)
+    path = _downhill(lattice, to_goal_m, start) or _downhill(
+        lattice, distances_to_goal(lattice, goals, THIN_RADIUS_M), start
+    )
     if not path:
         return 0.0, [], 0
     if reached.any():

@@ -80,7 +80,7 @@ class CarryMotion:
         #: Leader's time and trajectory time [s] of each control cycle.
         self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         now = self._clock.now()
         trajectory_s, rate = self._progress.at(now)
         self.ticks.append((now, trajectory_s))

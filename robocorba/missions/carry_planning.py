@@ -23,7 +23,15 @@ from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossib
 from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, Formation, formations
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
 from robocorba.planning.body import body_of
-from robocorba.planning.body_search import HEADINGS, STEP_M, Found, find_routes, lay_lattice, remaining, shorten
+from robocorba.planning.body_search import (
+    HEADINGS,
+    STEP_M,
+    LatticeRoute,
+    distances_to_goal,
+    find_routes,
+    lay_lattice,
+    shorten,
+)
 from robocorba.planning.request import MAX_COORDINATE_M
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.grids import Floats
@@ -189,7 +197,7 @@ def _plan_legs(
         for i, floor in enumerate([start.floor, *(floor for _, floor in rides)])
     ]
     sources = np.array([[*start[1:], 0.0]])
-    routes: list[list[Found]] = []
+    routes: list[list[LatticeRoute]] = []
     for i, (floor, cabin) in enumerate(zip(floors, [*elevators, None], strict=True)):
         goals = _cabin_poses(cabin, body) if cabin else np.array([goal[1:]])
         if not len(goals):
@@ -199,7 +207,7 @@ def _plan_legs(
         box = floor.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
         lattice = lay_lattice(floor.grid, box, anchor, body.search_body.reach + 1.0)
         core_m = body.core_m + MARGIN_M
-        to_goal_m = remaining(lattice, goals, core_m)
+        to_goal_m = distances_to_goal(lattice, goals, core_m)
         found, reached = find_routes(floor.grid, body.search_body, lattice, to_goal_m, sources, goals, MARGIN_M)
         if not found:
             from_xy = (float(sources[0, 0]), float(sources[0, 1]))
@@ -213,7 +221,7 @@ def _plan_legs(
 
 def _cheapest_legs(
     body: _FormationBody,
-    routes: Sequence[Sequence[Found]],
+    routes: Sequence[Sequence[LatticeRoute]],
     floors: Sequence[FloorObstacles],
     elevators: Sequence[Elevator],
 ) -> list[CarryLeg]:
@@ -222,7 +230,7 @@ def _cheapest_legs(
     index = 0
     for i in reversed(range(len(floors))):
         route = routes[i][index]
-        poses = shorten(floors[i].grid, body.search_body, route.way, MARGIN_M, PREFERRED_MARGIN_M)
+        poses = shorten(floors[i].grid, body.search_body, route.route, MARGIN_M, PREFERRED_MARGIN_M)
         legs.insert(0, CarryLeg(floors[i].floor, poses, elevators[i].name if i < len(elevators) else ""))
         index = route.source
     return legs

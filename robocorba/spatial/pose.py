@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TypeAlias
 
+#: Radius of the circle around SmartPal's base [m], the default robot of path requests and map checks.
+SMARTPAL_RADIUS_M = 0.40
+
 #: A point of a floor: x and y [m].
 XY: TypeAlias = tuple[float, float]
 #: x and y [m], heading [rad].

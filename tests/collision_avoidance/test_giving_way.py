@@ -82,7 +82,7 @@ def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> t
             velocity = (0.0, 0.0, 0.0)
             if not ends[number]:
                 try:
-                    command = motion.wish(base.state, base.state.time)
+                    command = motion.command(base.state, base.state.time)
                     velocity = command.velocity if command else velocity
                     ends[number] = "" if command else "there"
                 except MotionFailed as failed:

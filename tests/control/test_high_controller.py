@@ -118,7 +118,7 @@ def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor
 
 def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
     class Wrong:
-        def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             raise ZeroDivisionError("of its own")
 
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
@@ -239,7 +239,7 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
         def __init__(self) -> None:
             self.elapsed: list[float] = []
 
-        def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             self.elapsed.append(elapsed_s)
             return MotionCommand() if elapsed_s < 0.6 else None
 

@@ -11,7 +11,7 @@ from robocorba.corba.conversion.errors import register, register_system, registe
 from robocorba.corba.conversion.maps import element_id, key_of, xy, xy_of
 from robocorba.corba.conversion.structs import STRINGS, Converter, enumeration, sequence, struct
 from robocorba.errors import paths as errors
-from robocorba.planning.request import Criterion, Names, Path, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import Criterion, IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.stubs import RoboCorba
 
 _POINT_KIND = enumeration(PointKind)
@@ -86,7 +86,7 @@ def path_of(struct: Any) -> Path:
         ]
         for s in struct.points
     ]
-    return Path(rows, Names(list(floors), list(nodes), list(elevators)), struct.mapVersion)
+    return Path(rows, IndexedNames(list(floors), list(nodes), list(elevators)), struct.mapVersion)
 
 
 class _Index(dict[str, int]):

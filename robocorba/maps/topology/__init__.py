@@ -17,13 +17,14 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
-from robocorba.maps.model import DEFAULT_RADIUS_M, Building, PathEdge, PathNode, TopologicalMap, with_topology
+from robocorba.maps.model import Building, PathEdge, PathNode, TopologicalMap, with_topology
 from robocorba.maps.topology.axis import connect_components, draw_axis
 from robocorba.maps.topology.coverage import add_coverage_nodes
 from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_given_nodes
 from robocorba.maps.topology.pruning import cut_small_loops, prune
 from robocorba.maps.topology.roadmap import RoadmapGraph
 from robocorba.maps.topology.simplification import align, merge, straighten
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 __all__ = ["topological_map"]
 
@@ -32,7 +33,7 @@ MAX_RADIUS_M = 1000.0
 
 
 def topological_map(
-    building: Building, floor: str, radius_m: float = DEFAULT_RADIUS_M, given: Sequence[PathNode] = ()
+    building: Building, floor: str, radius_m: float = SMARTPAL_RADIUS_M, given: Sequence[PathNode] = ()
 ) -> TopologicalMap:
     """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and the `given` nodes only.
 
