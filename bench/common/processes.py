@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import psutil
+
+from robocorba.supervision.folder import StateFolder
 from robocorba.supervision.launch import ChildProcess
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -53,3 +57,56 @@ class Process(ChildProcess):
         """Send a value and receive the answer. Raises ProcessFailed."""
         self.send(value)
         return self.receive(limit_s)
+
+
+def bench_command(module: str, *arguments: str) -> tuple[str, ...]:
+    """The command line of a module of the benches, which is found by the current directory."""
+    return (sys.executable, "-m", f"bench.{module}", *arguments)
+
+
+def busy_process(folder: Path, cores: Sequence[int] = ()) -> Process:
+    """A process that keeps a core busy."""
+    return Process((sys.executable, "-c", "while True: pass"), folder / "busy.log", cores)
+
+
+def answer_lines(answer: Callable[[Any], Any], ready: Any = None) -> None:
+    """Print `ready`, then the answer to each line of JSON on stdin, until stdin ends."""
+    print(json.dumps(ready), flush=True)
+    for line in sys.stdin:
+        print(json.dumps(answer(json.loads(line))), flush=True)
+
+
+def answer_commands(*commands: Callable[..., Any]) -> None:
+    """Answer lines of JSON on stdin by calls: {"do": NAME, **ARGUMENTS}, with the name of one of the commands."""
+    by_name = {command.__name__: command for command in commands}
+    answer_lines(lambda asked: by_name[asked.pop("do")](**asked))
+
+
+def pids_of(state: Path, name: str) -> list[int]:
+    """Process ids of the servers in a state folder whose names start with `name`."""
+    record = StateFolder(state).read_record()
+    return [process.pid for process in record.processes if process.name.startswith(name)] if record else []
+
+
+class Cpu:
+    """CPU time of processes since the creation of this object or the last query; ended processes count as idle."""
+
+    def __init__(self, pids: Sequence[int]) -> None:
+        self.processes = [psutil.Process(pid) for pid in pids]
+        self._before = self._now()
+
+    def spent_s(self) -> list[float]:
+        """CPU time of each process [s]."""
+        before, self._before = self._before, self._now()
+        return [max(0.0, now - then) for now, then in zip(self._before, before, strict=True)]
+
+    def _now(self) -> list[float]:
+        return [_cpu_s(process) for process in self.processes]
+
+
+def _cpu_s(process: psutil.Process) -> float:
+    try:
+        times = process.cpu_times()
+    except psutil.NoSuchProcess:
+        return 0.0
+    return float(times.user + times.system)

@@ -8,7 +8,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
@@ -143,6 +145,21 @@ def real_system(launch: Callable[..., subprocess.Popen[str]], state: Path, namin
     """Start `robocorba up` with the real servers; does not wait. Servers without a compiled planner take a minute."""
     command = (ROBOCORBA, "up", "--state", str(state), "--naming-port", str(naming_port), "--start-limit", "300")
     return Running(launch(*command, *more), state, Address("127.0.0.1", naming_port))
+
+
+@contextlib.contextmanager
+def running_system(folder: Path, *more: str) -> Iterator[tuple[Running, Launcher]]:
+    """A ready `robocorba up` with its state in folder/state, and a launcher for other processes; all end with the
+    `with`. One at a time in a process."""
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, *more).wait_ready()
+        drain(running.process)
+        yield running, launch
+
+
+def drain(process: subprocess.Popen[str]) -> None:
+    """Discard the stderr of a process from now on: a full pipe would block it."""
+    threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
 
 
 def refusal(process: subprocess.Popen[str], timeout_s: float = 20.0) -> str:

@@ -9,20 +9,12 @@ import statistics
 from collections import defaultdict
 from typing import Any
 
-from matplotlib.axes import Axes
-
 from bench.common.processes import Process
 from bench.events.channel.peers import installed
-from bench.events.channel.peers.mosquitto import PEER as MQTT
-from bench.events.channel.peers.nats import PEER as NATS
-from bench.events.channel.peers.omnievents import PEER as OMNIEVENTS
-from bench.events.channel.peers.ours import CLIENT, HEADER, PLAIN
-from bench.events.channel.peers.redis import PEER as REDIS
-from bench.events.channel.peers.relay import PEER as RELAY
-from bench.events.channel.peers.zenoh import PEER as ZENOH
-from bench.events.channel.peers.zeromq import PEER as ZEROMQ
-from bench.events.channel.stage import Stage, collect, trio
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize
+from bench.events.channel.peers.brokers import MQTT, NATS, REDIS, ZENOH, ZEROMQ
+from bench.events.channel.peers.corba import CLIENT, HEADER, OMNIEVENTS, PLAIN, RELAY
+from bench.events.channel.stage import Stage, collect, send, trio
+from robocorba.testing.report import PROGRESS, Mark, at_most, distribution, quantile, summarize
 
 PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
 #: Events a second.
@@ -31,80 +23,66 @@ RATE = 1000.0
 TURN, WARM_UP = 200, 50
 #: Maximum ratio of the median of ours, plain, to the median of a peer.
 MAX_OF = {OMNIEVENTS.name: 0.6, REDIS.name: 0.7}
+ERRORS = ("lost", "repeated", "misordered")
 
-#: By peer: the results of each round or turn.
-Found = dict[str, list[dict[str, Any]]]
+#: By peer: the latencies of each round [us].
+Found = dict[str, list[list[float]]]
 
 
-def run(quick: bool) -> bool:
+def measure(quick: bool) -> bool:
     """Whether every mark was reached."""
     rounds, turns = (3, 5) if quick else (7, 20)
-    results: Found = defaultdict(list)
+    found: Found = defaultdict(list)
+    errors: dict[str, dict[str, int]] = defaultdict(lambda: dict.fromkeys(ERRORS, 0))
     with Stage() as stage:
-        peers = [name for name in PEERS if name in installed()]
-        trios = {name: trio(stage, name) for name in peers}
+        trios = {name: trio(stage, name) for name in PEERS if name in installed()}
         for number in range(rounds):
             PROGRESS.print(f"latency: round {number + 1} of {rounds}")
-            found: Found = {name: [] for name in peers}
+            for latencies in (found[name] for name in trios):
+                latencies.append([])
             for turn in range(turns):
-                for name in peers:
-                    _, supplier, consumer = trios[name]
-                    found[name].append(_turn(supplier, consumer, (number * turns + turn) * (WARM_UP + TURN)))
-            for name in peers:
-                results[name].append(_together(found[name]))
-    rows = [_row(name, rounds, _ratio(results, name, 0.5)) for name, rounds in results.items()]
+                for name, (supplier, consumer) in trios.items():
+                    got = _turn(supplier, consumer, (number * turns + turn) * (WARM_UP + TURN))
+                    found[name][-1] += got["latencies"]
+                    for error in ERRORS:
+                        errors[name][error] += got[error]
+    rows = [_row(name, found, errors[name]) for name in found]
     title = f"Latency at {RATE:g} events a second, microseconds"
-    return summarize("event_channel_latency", title, rows, _marks(results), lambda axes: _draw(axes, results))
+    samples = {name: [us for latencies in results for us in latencies] for name, results in found.items()}
+    draw = distribution(samples, "us", "share of events that took less")
+    lost = sum(errors[peer.name]["lost"] for peer in (PLAIN, HEADER, CLIENT))
+    return summarize("event_channel_latency", title, rows, _marks(found, lost), draw)
 
 
 def _turn(supplier: Process, consumer: Process, first: int) -> dict[str, Any]:
     count = WARM_UP + TURN
-    supplier.send({"do": "pace", "first": first, "count": count, "rate": RATE})
-    supplier.receive(count / RATE * 5 + 30)
+    send(supplier, "pace", count / RATE * 5 + 30, first=first, count=count, rate=RATE)
     (got,) = collect(consumer, [range(first, first + count)], 20.0, first + WARM_UP)
     return got
 
 
-def _together(turns: list[dict[str, Any]]) -> dict[str, Any]:
-    """The results of the turns of a round, merged."""
-    latencies = [value for turn in turns for value in turn["latencies"]]
-    counts = {column: sum(turn[column] for turn in turns) for column in ("lost", "repeated", "misordered")}
-    return {"latencies": latencies, **counts}
-
-
-def _row(name: str, found: list[dict[str, Any]], ratio: float) -> dict[str, Any]:
+def _row(name: str, found: Found, errors: dict[str, int]) -> dict[str, Any]:
+    medians = [quantile(latencies, 0.5) for latencies in found[name]]
     return {
         "peer": name,
-        "p50": statistics.median(quantile(one["latencies"], 0.5) for one in found),
-        "p99": statistics.median(quantile(one["latencies"], 0.99) for one in found),
-        "p50, worst round": max(quantile(one["latencies"], 0.5) for one in found),
-        "lost": sum(one["lost"] for one in found),
-        "repeated": sum(one["repeated"] for one in found),
-        "misordered": sum(one["misordered"] for one in found),
-        "p50 of ours, plain / this": ratio,
+        "p50": statistics.median(medians),
+        "p99": statistics.median(quantile(latencies, 0.99) for latencies in found[name]),
+        "p50, worst round": max(medians),
+        **errors,
+        "p50 of ours, plain / this": _ratio(found, name, 0.5),
     }
 
 
-def _ratio(results: Found, peer: str, share: float) -> float:
+def _ratio(found: Found, peer: str, share: float) -> float:
     """Ratio of ours, plain, to a peer: the median of the ratios of the rounds."""
-    pairs = zip(results[PLAIN.name], results[peer], strict=True)
-    return statistics.median(quantile(o["latencies"], share) / quantile(p["latencies"], share) for o, p in pairs)
+    pairs = zip(found[PLAIN.name], found[peer], strict=True)
+    return statistics.median(quantile(ours, share) / quantile(theirs, share) for ours, theirs in pairs)
 
 
-def _marks(results: Found) -> list[Mark]:
+def _marks(found: Found, lost: int) -> list[Mark]:
     marks = []
     for peer, limit in MAX_OF.items():
-        if peer in results:
-            marks.append(at_most(f"p50 of ours, plain / {peer}", _ratio(results, peer, 0.5), limit))
-            marks.append(at_most(f"p99 of ours, plain / {peer}", _ratio(results, peer, 0.99), 1.0))
-    ours = (PLAIN.name, HEADER.name, CLIENT.name)
-    marks.append(at_most("events lost by ours", sum(one["lost"] for name in ours for one in results[name]), 0))
-    return marks
-
-
-def _draw(axes: Axes, results: Found) -> None:
-    for name, found in results.items():
-        ordered = sorted(value for one in found for value in one["latencies"])
-        axes.plot(ordered, [place / len(ordered) for place in range(len(ordered))], label=name)
-    axes.set(xscale="log", xlabel="us", ylabel="share of events that took less")
-    axes.legend()
+        if peer in found:
+            marks.append(at_most(f"p50 of ours, plain / {peer}", _ratio(found, peer, 0.5), limit))
+            marks.append(at_most(f"p99 of ours, plain / {peer}", _ratio(found, peer, 0.99), 1.0))
+    return [*marks, at_most("events lost by ours", lost, 0)]

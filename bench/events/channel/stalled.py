@@ -6,15 +6,13 @@ from __future__ import annotations
 import os
 import signal
 import statistics
-import time
 from typing import Any
 
-from matplotlib.axes import Axes
-
 from bench.common.processes import Process
-from bench.events.channel.peers.ours import BOUND, BOUNDED, connected
-from bench.events.channel.stage import Stage, collect, ready
-from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
+from bench.events.channel.peers.corba import BOUND, BOUNDED, connected
+from bench.events.channel.stage import Stage, collect, ready, send
+from robocorba.testing.processes import eventually
+from robocorba.testing.report import PROGRESS, at_most, curves, quantile, summarize
 
 HEALTHY = 9
 RATE = 200.0
@@ -25,7 +23,7 @@ MAX_GROWTH = 1.5
 _LIMIT_S = 60.0
 
 
-def run(quick: bool) -> bool:
+def measure(quick: bool) -> bool:
     """Whether every mark was reached."""
     rounds = []
     with Stage() as stage:
@@ -38,18 +36,17 @@ def run(quick: bool) -> bool:
             for number in range(2 if quick else 5):
                 rounds.append(_round(channel, supplier, consumers, number))
                 PROGRESS.print(f"stalled: round {number + 1}: p99 x {rounds[-1]['growth']:.2f}")
+    growth = statistics.median(r["growth"] for r in rounds)
     marks = [
-        at_most(
-            "growth of the p99 of the healthy, median of rounds",
-            statistics.median(r["growth"] for r in rounds),
-            MAX_GROWTH,
-        ),
+        at_most("growth of the p99 of the healthy, median of rounds", growth, MAX_GROWTH),
         at_most("events that the healthy lost", sum(r["lost by healthy"] for r in rounds), 0),
         at_most("events beside the account of the stalled one", sum(r["unaccounted"] for r in rounds), 0),
         at_most("events that it lost though younger than others it got", sum(r["not the oldest"] for r in rounds), 0),
     ]
     title = f"One of {HEALTHY + 1} consumers stopped at {RATE:g} events a second, latency of the others in us"
-    return summarize("event_channel_stalled", title, rounds, marks, lambda axes: _draw(axes, rounds))
+    p99 = {column: [one[column] for one in rounds] for column in ("p99 before", "p99 during")}
+    draw = curves([one["round"] for one in rounds], p99, "round", ylabel="us", ylim=(0, None))
+    return summarize("event_channel_stalled", title, rounds, marks, draw)
 
 
 def _round(channel: Any, supplier: Process, consumers: list[Process], number: int) -> dict[str, Any]:
@@ -66,7 +63,12 @@ def _round(channel: Any, supplier: Process, consumers: list[Process], number: in
     finally:
         os.kill(stalled.pid, signal.SIGCONT)
     (got,) = collect(stalled, [sent], _LIMIT_S)
-    account = _settled(channel, proxy)
+
+    def settled() -> Any:
+        (account,) = (p.events for p in channel.state().proxies if p.id == proxy)
+        return None if account.queued else account
+
+    account = eventually(settled, _LIMIT_S, "an empty queue of the stalled one")
     discarded = account.discarded - accounts[proxy].discarded
     # The lost events must be contiguous, and end before those that were in the queue at the end.
     oldest = got["gaps"] == [[sent.stop - BOUND - discarded, sent.stop - BOUND]]
@@ -88,24 +90,6 @@ def _round(channel: Any, supplier: Process, consumers: list[Process], number: in
 
 def _send(supplier: Process, consumers: list[Process], numbers: range, latencies_from: int) -> list[dict[str, Any]]:
     """Send events at RATE; the result of each consumer."""
-    supplier.send({"do": "pace", "first": numbers.start, "count": len(numbers), "rate": RATE})
-    supplier.receive(len(numbers) / RATE * 5 + _LIMIT_S)
+    count = len(numbers)
+    send(supplier, "pace", count / RATE * 5 + _LIMIT_S, first=numbers.start, count=count, rate=RATE)
     return [collect(consumer, [numbers], _LIMIT_S, latencies_from)[0] for consumer in consumers]
-
-
-def _settled(channel: Any, proxy: str) -> Any:
-    """The account of a proxy once its queue is empty."""
-    deadline = time.monotonic() + _LIMIT_S
-    while True:
-        (account,) = (p.events for p in channel.state().proxies if p.id == proxy)
-        if not account.queued or time.monotonic() > deadline:
-            return account
-        time.sleep(0.05)
-
-
-def _draw(axes: Axes, rounds: list[dict[str, Any]]) -> None:
-    numbers = [one["round"] for one in rounds]
-    for column in ("p99 before", "p99 during"):
-        axes.plot(numbers, [one[column] for one in rounds], "o-", label=column)
-    axes.set(xlabel="round", ylabel="us", ylim=(0, None), xticks=numbers)
-    axes.legend()

@@ -8,19 +8,12 @@ from __future__ import annotations
 import statistics
 from typing import Any, NamedTuple
 
-from matplotlib.axes import Axes
-
 from bench.common.processes import Process
 from bench.events.channel.peers import installed
-from bench.events.channel.peers.mosquitto import PEER as MQTT
-from bench.events.channel.peers.nats import PEER as NATS
-from bench.events.channel.peers.omnievents import PEER as OMNIEVENTS
-from bench.events.channel.peers.ours import CLIENT, HEADER, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES
-from bench.events.channel.peers.redis import PEER as REDIS
-from bench.events.channel.peers.zenoh import PEER as ZENOH
-from bench.events.channel.peers.zeromq import PEER as ZEROMQ
-from bench.events.channel.stage import Stage, collect, trio
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
+from bench.events.channel.peers.brokers import MQTT, NATS, REDIS, ZENOH, ZEROMQ
+from bench.events.channel.peers.corba import CLIENT, HEADER, OMNIEVENTS, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES
+from bench.events.channel.stage import Stage, collect, send, trio
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, bars, summarize
 
 #: Minimum number of events a second that must arrive, one a call and in runs.
 ONE_BY_ONE, IN_RUNS = 20_000, 300_000
@@ -43,12 +36,8 @@ class Way(NamedTuple):
         how = f", {self.threads} threads" if self.threads > 1 else ""
         return f"{self.peer}{how}, runs of {self.run}" if self.run else f"{self.peer}{how}"
 
-    @property
-    def is_ours(self) -> bool:
-        return self.peer.startswith("ours")
 
-
-BEST, BEST_RUNS, ZENOH_WAY = Way(ON_ONE_CORE.name, 4), Way(HEADER.name, run=100), Way(ZENOH.name)
+BEST_RUNS, ZENOH_WAY = Way(HEADER.name, run=100), Way(ZENOH.name)
 WAYS = [
     Way(PLAIN.name),
     Way(PLAIN_TO_BATCHES.name),
@@ -56,7 +45,7 @@ WAYS = [
     Way(HEADER.name),
     Way(HEADER.name, 2),
     Way(HEADER.name, 4),
-    BEST,
+    Way(ON_ONE_CORE.name, 4),
     Way(CLIENT.name, 4),
     BEST_RUNS,
     Way(CLIENT.name, run=100),
@@ -70,33 +59,26 @@ WAYS = [
 ]
 
 
-def run(quick: bool) -> bool:
+def measure(quick: bool) -> bool:
     """Whether every mark was reached."""
     rounds, seconds = (2, 1.0) if quick else (5, 2.0)
     found: dict[Way, list[dict[str, Any]]] = {way: [] for way in WAYS if way.peer in installed()}
     for number in range(rounds):
         for way, results in found.items():
             with Stage() as stage:
-                _, supplier, consumer = trio(stage, way.peer)
+                supplier, consumer = trio(stage, way.peer)
                 _flood(way, supplier, consumer, 0, WARM_UP_S)
                 results.append(_flood(way, supplier, consumer, MOST, seconds))
                 rate, lost = results[-1]["rate"], results[-1]["lost"]
                 PROGRESS.print(f"round {number + 1} of {rounds}: {way.label}: {rate:,.0f}/s, {lost} lost")
     rows = [_row(way, results) for way, results in found.items()]
-    return summarize(
-        "event_channel_throughput",
-        "Flood: events that arrive each second",
-        rows,
-        _marks(rows),
-        lambda axes: _draw(axes, rows),
-    )
+    draw = bars({row["peer"]: row["events/s"] for row in rows}, "events a second that arrive", "log")
+    return summarize("event_channel_throughput", "Flood: events that arrive each second", rows, _marks(rows), draw)
 
 
 def _flood(way: Way, supplier: Process, consumer: Process, first: int, seconds: float) -> dict[str, Any]:
-    command: dict[str, Any] = {"first": first, "seconds": seconds, "most": MOST}
-    command |= {"do": "runs", "size": way.run} if way.run else {"do": "flood", "threads": way.threads}
-    supplier.send(command)
-    answer = supplier.receive(_LIMIT_S)
+    how, more = ("runs", {"size": way.run}) if way.run else ("flood", {"threads": way.threads})
+    answer = send(supplier, how, _LIMIT_S, first=first, seconds=seconds, most=MOST, **more)
     sent = [range(first, first + count) for count in answer["sent"]]
     (got,) = collect(consumer, sent, _LIMIT_S)
     took_s = max(1, got["last"] - answer["began"]) / 1e9
@@ -119,12 +101,9 @@ def _row(way: Way, results: list[dict[str, Any]]) -> dict[str, Any]:
 def _marks(rows: list[dict[str, Any]]) -> list[Mark]:
     rate = {row["peer"]: row["events/s"] for row in rows}
     lossless = [row for row in rows if row["peer"].startswith("ours") and row["peer"] != PLAIN.name]
+    one_by_one = max(rate[way.label] for way in WAYS if way.peer.startswith("ours") and not way.run)
     marks = [
-        at_least(
-            "one event a call, events/s",
-            max(rate[way.label] for way in WAYS if way.is_ours and not way.run),
-            ONE_BY_ONE,
-        ),
+        at_least("one event a call, events/s", one_by_one, ONE_BY_ONE),
         at_least("runs of 100, events/s", rate[BEST_RUNS.label], IN_RUNS),
         at_most("events of ours lost", sum(row["lost"] for row in lossless), 0),
         at_most("events of ours out of order or twice", sum(r["misordered"] + r["repeated"] for r in lossless), 0),
@@ -132,9 +111,3 @@ def _marks(rows: list[dict[str, Any]]) -> list[Mark]:
     if ZENOH_WAY.label in rate:
         marks.append(at_least("runs of 100 / Zenoh", rate[BEST_RUNS.label] / rate[ZENOH_WAY.label], 1.0))
     return marks
-
-
-def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    labels = [row["peer"] for row in reversed(rows)]
-    axes.barh(labels, [row["events/s"] for row in reversed(rows)])
-    axes.set(xscale="log", xlabel="events a second that arrive")

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import omniORB  # noqa: F401  makes the OMG stubs importable
 
-from bench.events.channel.peers import mosquitto, nats, omnievents, ours, redis, relay, zenoh, zeromq
+from bench.events.channel.peers import brokers, corba
 from bench.events.channel.peers.base import Peer
 
 PEERS: dict[str, Peer] = {
     peer.name: peer
     for peer in (
-        ours.PLAIN,
-        ours.PLAIN_TO_BATCHES,
-        ours.HEADER,
-        ours.CLIENT,
-        ours.BOUNDED,
-        ours.ON_ONE_CORE,
-        relay.PEER,
-        omnievents.PEER,
-        redis.PEER,
-        mosquitto.PEER,
-        nats.PEER,
-        zeromq.PEER,
-        zenoh.PEER,
+        *(corba.PLAIN, corba.PLAIN_TO_BATCHES, corba.HEADER, corba.CLIENT, corba.BOUNDED, corba.ON_ONE_CORE),
+        *(corba.RELAY, corba.OMNIEVENTS),
+        *(brokers.REDIS, brokers.MQTT, brokers.NATS, brokers.ZEROMQ, brokers.ZENOH),
     )
 }
 

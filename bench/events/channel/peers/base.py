@@ -1,4 +1,4 @@
-"""The interface of a broker in these benches."""
+"""The common interface of the brokers in these benches."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ import contextlib
 import importlib.util
 import shutil
 import socket
-import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
+from robocorba.clients.robot_processes import free_ports
+from robocorba.testing.processes import eventually
+
+#: Takes the payloads that arrived in one call.
 Receive = Callable[[Sequence[bytes]], None]
-_START_LIMIT_S = 20.0
+#: Starts a command as a process that ends with the bench, and returns its process id.
+Start = Callable[..., int]
+#: Timeout for a broker to listen, and for a client to connect [s].
+START_LIMIT_S = 20.0
 #: Debian installs servers in folders that are not in the PATH of ordinary users.
 _SERVER_FOLDERS = "/usr/sbin:/usr/local/sbin"
 
@@ -25,59 +32,62 @@ class Broker(NamedTuple):
     pid: int
 
 
-class Supplier(Protocol):
-    """A connection that sends."""
+@dataclass(frozen=True)
+class Supplier:
+    """A connection that sends. push: sends one event, as the client library does. push_run: sends several in one call.
+    flood_all: sends events one by one as fast as possible; by default by `push`."""
 
-    def push(self, payload: bytes) -> None:
-        """Send one event, as the client library sends one."""
+    push: Callable[[bytes], object]
+    push_run: Callable[[Sequence[bytes]], object] | None = None
+    flood_all: Callable[[Iterable[bytes]], object] | None = None
 
     def flood(self, payloads: Iterable[bytes]) -> None:
         """Send events one by one as fast as possible; all are sent when it returns."""
-
-    def push_run(self, payloads: Sequence[bytes]) -> None:
-        """Send several events in one call. Raises NotImplementedError if the client library has no such call."""
-
-
-class Peer(Protocol):
-    """A broker of one kind, and its Python client."""
-
-    name: str
-    #: Whether its client has a call that sends several events.
-    batches: bool
-
-    def missing(self) -> str:
-        """What is not installed here, empty if the peer can run."""
-
-    def broker(self, folder: Path, start: Start) -> AbstractContextManager[Broker]:
-        """The broker, while the `with` lasts."""
-
-    def supplier(self, address: str) -> AbstractContextManager[Supplier]:
-        """A connection that sends."""
-
-    def consumer(self, address: str, receive: Receive) -> AbstractContextManager[None]:
-        """A connection that receives everything from the moment that the `with` begins."""
-
-
-class Start(Protocol):
-    """Starts a process that ends with the bench; its output goes to a file in the folder of the bench."""
-
-    def __call__(self, *command: str) -> int:
-        """The process id."""
-
-
-class OneByOne:
-    """Base of suppliers whose library sends single events only."""
-
-    def push(self, payload: bytes) -> None:
-        raise NotImplementedError
-
-    def flood(self, payloads: Iterable[bytes]) -> None:
+        if self.flood_all:
+            self.flood_all(payloads)
+            return
         push = self.push
         for payload in payloads:
             push(payload)
 
-    def push_run(self, payloads: Sequence[bytes]) -> None:
-        raise NotImplementedError
+
+@dataclass(frozen=True)
+class Peer:
+    """A broker of one kind, and its Python client.
+
+    broker: starts it, with files in a folder. supplier: a connection that sends to an address. consumer: a connection
+    that receives everything from the moment that its `with` begins. programs, modules: what they need."""
+
+    name: str
+    broker: Callable[[Start, Path], Broker]
+    supplier: Callable[[str], AbstractContextManager[Supplier]]
+    consumer: Callable[..., AbstractContextManager[None]]
+    programs: Sequence[str] = ()
+    modules: Sequence[str] = ()
+
+    def missing(self) -> str:
+        """What is not installed here, empty if the peer can run."""
+        absent = [name for name in self.programs if not program(name)]
+        absent += [name for name in self.modules if importlib.util.find_spec(name) is None]
+        return ", ".join(absent)
+
+
+def server(*command: str, ports: int = 1, settings: str = "") -> Callable[[Start, Path], Broker]:
+    """Starts a command and waits until it listens. Its address has its ports: HOST:PORT[,HOST:PORT].
+
+    In the command {0} and {1} are its ports, {folder} its folder, and {file} a file with the `settings`."""
+
+    def start_server(start: Start, folder: Path) -> Broker:
+        numbers = free_ports(ports)
+        file = folder / f"settings-{numbers[0]}"
+        file.write_text(settings.format(*numbers))
+        name, *arguments = (part.format(*numbers, folder=folder, file=file) for part in command)
+        pid = start(program(name), *arguments)
+        for number in numbers:
+            eventually(lambda number=number: _listens(number), START_LIMIT_S, f"{name} at port {number}")
+        return Broker(",".join(f"127.0.0.1:{number}" for number in numbers), pid)
+
+    return start_server
 
 
 def program(name: str) -> str:
@@ -85,31 +95,13 @@ def program(name: str) -> str:
     return shutil.which(name) or shutil.which(name, path=_SERVER_FOLDERS) or ""
 
 
-def lacking(*, programs: Sequence[str] = (), modules: Sequence[str] = ()) -> str:
-    """The programs and modules that are not installed, as text."""
-    absent = [name for name in programs if not program(name)]
-    absent += [name for name in modules if importlib.util.find_spec(name) is None]
-    return ", ".join(absent)
-
-
-def free_port() -> int:
-    """A free TCP port of the loopback interface."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def listening(port: int) -> None:
-    """Wait until a process listens on a port of the loopback interface. Raises TimeoutError."""
-    deadline = time.monotonic() + _START_LIMIT_S
-    while time.monotonic() < deadline:
-        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
-            return
-        time.sleep(0.02)
-    raise TimeoutError(f"no process listens on port {port} after {_START_LIMIT_S:g} s")
-
-
 def split(address: str) -> tuple[str, int]:
     """Host and port of HOST:PORT."""
     host, _, port = address.rpartition(":")
     return host, int(port)
+
+
+def _listens(port: int) -> bool:
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
+        return True
+    return False
