@@ -6,7 +6,7 @@ import argparse
 import inspect
 import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import NoReturn, TypeVar
 
 from rich.progress import track
@@ -45,6 +45,6 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
         sys.exit(f"bench: {error or 'stopped'}")
 
 
-def progress(items: Sequence[T], what: str) -> Iterable[T]:
+def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterable[T]:
     """The items, with a progress bar on stderr."""
-    return track(items, what, console=PROGRESS, transient=True)
+    return track(items, what, total, console=PROGRESS, transient=True)

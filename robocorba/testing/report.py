@@ -69,27 +69,37 @@ def cell(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 
-def summarize(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Draw) -> bool:
+def summarize(
+    name: str,
+    title: str,
+    rows: Rows,
+    marks: Sequence[Mark],
+    draw: Draw | Figure,
+    shown: Sequence[str] = (),
+    **more: Any,
+) -> bool:
     """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
-    All rows have the same columns; None prints as an empty cell."""
+    All rows have the same columns; None prints as an empty cell. draw: the picture, or draws it. shown: the columns to
+    print, by default all. more: for the JSON file."""
     console = Console(width=160)
     table = Table(title=title)
-    for column in rows[0]:
+    for column in shown or rows[0]:
         table.add_column(column)
     for row in rows:
-        table.add_row(*map(cell, row.values()))
+        table.add_row(*(cell(row[column]) for column in shown or row))
     console.print(table)
     for mark in marks:
         console.print(mark.sentence)
-    write_json(name, title, {"rows": list(rows), "marks": [mark.as_json() for mark in marks]})
+    write_json(name, title, {**more, "rows": list(rows), "marks": [mark.as_json() for mark in marks]})
     write_csv(name, rows)
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    figure = draw if isinstance(draw, Figure) else Figure(figsize=(8, 4.5), layout="constrained")
+    if not isinstance(draw, Figure):
+        axes = figure.add_subplot()
+        draw(axes)
+        axes.set(title=title)
+        axes.grid(alpha=0.3)
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    draw(axes)
-    axes.set(title=title)
-    axes.grid(alpha=0.3)
     figure.savefig(RESULTS / f"{name}.png", dpi=120)
     console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json, .csv and .png\n", soft_wrap=True)
     return all(mark.is_reached for mark in marks)

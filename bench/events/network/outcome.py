@@ -7,48 +7,37 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
 
 from bench.events.network import analysis
-from bench.events.network.analysis import Cell
+from bench.events.network.analysis import Cell, Interval
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
-from robocorba.testing.report import LOAD_BEFORE, RESULTS, write_csv, write_json
+from robocorba.testing.report import summarize, write_csv
 
 NAME = "event_network"
 TITLE = "Figure 13: latency of a central and of federated event channels"
 COLOURS = {STANDARD: "tab:red", FEDERATED: "tab:blue"}
+#: The columns of the printed table; the files have all.
+SHOWN = (
+    *("delay, ms", "load, %", f"{FEDERATED} busy, %"),
+    *(f"{set_up} {what}" for set_up in (STANDARD, FEDERATED) for what in ("mean", "p50", "p99")),
+    *("ratio", "ratio low", "ratio high", "ratio p50", "ratio local", "ratio remote"),
+)
 
 
-def summarize(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
+def report(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     """Print and write all results; whether every mark was reached. about: description of the measurement."""
     found = analysis.cells(outcomes)
-    rows, marks = [analysis.row(cell) for cell in found], analysis.marks(found)
-    sentences, summary = analysis.differences(found), markdown(found)
-    console = Console(width=150)
-    console.print(_table(rows))
-    for mark in marks:
-        console.print(mark.sentence)
-    held = analysis.worst_load(found)
-    console.print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
-    console.print("\nBeside the paper:")
-    for sentence in sentences:
-        console.print(f"- {sentence}")
-    console.print(f"\n{summary}\n", markup=False, soft_wrap=True)
-    for key, value in about.items():
-        console.print(f"{key}: {value}", markup=False, soft_wrap=True)
+    sentences, table = analysis.differences(found), markdown(found)
+    held = max((abs(cell.busy - cell.load) for cell in found if cell.load), default=0.0)
+    print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
+    print("\nBeside the paper:", *sentences, sep="\n- ")
+    print(f"\n{table}\n", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
     runs = [analysis.run_row(run) for run in outcomes]
-    verdicts = [mark.as_json() for mark in marks]
-    beside = {"beside the paper": sentences, "markdown": summary}
-    write_json(NAME, TITLE, {**about, "rows": rows, "marks": verdicts, **beside, "runs": runs})
-    write_csv(NAME, rows)
     write_csv(f"{NAME}_runs", runs)
-    draw(found).savefig(RESULTS / f"{NAME}.png", dpi=120)
-    written = f"{RESULTS / NAME}.json, .csv, _runs.csv and .png"
-    console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {written}", soft_wrap=True)
-    return all(mark.is_reached for mark in marks)
+    rows = [analysis.row(cell) for cell in found]
+    more = {**about, "beside the paper": sentences, "markdown": table, "runs": runs}
+    return summarize(NAME, TITLE, rows, analysis.marks(found), draw(found), SHOWN, **more)
 
 
 def markdown(found: Sequence[Cell]) -> str:
@@ -58,17 +47,16 @@ def markdown(found: Sequence[Cell]) -> str:
         "| remote | link, standard to federated |",
         "|---|---|---|---|---|---|---|",
     ]
-    for delay in analysis.delays(found):
-        cell = analysis.merged([cell for cell in found if cell.delay_us == delay])
+    for cell in analysis.by_delay(found):
         took = [
-            f"{one.mean.value:.2f}, {one.p50:.2f}, {one.p99:.2f} ms"
-            for one in (analysis.latency(cell.standard), analysis.latency(cell.federated))
+            "{mean:.2f}, {p50:.2f}, {p99:.2f} ms".format(**analysis.latencies_ms(runs))
+            for runs in (cell.standard, cell.federated)
         ]
         local, remote = (analysis.compare(cell, which).value for which in ("local_us", "remote_us"))
         link = [np.mean([run.bytes for run in runs]) / 1e3 for runs in (cell.standard, cell.federated)]
         lines.append(
-            f"| {delay / 1e3:g} ms | {took[0]} | {took[1]} | {analysis.compare(cell)} | {local:.2f} | {remote:.2f} "
-            f"| {link[0]:.0f} to {link[1]:.0f} KB a run |"
+            f"| {cell.delay_us / 1e3:g} ms | {took[0]} | {took[1]} | {analysis.compare(cell)} | {local:.2f} "
+            f"| {remote:.2f} | {link[0]:.0f} to {link[1]:.0f} KB a run |"
         )
     standard, federated = analysis.PAPER_STANDARD_MS, analysis.PAPER_FEDERATED_MS
     lines.append(f"| paper, at 60 % load | {standard} ms | {federated} ms | {analysis.PAPER_RATIO} | | | |")
@@ -77,57 +65,35 @@ def markdown(found: Sequence[Cell]) -> str:
 
 def draw(found: Sequence[Cell]) -> Figure:
     """Plots of latency (top) and ratio (bottom) over the load of the leader's core; a column for each delay."""
-    delays = analysis.delays(found)
+    delays = sorted({cell.delay_us for cell in found})
     figure = Figure(figsize=(3.2 * len(delays) + 1, 6.4), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, len(delays), sharex=True, sharey="row", squeeze=False)
+    paper = {STANDARD: analysis.PAPER_STANDARD_MS, FEDERATED: analysis.PAPER_FEDERATED_MS}
     for upper, lower, delay in zip(*panels, delays, strict=True):
-        of_delay = [cell for cell in found if cell.delay_us == delay]
-        _draw_latencies(upper, of_delay)
+        cells = [cell for cell in found if cell.delay_us == delay]
+        for set_up, colour in COLOURS.items():
+            runs = [getattr(cell, set_up) for cell in cells]
+            busy = [float(np.mean([run.busy for run in some])) for some in runs]
+            _curve(upper, busy, [analysis.mean(analysis.means_ms(some)) for some in runs], colour, set_up)
+            label = f"paper, {set_up}"
+            upper.plot([100 * analysis.PAPER_LOAD], [paper[set_up]], "*", color=colour, markersize=11, label=label)
+        for label, which, colour in (("all", "all_us", "black"), ("remote", "remote_us", "0.6")):
+            ratios = [analysis.compare(cell, which) for cell in cells]
+            _curve(lower, [cell.busy for cell in cells], ratios, colour, label)
+        lower.axhline(analysis.PAPER_RATIO, linestyle="--", color="tab:green", label=f"paper, {analysis.PAPER_RATIO}")
         upper.set(title=f"link {delay / 1e3:g} ms one way", yscale="log")
-        _draw_ratios(lower, of_delay)
-        lower.set(xlabel="CPU of the leader, as measured, %", xlim=(0, 102))
+        lower.set(xlabel="CPU of the leader, as measured, %", xlim=(0, 102), ylim=(0, None))
         for axes in (upper, lower):
             axes.grid(alpha=0.3, which="both")
-    panels[0][0].set(ylabel="mean latency, ms")
-    panels[1][0].set(ylabel="federated / standard")
-    panels[0][0].legend(fontsize="small")
-    panels[1][0].legend(fontsize="small")
+    for axes, label in ((panels[0][0], "mean latency, ms"), (panels[1][0], "federated / standard")):
+        axes.set(ylabel=label)
+        axes.legend(fontsize="small")
     figure.suptitle(TITLE)
     return figure
 
 
-def _draw_latencies(axes: Axes, of_delay: Sequence[Cell]) -> None:
-    paper = {STANDARD: analysis.PAPER_STANDARD_MS, FEDERATED: analysis.PAPER_FEDERATED_MS}
-    for set_up, colour in COLOURS.items():
-        runs = [getattr(cell, set_up) for cell in of_delay]
-        busy = [100 * np.mean([run.busy for run in some]) for some in runs]
-        means = [analysis.latency(some).mean for some in runs]
-        errors = [[one.value - one.low for one in means], [one.high - one.value for one in means]]
-        axes.errorbar(busy, [one.value for one in means], errors, marker="o", markersize=4, color=colour, label=set_up)
-        axes.plot(
-            [100 * analysis.PAPER_LOAD], [paper[set_up]], "*", color=colour, markersize=11, label=f"paper, {set_up}"
-        )
-
-
-def _draw_ratios(axes: Axes, of_delay: Sequence[Cell]) -> None:
-    for label, which, colour in (("all", "all_us", "black"), ("remote", "remote_us", "0.6")):
-        ratios = [analysis.compare(cell, which) for cell in of_delay]
-        busy = [100 * np.mean([run.busy for run in (*cell.standard, *cell.federated)]) for cell in of_delay]
-        errors = [[one.value - one.low for one in ratios], [one.high - one.value for one in ratios]]
-        axes.errorbar(busy, [one.value for one in ratios], errors, marker="o", markersize=4, color=colour, label=label)
-    axes.axhline(analysis.PAPER_RATIO, linestyle="--", color="tab:green", label=f"paper, {analysis.PAPER_RATIO}")
-    axes.set_ylim(bottom=0)
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The main columns; the files have all columns."""
-    table = Table(title=f"{TITLE}, ms")
-    shown = ["delay, ms", "load, %", f"{FEDERATED} busy, %"]
-    shown += [f"{set_up} {what}" for set_up in (STANDARD, FEDERATED) for what in ("mean", "p50", "p99")]
-    shown += ["ratio", "ratio low", "ratio high", "ratio p50", "ratio local", "ratio remote"]
-    for column in shown:
-        table.add_column(column)
-    for row in rows:
-        table.add_row(*(f"{row[column]:.3g}" for column in shown))
-    return table
+def _curve(axes: Axes, busy: Sequence[float], values: Sequence[Interval], colour: str, label: str) -> None:
+    """Values with their intervals over the load."""
+    errors = [[one.value - one.low for one in values], [one.high - one.value for one in values]]
+    x, y = [100 * share for share in busy], [one.value for one in values]
+    axes.errorbar(x, y, errors, marker="o", markersize=4, color=colour, label=label)

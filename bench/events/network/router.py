@@ -1,8 +1,8 @@
-"""The router between the two sub-networks: a process that delays each packet.
+"""The router between two networks: a process that delays each packet.
 
-python -m bench.events.network.router FD FD: the descriptors of two TUN devices. It reads lines of JSON on stdin,
-{"delay_us": 200} to change the one-way delay or {} to keep it, answers each with the traffic forwarded so far, and ends
-with its stdin.
+python -m bench.events.network.router FD FD: the descriptors of two TUN devices. It prints whether it has real-time
+priority, reads lines of JSON on stdin, {"delay_us": 200} to change the one-way delay or {} to keep it, answers each
+with the traffic forwarded so far, and ends with its stdin.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import select
 import sys
 import time
 from collections import deque
-from typing import Any
 
 #: Size of the largest IP packet [bytes].
 PACKET_BYTES = 65536
@@ -46,58 +45,35 @@ class DelayLine:
         return self._held.popleft()[1] if self._held and self._held[0][0] <= now_ns else None
 
 
-class Router:
-    """Two delay lines between two devices: lines[0] is from devices[0] to devices[1]."""
-
-    def __init__(self, devices: tuple[int, int]) -> None:
-        self.lines = (DelayLine(), DelayLine())
-        self._ways = tuple(zip(devices, reversed(devices), self.lines, strict=True))
-
-    def run(self, control: int) -> None:
-        """Forward packets until `control`, the descriptor with the commands, ends."""
-        readable = [control, *(source for source, _, _ in self._ways)]
-        while True:
-            ready, _, _ = select.select(readable, (), (), self._pause_s())
-            for source, target, line in self._ways:
-                if source in ready:
-                    self._read(source, line)
-                while (packet := line.take(time.monotonic_ns())) is not None:
-                    with contextlib.suppress(OSError):  # a full device drops the packet, as any router does
-                        os.write(target, packet)
-            if control in ready and not self._obey(control):
+def route(devices: tuple[int, int], control: int) -> None:
+    """Forward packets between the devices until `control`, the descriptor with the commands, ends."""
+    lines = (DelayLine(), DelayLine())
+    ways = tuple(zip(devices, reversed(devices), lines, strict=True))
+    while True:
+        due = [line.due_ns for line in lines if line.due_ns is not None]
+        pause_s = max(0, min(due) - SPIN_NS - time.monotonic_ns()) / 1e9 if due else None
+        ready, _, _ = select.select((control, *devices), (), (), pause_s)
+        for source, target, line in ways:
+            if source in ready:
+                with contextlib.suppress(BlockingIOError):
+                    while True:
+                        line.put(os.read(source, PACKET_BYTES), time.monotonic_ns())
+            while (packet := line.take(time.monotonic_ns())) is not None:
+                with contextlib.suppress(OSError):  # a full device drops the packet, as any router does
+                    os.write(target, packet)
+        if control in ready:
+            if not (text := os.read(control, 4096)):
                 return
-
-    def _pause_s(self) -> float | None:
-        """Time to sleep before the next packet is due, without SPIN_NS; None if there is no packet [s]."""
-        due = [line.due_ns for line in self.lines if line.due_ns is not None]
-        return max(0, min(due) - SPIN_NS - time.monotonic_ns()) / 1e9 if due else None
-
-    @staticmethod
-    def _read(source: int, line: DelayLine) -> None:
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                line.put(os.read(source, PACKET_BYTES), time.monotonic_ns())
-
-    def _obey(self, control: int) -> bool:
-        """Execute and answer the commands that have arrived. False at the end of stdin."""
-        text = os.read(control, 4096)
-        for command in text.splitlines():
-            wanted: dict[str, Any] = json.loads(command)
-            for line in self.lines:
-                line.delay_ns = round(1000 * wanted.get("delay_us", line.delay_ns / 1000))
-            counts = {"packets": [line.packets for line in self.lines], "bytes": [line.bytes for line in self.lines]}
-            print(json.dumps(counts), flush=True)
-        return bool(text)
-
-
-def main() -> None:
-    # A real router is a separate computer, so it must not wait for a core.
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-    first, second = map(int, sys.argv[1:])
-    print(json.dumps({"priority": os.sched_getscheduler(0) == os.SCHED_FIFO}), flush=True)
-    Router((first, second)).run(sys.stdin.fileno())
+            for command in map(json.loads, text.splitlines()):
+                for line in lines:
+                    line.delay_ns = round(1000 * command.get("delay_us", line.delay_ns / 1000))
+                counts = {"packets": [line.packets for line in lines], "bytes": [line.bytes for line in lines]}
+                print(json.dumps(counts), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    # A real router is a separate computer, so it must not wait for a core.
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    print(json.dumps({"priority": os.sched_getscheduler(0) == os.SCHED_FIFO}), flush=True)
+    route((int(sys.argv[1]), int(sys.argv[2])), sys.stdin.fileno())
