@@ -1,10 +1,9 @@
-"""Real processes for benches with one robot: servers, the actual robot's stand-in, a recorded robot process."""
+"""A system of two floors, and a recorded robot process in it."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,85 +11,44 @@ from typing import Any
 
 import numpy as np
 
-from bench.common.processes import Process
+from bench.common.processes import Process, bench_command
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.agents import RemoteAgent
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
-from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
-from robocorba.stubs import RoboCorba
-from robocorba.supervision.system import find_omninames
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
+from robocorba.testing.processes import Running, eventually, running_system
 
 START_LIMIT_S = 300.0
 NAME, FLOOR = "A", "L1"
 
 
 @contextlib.contextmanager
-def servers(folder: Path) -> Iterator[Running]:
-    """`robocorba up` on two floors of 20 x 10 m."""
+def system_on_two_floors(folder: Path) -> Iterator[tuple[Running, Orb]]:
+    """`robocorba up` on two floors of 20 x 10 m, and an ORB."""
     native.save(two_floors(), folder / "two-floors.yaml")
-    with claimed_ports() as port, Launcher(folder) as launch:
-        running = real_system(launch, folder / "state", port, "--building", "two-floors.yaml", "--subnets", "main")
-        yield running.wait_ready()
-
-
-@contextlib.contextmanager
-def stand_in(folder: Path, orb: Orb, host: str = "127.0.0.1", within: Sequence[str] = ()) -> Iterator[Address]:
-    """Runs the naming service of an actual robot and servers/smartpal; yields the naming service's address. within:
-    command prefix that runs them elsewhere."""
-    names = folder / "robot-names"
-    names.mkdir()
-    with claimed_ports() as port:
-        naming = Address(host, port)
-        own = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
-        own_naming = (*within, find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
-        robot = (
-            sys.executable,
-            "-m",
-            "robocorba.servers.smartpal",
-            "--state",
-            str(folder / "robot"),
-            "--naming",
-            str(naming),
-        )
-        with (
-            Process(own_naming, folder / "robot-names.log"),
-            Process((*within, *robot, "--endpoint", f"{host}:{port + 1}"), folder / "robot.log"),
-        ):
-            eventually(lambda: _answers(orb, naming), START_LIMIT_S, "the stand-in")
-            yield naming
-
-
-def _answers(orb: Orb, naming: Address) -> bool:
-    try:
-        faults(orb, naming).none()
-    except NotReachable:
-        return False
-    return True
-
-
-def faults(orb: Orb, naming: Address) -> Any:
-    """The reference that switches the stand-in's faults."""
-    return orb.resolve_in_other_naming_service(naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
+    with (
+        running_system(folder, "--building", "two-floors.yaml", "--subnets", "main") as (running, _),
+        Orb(running.naming) as orb,
+    ):
+        yield running, orb
 
 
 class RecordedRobot:
-    """A recorded robot process; `agent` is the client of its agent."""
+    """A recorded robot process; `agent` is the client of its agent. adaptor: its name and arguments, empty for a
+    virtual robot."""
 
     def __init__(self, folder: Path, orb: Orb, at: str, adaptor: Sequence[str] = ()) -> None:
         self._folder = folder
         folder.mkdir(exist_ok=True)
-        where = ("--floor", FLOOR, "--at", at, "--channel", "main", "--naming", str(orb.naming))
-        command = (sys.executable, "-m", "bench.robots.recorded_robot", str(folder), NAME, *where)
-        self.process = Process((*command, "--state", str(folder), *adaptor), folder / "robot.log")
-        try:
+        where = ("--floor", FLOOR, "--at", at, "--channel", "main", "--naming", str(orb.naming), "--state", str(folder))
+        more = ("--adaptor", adaptor[0], "--", *adaptor[1:]) if adaptor else ()
+        command = bench_command("robots.recorded_robot", str(folder), NAME, *where, *more)
+        with contextlib.ExitStack() as stack:
+            self.process = stack.enter_context(Process(command, folder / "robot.log"))
             self.agent = eventually(lambda: self._find(orb), START_LIMIT_S, "the robot")
-        except BaseException:
-            self.close()
-            raise
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> RecordedRobot:
         return self
@@ -100,7 +58,7 @@ class RecordedRobot:
 
     def close(self) -> None:
         """End the process, which writes its ticks."""
-        self.process.__exit__(None, None, None)
+        self._stack.close()
 
     def stops(self, since: float) -> list[dict[str, Any]]:
         """Stops and hangs of its adaptor since a time."""

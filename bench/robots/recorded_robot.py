@@ -9,7 +9,6 @@ processes of a machine share."""
 from __future__ import annotations
 
 import atexit
-import itertools
 import json
 import signal
 import sys
@@ -33,39 +32,32 @@ HANG_S = 2.5
 
 
 class Recorder:
-    """Records one process."""
+    """Records one process; its adaptors can be made again and in any thread."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stops = (folder / "stops.jsonl").open("w", buffering=1)
-        self._ticks: deque[tuple[float, ...]] = deque(maxlen=MAX_TICKS)
-        self._hangs = 0
-        signal.signal(signal.SIGUSR1, lambda *_: self._let_hang())
+        self.ticks: deque[tuple[float, ...]] = deque(maxlen=MAX_TICKS)
+        self._hangs = False
+        signal.signal(signal.SIGUSR1, self._let_hang)
+        atexit.register(self._save)
 
-    def tick(
-        self, read: tuple[float, float], state: RobotState, write: tuple[float, float], command: ActorCommand
-    ) -> None:
-        """Record a read and the write after it, with their start and end times."""
-        joints = itertools.chain(command.joints.tolist(), command.joint_velocities.tolist())
-        self._ticks.append((*read, *write, state.time, state.heading, *command.velocity, *joints))
-
-    def stopped(self, began: float, event: str = "stop") -> None:
-        line = {"event": event, "at": began, "done": time.monotonic()}
-        self._stops.write(json.dumps(line) + "\n")
+    def note(self, event: str, began: float) -> None:
+        self._stops.write(json.dumps({"event": event, "at": began, "done": time.monotonic()}) + "\n")
 
     def may_hang(self) -> None:
         """Called before each write."""
         if self._hangs:
-            self._hangs = 0
-            self.stopped(time.monotonic(), "hang")
+            self._hangs = False
+            self.note("hang", time.monotonic())
             time.sleep(HANG_S)
 
-    def close(self) -> None:
-        ticks = list(self._ticks)
-        np.save(self._folder / "ticks.npy", np.array([tick for tick in ticks if len(tick) == len(ticks[-1])]))
+    def _let_hang(self, *_: object) -> None:
+        self._hangs = True
 
-    def _let_hang(self) -> None:
-        self._hangs = 1
+    def _save(self) -> None:
+        ticks = list(self.ticks)
+        np.save(self._folder / "ticks.npy", np.array([tick for tick in ticks if len(tick) == len(ticks[-1])]))
 
 
 class RecordedAdaptor(RobotAdaptor):
@@ -85,7 +77,7 @@ class RecordedAdaptor(RobotAdaptor):
         try:
             return self._adaptor.stop()
         finally:
-            self._recorder.stopped(began)
+            self._recorder.note("stop", began)
 
     def read(self, state: RobotState) -> bool:
         began = time.monotonic()
@@ -97,14 +89,14 @@ class RecordedAdaptor(RobotAdaptor):
         self._recorder.may_hang()
         began = time.monotonic()
         answer = self._adaptor.write(command)
-        self._recorder.tick(self._read, self._state, (began, time.monotonic()), command)
+        times = (*self._read, began, time.monotonic(), self._state.time, self._state.heading)
+        joints = (*command.joints.tolist(), *command.joint_velocities.tolist())
+        self._recorder.ticks.append((*times, *command.velocity, *joints))
         return answer
 
 
-def main(folder: str, arguments: Sequence[str]) -> None:
-    recorder = Recorder(Path(folder))
-    atexit.register(recorder.close)
-    make = model_switcher.make
+def main(folder: str, *arguments: str) -> None:
+    make, recorder = model_switcher.make, Recorder(Path(folder))
 
     def recorded(name: str, surroundings: Surroundings) -> RobotAdaptor:
         return RecordedAdaptor(make(name, surroundings), recorder)
@@ -114,4 +106,4 @@ def main(folder: str, arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])
+    main(*sys.argv[1:])
