@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
 from bench.common.places import random_places
+from robocorba.maps import native
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -48,6 +50,12 @@ def office(seed: int = 1) -> Building:
     }
     lift = Elevator("E1", (side / 2, side / 2), (2.0, 2.0), tuple(ElevatorDoor(name) for name in names))
     return Building("office", floors, {lift.name: lift})
+
+
+def saved_office(folder: Path) -> Path:
+    """The file of an office in a folder."""
+    native.save(office(), folder / "office.yaml")
+    return folder / "office.yaml"
 
 
 def _walls(chance: np.random.Generator) -> dict[str, Wall]:

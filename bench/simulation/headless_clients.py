@@ -1,13 +1,11 @@
-"""Clients of a crowd of robots with their virtual sensor, in a process of their own: they receive floor updates, scan,
+"""Clients of a crowd of robots with their virtual sensor, for a process of their own: they receive floor updates, scan,
 and answer with a command for each robot."""
 
 from __future__ import annotations
 
-import gc
-import multiprocessing
+import contextlib
 import time
-from multiprocessing.connection import Connection
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -27,11 +25,25 @@ AHEAD_M_S = 0.8
 FRONT = 0.7
 
 
-class Work(NamedTuple):
-    """Time since the last request [s]: wall time of each of PARTS, and CPU time in total."""
+class Stopwatch:
+    """Wall time of each part of the work of this process, and its CPU time [s]."""
 
-    parts: dict[str, float]
-    cpu_s: float
+    def __init__(self, parts: Sequence[str]) -> None:
+        self.parts = dict.fromkeys(parts, 0.0)
+        self._at, self._worked = time.perf_counter(), time.process_time()
+
+    def end(self, part: str = "") -> None:
+        """End a part, which began when the last one ended; without a name it counts for none."""
+        now = time.perf_counter()
+        if part:
+            self.parts[part] += now - self._at
+        self._at = now
+
+    def take(self) -> tuple[dict[str, float], float]:
+        """The times of the parts and the CPU time since the last call."""
+        parts, before = self.parts, self._worked
+        self.parts, self._worked = dict.fromkeys(parts, 0.0), time.process_time()
+        return parts, self._worked - before
 
 
 class Wanderers:
@@ -50,17 +62,23 @@ class Wanderers:
         #: Robots on each floor: their rows in `names`, and their rows in the sensor's copy of the floor.
         self._rows: dict[str, tuple[Longs, Longs]] = {}
         self.distances: Floats = np.empty((len(names), spec.fan.count))
-        self._parts = dict.fromkeys(PARTS, 0.0)
-        self._at, self._worked = time.perf_counter(), time.process_time()
+        self._watch = Stopwatch(PARTS)
+        self.take = self._watch.take
+
+    def commands(self, updates: list[bytes]) -> bytes:
+        """Apply encoded updates, scan, and return the encoded commands."""
+        self._watch.end()
+        self.follow([floor_format.loads(update) for update in updates])
+        self.scan()
+        return self.wander().tobytes()
 
     def follow(self, updates: list[FloorUpdate]) -> None:
         """Apply updates."""
-        self._at = time.perf_counter()
         for update in updates:
             self._sensor.follow(update, time.monotonic())
             if update.came or update.went:
                 self._sort(update.floor)
-        self._end_of("following")
+        self._watch.end("following")
 
     def scan(self) -> None:
         """Scan with all sensors into `distances` (robots, rays) [m]."""
@@ -73,25 +91,15 @@ class Wanderers:
                     self.distances[row] = found.distances
             else:
                 self.distances[rows] = self._sensor.scan(floor, poses, Mount(), self._spec).distances
-        self._end_of("scans")
+        self._watch.end("scans")
 
     def wander(self) -> Floats:
         """Commands (robots, 2): speed ahead [m/s] and turn [rad/s], along a bend, or on the spot near an obstacle."""
         is_near = self.distances[:, self._front].min(axis=1) < self._near_m
-        change = self._chance.random(len(is_near)) < 0.02
-        self._side[change] *= -1.0
-        commands = np.empty((len(is_near), 2))
-        commands[:, 0] = np.where(is_near, 0.1, AHEAD_M_S)
-        commands[:, 1] = self._side * np.where(is_near, 1.5, 0.2)
-        self._end_of("wandering")
-        return commands
-
-    def work(self) -> Work:
-        """Time spent since the last call."""
-        parts, worked = self._parts, time.process_time()
-        self._parts = dict.fromkeys(PARTS, 0.0)
-        cpu_s, self._worked = worked - self._worked, worked
-        return Work(parts, cpu_s)
+        self._side[self._chance.random(len(is_near)) < 0.02] *= -1.0
+        ahead, turn = np.where(is_near, 0.1, AHEAD_M_S), self._side * np.where(is_near, 1.5, 0.2)
+        self._watch.end("wandering")
+        return np.column_stack([ahead, turn])
 
     def _sort(self, floor: str) -> None:
         """Rebuild the rows after bodies came or went."""
@@ -101,59 +109,7 @@ class Wanderers:
         rows, places = np.array(found, np.int64).reshape(-1, 2).T
         self._rows[floor] = rows, places
 
-    def _end_of(self, part: str) -> None:
-        now = time.perf_counter()
-        self._parts[part] += now - self._at
-        self._at = now
 
-
-class WandererProcess:
-    """Wanderers in a process of their own; their commands are based on the updates of the previous period."""
-
-    def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
-        processes = multiprocessing.get_context("spawn")
-        self._ours, theirs = processes.Pipe()
-        self._process = processes.Process(target=_answer, args=(theirs, building, names, spec, one_by_one), daemon=True)
-        self._process.start()
-        theirs.close()
-        self._shape = len(names), 2
-        #: Commands received by `work` before `commands` was called.
-        self._early = b""
-
-    def send(self, updates: list[FloorUpdate]) -> None:
-        """Send updates; the process answers later."""
-        self._ours.send([floor_format.dumps(update) for update in updates])
-
-    def commands(self) -> list[list[float]]:
-        """Receive speed ahead [m/s] and turn [rad/s] of each robot, once after each `send`."""
-        packed, self._early = self._early or self._ours.recv_bytes(), b""
-        found: list[list[float]] = np.frombuffer(packed).reshape(self._shape).tolist()
-        return found
-
-    def work(self) -> Work:
-        """Work of the process; call it between `send` and `commands`."""
-        self._ours.send(None)
-        self._early = self._ours.recv_bytes()
-        found: Work = self._ours.recv()
-        return found
-
-    def close(self) -> None:
-        self._ours.close()
-        self._process.join()
-
-
-def _answer(connection: Connection, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
-    clients = Wanderers(building, names, spec, one_by_one)
-    gc.collect()
-    gc.freeze()  # as servers do
-    while True:
-        try:
-            updates = connection.recv()
-        except EOFError:
-            return
-        if updates is None:
-            connection.send(clients.work())
-            continue
-        clients.follow([floor_format.loads(update) for update in updates])
-        clients.scan()
-        connection.send_bytes(clients.wander().tobytes())
+@contextlib.contextmanager
+def wanderers(building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> Iterator[Wanderers]:
+    yield Wanderers(building, names, spec, one_by_one)
