@@ -11,7 +11,7 @@ from typing import NoReturn, TypeVar
 
 from rich.progress import track
 
-from bench.common.processes import ProcessFailed
+from robocorba.testing.json_process import ProcessFailed
 from robocorba.testing.report import PROGRESS
 
 T = TypeVar("T")

@@ -22,8 +22,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.common.harness import run
-from bench.common.places import random_places
-from bench.common.processes import busy_process
 from robocorba.corba.event_client import EventClient
 from robocorba.errors.robots import InvalidProgram
 from robocorba.kinematics.smartpal import RADIUS_M
@@ -32,6 +30,8 @@ from robocorba.planning.request import Place
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.testing.actual_robot import running_stand_in
+from robocorba.testing.generated_buildings import random_places
+from robocorba.testing.json_process import busy_process
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import PROGRESS, Draw, Mark, at_least, at_most, curves, quantile, summarize

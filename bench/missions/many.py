@@ -34,7 +34,6 @@ import psutil
 from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
-from bench.common.processes import Cpu, Process, bench_command
 from robocorba.control.runner import Report, Result
 from robocorba.errors.base import RoboCorbaError
 from robocorba.maps import native
@@ -44,6 +43,7 @@ from robocorba.names import MISSIONS
 from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
+from robocorba.testing.json_process import Cpu, Process, checkout_command
 from robocorba.testing.missions import FLOOR, MissionSystem, Start
 from robocorba.testing.missions import missions as mission_system
 from robocorba.testing.processes import eventually
@@ -269,7 +269,7 @@ class Costs:
 @contextlib.contextmanager
 def started(place: MissionSystem, starts: Mapping[str, Start]) -> Iterator[None]:
     """A ready process for each robot."""
-    command = bench_command("missions.nursery")
+    command = checkout_command("bench.missions.nursery")
     with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
         nursery.receive(START_LIMIT_S)
         for name, at in starts.items():

@@ -23,8 +23,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.common.harness import run
-from bench.common.namespaces import Namespace, start_router
-from bench.common.processes import Process
 from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
@@ -34,7 +32,9 @@ from robocorba.repeating import Repeating
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
+from robocorba.testing.json_process import Process
 from robocorba.testing.missions import MissionSystem
+from robocorba.testing.namespaces import Namespace, start_router
 from robocorba.testing.processes import Launcher, Running, claimed_ports, drain, eventually, real_system
 from robocorba.testing.report import Mark, at_least, at_most, summarize
 

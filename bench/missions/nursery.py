@@ -16,11 +16,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.common.processes import answer_lines
 from robocorba.clients import robot
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.missions import carry
 from robocorba.supervision.child import PR_SET_PDEATHSIG
+from robocorba.testing.json_process import answer_lines
 
 _libc = ctypes.CDLL(None)
 

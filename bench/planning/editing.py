@@ -19,9 +19,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from bench.common.calls import checked_call
 from bench.common.harness import progress, run
-from bench.common.places import random_trips
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.conversion import maps, paths
 from robocorba.corba.orb import Orb
@@ -32,6 +30,8 @@ from robocorba.maps.samples import load_sample
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import random_trips
+from robocorba.testing.json_process import checked_call
 from robocorba.testing.report import at_most, distribution, summarize, summary, timed_ms
 
 EDITORS, PLANNERS = 2, 4

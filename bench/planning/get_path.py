@@ -13,13 +13,13 @@ from typing import Any
 from omniORB import CORBA
 
 from bench.common.harness import run
-from bench.common.places import random_places
-from bench.common.processes import Process, bench_command
 from robocorba.clients.robot_processes import free_ports, servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 from robocorba.planning.request import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import random_places
+from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import distribution, quantile, summarize, timed_ms
 
@@ -81,7 +81,7 @@ def canned(folder: Path, points: int) -> Iterator[Any]:
         except CORBA.TRANSIENT:
             return False
 
-    with Process(bench_command("planning.canned_answer", endpoint, str(points)), folder / "canned.log"):
+    with Process(checkout_command("bench.planning.canned_answer", endpoint, str(points)), folder / "canned.log"):
         eventually(answers, 20.0, "the canned answer")
         yield planner
 

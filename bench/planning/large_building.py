@@ -25,10 +25,7 @@ import psutil
 import shapely
 from shapely import LineString, STRtree
 
-from bench.common.buildings import grid_building
 from bench.common.harness import progress, run
-from bench.common.places import random_trips
-from bench.common.processes import pids_of
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import NoPath
@@ -39,6 +36,8 @@ from robocorba.planning.elevators import ride
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest, Place, RouteMode
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import grid_building, random_trips
+from robocorba.testing.json_process import pids_of
 from robocorba.testing.report import PROGRESS, at_least, at_most, distribution, summarize, summary, timed_ms
 
 ROUNDS, TRIPS = 5, 300

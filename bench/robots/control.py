@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from bench.common.harness import run
-from bench.common.processes import busy_process
-from bench.robots.place import RecordedRobot, system_on_two_floors
+from bench.robots.recorded_robot import RecordedRobot, system_on_two_floors
 from robocorba.control.high_controller import SPEED_CAP, TICK_S
 from robocorba.corba.orb import Orb
 from robocorba.kinematics.smartpal import ACCELERATION, BASE, JOINTS, LOWER, SPEED, UPPER
@@ -29,6 +28,7 @@ from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.spatial.grids import Floats
 from robocorba.testing.actual_robot import running_stand_in
+from robocorba.testing.json_process import busy_process
 from robocorba.testing.report import PROGRESS, at_most, distribution, quantile, summarize
 
 MAX_P99_MS = 5.0

@@ -27,10 +27,7 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
-from bench.common.namespaces import Namespace, ip, own_network
-from bench.common.processes import Process, bench_command
-from bench.robots.place import FLOOR, NAME, RecordedRobot, system_on_two_floors
-from bench.robots.recorded_robot import HANG_S
+from bench.robots.recorded_robot import FLOOR, HANG_S, NAME, RecordedRobot, system_on_two_floors
 from robocorba.control.agent import Condition
 from robocorba.control.high_controller import SPEED_CAP
 from robocorba.corba.orb import Orb
@@ -40,6 +37,8 @@ from robocorba.programs.builder import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.stubs import _GlobalIDL
 from robocorba.testing.actual_robot import StandIn, running_stand_in
+from robocorba.testing.json_process import Process, checkout_command
+from robocorba.testing.namespaces import Namespace, ip, own_network
 from robocorba.testing.processes import ROBOCORBA, Running, eventually
 from robocorba.testing.report import at_most, quantile, summarize
 
@@ -90,7 +89,7 @@ class Stage:
         self._starts = 0
         self.robot = self._start()
         what = ("units", str(actual.naming)) if actual else ("building", str(orb.naming), FLOOR, NAME)
-        command = (*(cable.command() if cable else ()), *bench_command("robots.watcher", *what))
+        command = (*(cable.command() if cable else ()), *checkout_command("bench.robots.watcher", *what))
         self._watcher = Process(command, folder / f"watcher-{what[0]}.log")
         self._watcher.receive(PATIENCE_S)
 

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.common.harness import run
-from bench.common.processes import Cpu, pids_of
-from bench.simulation.building import office
-from bench.simulation.building import robots as robots_in
 from bench.simulation.robots_client import Clients, office_system
 from robocorba.corba.conversion import simulation
 from robocorba.repeating import Repeating
 from robocorba.simulation.management_agent import DEFAULT_LIMIT
 from robocorba.simulation.registry import Description
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import office
+from robocorba.testing.generated_buildings import robots as robots_in
+from robocorba.testing.json_process import Cpu, pids_of
 from robocorba.testing.report import (
     PROGRESS,
     Mark,

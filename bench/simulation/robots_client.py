@@ -19,9 +19,6 @@ from typing import Any, TypeVar
 
 from omniORB import CORBA
 
-from bench.common.calls import LoggedOff, checked_call
-from bench.common.processes import Process, answer_commands, bench_command
-from bench.simulation.building import saved_office
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.orb import Orb
@@ -32,6 +29,8 @@ from robocorba.settings import Address
 from robocorba.simulation.registry import Description
 from robocorba.spatial.floor_state import Pose
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import saved_office
+from robocorba.testing.json_process import LoggedOff, Process, answer_commands, checked_call, checkout_command
 from robocorba.testing.report import timed_ms
 
 T = TypeVar("T")
@@ -207,7 +206,7 @@ class Clients:
     """Context manager of `processes` such processes. It and its methods raise ProcessFailed."""
 
     def __init__(self, naming: Address, processes: int, folder: Path) -> None:
-        self._command = bench_command("simulation.robots_client", str(naming))
+        self._command = checkout_command("bench.simulation.robots_client", str(naming))
         self._count, self._folder = processes, folder
         self._stack = contextlib.ExitStack()
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import psutil
 import pytest
+from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 
-from bench.common.processes import ProcessFailed
 from bench.events.channel.peers import PEERS, installed
 from bench.events.channel.peers.base import Peer
-from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 from bench.events.channel.stage import Stage, collect, ready, trio
+from robocorba.testing.json_process import ProcessFailed
 
 pytestmark = pytest.mark.system
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bench.events.network.analysis import Interval
 
 from bench.events.network import analysis, mission, outcome
-from bench.events.network.analysis import Interval
 from bench.events.network.experiment import FEDERATED, SET_UPS, STANDARD, Outcome
 from bench.events.network.load import Governor
 from bench.events.network.mission import Sent, expected
 from bench.events.network.networks import SUBNET_OF, Counts
-from bench.events.network.router import DelayLine
+from robocorba.testing.router import DelayLine
 
 
 def run(set_up: str, mean_us: float, load: float = 0.5, delay_us: int = 1000, lost: int = 0) -> Outcome:

@@ -10,10 +10,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.common.namespaces import Namespace
-from bench.common.processes import Process, ProcessFailed
 from bench.events.network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
 from bench.events.network.networks import Network, counts, networks, round_trips_us
+from robocorba.testing.json_process import Process, ProcessFailed
+from robocorba.testing.namespaces import Namespace
 
 pytestmark = pytest.mark.system
 

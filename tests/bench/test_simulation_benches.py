@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bench.simulation.headless_clients import PARTS, Wanderers
 from omniORB import CORBA
 
 from bench.simulation import headless as bench_headless
 from bench.simulation import robots as bench_robots
 from bench.simulation import sensors as bench_sensors
-from bench.simulation.building import RADIUS_M, office, robots
 from bench.simulation.headless import LASER, MOST, OURS, RING, Case, Lap, crowd
-from bench.simulation.headless_clients import PARTS, Wanderers
 from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
 from bench.simulation.robots_client import (
     PATIENCE,
@@ -38,6 +37,7 @@ from robocorba.maps.movable import movables
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import RADIUS_M, office, robots
 
 
 def test_the_office_is_as_it_is_described() -> None:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
+from functools import partial
 
 from bench.common.harness import run
-
-BENCHES = ("latency", "throughput", "stalled", "fanout")
+from bench.events.channel.consumers import fanout, memory, stalled
+from bench.events.channel.speed import latency, throughput
 
 
 def main(*bench: str, quick: bool = False, minutes: float = 60.0) -> bool:
-    names = BENCHES if bench in ((), ("all",)) else bench
-    if unknown := set(names) - {*BENCHES, "memory"}:
-        sys.exit(f"there is no bench {', '.join(unknown)}; there are {', '.join(BENCHES)}, memory, all")
-    modules = {name: importlib.import_module(f"bench.events.channel.{name}") for name in names}
-    missed = [n for n, module in modules.items() if not module.measure(minutes if n == "memory" else quick)]
+    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, stalled, fanout)}
+    names = list(benches) if bench in ((), ("all",)) else bench
+    benches["memory"] = partial(memory, minutes)
+    if unknown := set(names) - benches.keys():
+        sys.exit(f"there is no bench {', '.join(unknown)}; there are {', '.join(benches)}, all")
+    missed = [name for name in names if not benches[name]()]
     if missed:
         print(f"missed a mark, see above: {', '.join(missed)}", file=sys.stderr)
     return not missed

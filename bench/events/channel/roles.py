@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from bench.common.processes import answer_commands
 from bench.events.channel.peers import PEERS
 from bench.events.channel.peers.base import Supplier
 from bench.events.channel.peers.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
+from robocorba.testing.json_process import answer_commands
 
 MAX_GAPS = 20
 

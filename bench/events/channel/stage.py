@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.common.processes import Process, bench_command
 from bench.events.channel.peers import PEERS
 from bench.events.channel.peers.base import Broker
+from robocorba.testing.json_process import Process, checkout_command
 
 #: Timeout for a role to connect, which may wait for its broker to start [s].
 START_LIMIT_S = 40.0
@@ -38,11 +38,13 @@ class Stage(contextlib.ExitStack):
 
     def supplier(self, peer: str, broker: Broker) -> Process:
         """Start a supplier; call `ready` before using it."""
-        return self._process(*bench_command("events.channel.roles", "supplier", peer, broker.address))
+        return self._process(*checkout_command("bench.events.channel.roles", "supplier", peer, broker.address))
 
     def consumer(self, peer: str, broker: Broker, how_many: int = 1) -> Process:
         """Start consumers in one process."""
-        return self._process(*bench_command("events.channel.roles", "consumer", peer, broker.address, str(how_many)))
+        return self._process(
+            *checkout_command("bench.events.channel.roles", "consumer", peer, broker.address, str(how_many))
+        )
 
     def _process(self, *command: str) -> Process:
         return self.enter_context(Process(command, self.folder / f"{next(self._logs)}.log"))

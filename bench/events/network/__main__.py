@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from bench.common.harness import progress, run
-from bench.events.network import outcome
 from bench.events.network.experiment import FULL, QUICK, SILENCE_S, conduct, experiment, split_cores
 from bench.events.network.networks import Network
+from bench.events.network.report import write_report
 
 ECHOES = 200
 
@@ -46,7 +46,7 @@ def main(quick: bool = False) -> bool:
                 about["while nobody speaks"] = f"{idle.packets} packets, {idle.bytes} bytes in {SILENCE_S:g} s"
                 outcomes = list(progress(conduct(running, plan), "runs", plan.total))
     about["took, s"] = round(time.monotonic() - began, 1)
-    return outcome.report(outcomes, about)
+    return write_report(outcomes, about)
 
 
 def round_trips(network: Network, delay_us: int) -> dict[str, float]:

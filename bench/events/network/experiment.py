@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.common.processes import Process, bench_command
 from bench.events.network import mission
 from bench.events.network.load import Core
 from bench.events.network.networks import SUBNET_OF, Network, address
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
+from robocorba.testing.json_process import Process, checkout_command
 
 STANDARD, FEDERATED = "standard", "federated"
 SET_UPS = (STANDARD, FEDERATED)
@@ -189,10 +189,10 @@ def experiment(network: Network, leaders_core: int) -> Iterator[Experiment]:
                 "channels": {STANDARD: CENTRAL, FEDERATED: CHANNEL_OF[own_subnet]},
                 "peers": {FEDERATED: CHANNEL_OF[other]},
             }
-            program = bench_command("events.network.robot", json.dumps(settings))
+            program = checkout_command("bench.events.network.robot", json.dumps(settings))
             on = (leaders_core,) if name == mission.LEADER else ()
             robots[name] = stack.enter_context(network.start(name, f"robot-{name}", *program, cores=on))
-        working = bench_command("events.network.load", str(leaders_core))
+        working = checkout_command("bench.events.network.load", str(leaders_core))
         load = stack.enter_context(Process(working, network.folder / "load.log", (leaders_core,)))
         for process in (*robots.values(), load):
             process.receive(START_LIMIT_S)

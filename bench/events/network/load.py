@@ -14,7 +14,7 @@ import time
 
 import psutil
 
-from bench.common.processes import answer_lines
+from robocorba.testing.json_process import answer_lines
 
 #: Mean period of work and sleep [s].
 PERIOD_S = 0.01

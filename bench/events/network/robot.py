@@ -23,12 +23,12 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from bench.common.processes import answer_commands
 from bench.events.network import mission
 from robocorba.corba.event_client import Event, EventClient
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
+from robocorba.testing.json_process import answer_commands
 
 #: Timeout for another robot, and for the last events of a run [s].
 ANSWER_LIMIT_S = 10.0

@@ -17,7 +17,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from bench.common.processes import Process, bench_command
+from robocorba.supervision.launch import module_command
+from robocorba.testing.json_process import Process
 
 CLONE_NEWNET = 0x40000000
 TUNSETIFF = 0x400454CA
@@ -116,8 +117,8 @@ def own_network() -> None:
 
 
 def start_router(devices: Sequence[int], folder: Path, cores: Sequence[int] = ()) -> Process:
-    """Start bench.events.network.router between two TUN devices; it is ready for commands."""
-    command = bench_command("events.network.router", *map(str, devices))
+    """Start robocorba.testing.router between two TUN devices; it is ready for commands."""
+    command = module_command("robocorba.testing.router", *map(str, devices))
     router = Process(command, folder / "router.log", cores, pass_fds=devices)
     router.receive(START_LIMIT_S)
     return router

@@ -1,14 +1,17 @@
-"""Analysis of the runs: latencies of each cell (delay, load) in both set-ups, their ratio and trend."""
+"""Analysis and report of the runs: latencies of each cell (delay, load) in both set-ups, their ratio and trend; the paper's
+Figure 13 with our curves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
-from robocorba.testing.report import Mark, at_most
+from robocorba.testing.report import Mark, at_most, summarize, write_csv
 
 #: The figures of the paper's text about Figure 13: mean latencies [ms] at one load, and that they fall with load.
 PAPER_LOAD, PAPER_STANDARD_MS, PAPER_FEDERATED_MS = 0.6, 18.5, 16.9
@@ -188,3 +191,91 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
 def _resampled(values: np.ndarray, chance: np.random.Generator) -> np.ndarray:
     """Means of samples drawn with replacement."""
     return values[chance.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1)
+
+
+# ---- tables and pictures ----
+
+
+NAME = "event_network"
+TITLE = "Figure 13: latency of a central and of federated event channels"
+COLOURS = {STANDARD: "tab:red", FEDERATED: "tab:blue"}
+#: The columns of the printed table; the files have all.
+SHOWN = (
+    *("delay, ms", "load, %", f"{FEDERATED} busy, %"),
+    *(f"{set_up} {what}" for set_up in (STANDARD, FEDERATED) for what in ("mean", "p50", "p99")),
+    *("ratio", "ratio low", "ratio high", "ratio p50", "ratio local", "ratio remote"),
+)
+
+
+def write_report(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
+    """Print and write all results; whether every mark was reached. about: description of the measurement."""
+    found = cells(outcomes)
+    sentences, table = differences(found), markdown(found)
+    held = max((abs(cell.busy - cell.load) for cell in found if cell.load), default=0.0)
+    print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
+    print("\nBeside the paper:", *sentences, sep="\n- ")
+    print(f"\n{table}\n", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
+    runs = [run_row(run) for run in outcomes]
+    write_csv(f"{NAME}_runs", runs)
+    rows = [row(cell) for cell in found]
+    more = {**about, "beside the paper": sentences, "markdown": table, "runs": runs}
+    return summarize(NAME, TITLE, rows, marks(found), draw(found), SHOWN, **more)
+
+
+def markdown(found: Sequence[Cell]) -> str:
+    """A table for the README, with a row for each delay over all loads."""
+    lines = [
+        "| link, one way | standard: mean, p50, p99 | federated: mean, p50, p99 | ratio of means (95 %) | local "
+        "| remote | link, standard to federated |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for cell in by_delay(found):
+        took = [
+            "{mean:.2f}, {p50:.2f}, {p99:.2f} ms".format(**latencies_ms(runs))
+            for runs in (cell.standard, cell.federated)
+        ]
+        local, remote = (compare(cell, which).value for which in ("local_us", "remote_us"))
+        link = [np.mean([run.bytes for run in runs]) / 1e3 for runs in (cell.standard, cell.federated)]
+        lines.append(
+            f"| {cell.delay_us / 1e3:g} ms | {took[0]} | {took[1]} | {compare(cell)} | {local:.2f} "
+            f"| {remote:.2f} | {link[0]:.0f} to {link[1]:.0f} KB a run |"
+        )
+    standard, federated = PAPER_STANDARD_MS, PAPER_FEDERATED_MS
+    lines.append(f"| paper, at 60 % load | {standard} ms | {federated} ms | {PAPER_RATIO} | | | |")
+    return "\n".join(lines)
+
+
+def draw(found: Sequence[Cell]) -> Figure:
+    """Plots of latency (top) and ratio (bottom) over the load of the leader's core; a column for each delay."""
+    delays = sorted({cell.delay_us for cell in found})
+    figure = Figure(figsize=(3.2 * len(delays) + 1, 6.4), layout="constrained")
+    panels = figure.subplots(2, len(delays), sharex=True, sharey="row", squeeze=False)
+    paper = {STANDARD: PAPER_STANDARD_MS, FEDERATED: PAPER_FEDERATED_MS}
+    for upper, lower, delay in zip(*panels, delays, strict=True):
+        cells = [cell for cell in found if cell.delay_us == delay]
+        for set_up, colour in COLOURS.items():
+            runs = [getattr(cell, set_up) for cell in cells]
+            busy = [float(np.mean([run.busy for run in some])) for some in runs]
+            _curve(upper, busy, [mean(means_ms(some)) for some in runs], colour, set_up)
+            label = f"paper, {set_up}"
+            upper.plot([100 * PAPER_LOAD], [paper[set_up]], "*", color=colour, markersize=11, label=label)
+        for label, which, colour in (("all", "all_us", "black"), ("remote", "remote_us", "0.6")):
+            ratios = [compare(cell, which) for cell in cells]
+            _curve(lower, [cell.busy for cell in cells], ratios, colour, label)
+        lower.axhline(PAPER_RATIO, linestyle="--", color="tab:green", label=f"paper, {PAPER_RATIO}")
+        upper.set(title=f"link {delay / 1e3:g} ms one way", yscale="log")
+        lower.set(xlabel="CPU of the leader, as measured, %", xlim=(0, 102), ylim=(0, None))
+        for axes in (upper, lower):
+            axes.grid(alpha=0.3, which="both")
+    for axes, label in ((panels[0][0], "mean latency, ms"), (panels[1][0], "federated / standard")):
+        axes.set(ylabel=label)
+        axes.legend(fontsize="small")
+    figure.suptitle(TITLE)
+    return figure
+
+
+def _curve(axes: Axes, busy: Sequence[float], values: Sequence[Interval], colour: str, label: str) -> None:
+    """Values with their intervals over the load."""
+    errors = [[one.value - one.low for one in values], [one.high - one.value for one in values]]
+    x, y = [100 * share for share in busy], [one.value for one in values]
+    axes.errorbar(x, y, errors, marker="o", markersize=4, color=colour, label=label)

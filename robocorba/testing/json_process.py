@@ -1,16 +1,24 @@
-"""The processes of a bench, which exchange lines of JSON with it."""
+"""Processes that exchange lines of JSON with a bench, objects in other processes, and calls of servers."""
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import json
+import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
+from omniORB import CORBA
 
+from robocorba.corba.calls import describe
+from robocorba.corba.conversion import errors as idl_errors
 from robocorba.supervision.folder import StateFolder
 from robocorba.supervision.launch import ChildProcess
 
@@ -18,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class ProcessFailed(Exception):
-    """A process of a bench did not answer in time, or ended."""
+    """A process did not answer in time, or ended."""
 
 
 class Process(ChildProcess):
@@ -59,9 +67,9 @@ class Process(ChildProcess):
         return self.receive(limit_s)
 
 
-def bench_command(module: str, *arguments: str) -> tuple[str, ...]:
-    """The command line of a module of the benches, which is found by the current directory."""
-    return (sys.executable, "-m", f"bench.{module}", *arguments)
+def checkout_command(module: str, *arguments: str) -> tuple[str, ...]:
+    """The command line of a module of the repository, which is found by the current directory."""
+    return (sys.executable, "-m", module, *arguments)
 
 
 def busy_process(folder: Path, cores: Sequence[int] = ()) -> Process:
@@ -110,3 +118,71 @@ def _cpu_s(process: psutil.Process) -> float:
     except psutil.NoSuchProcess:
         return 0.0
     return float(times.user + times.system)
+
+
+# ---- an object in a process of its own ----
+
+
+class RemoteObject:
+    """The object of the context manager `make(*arguments)`, in a process that ends with the `with`."""
+
+    def __init__(self, make: Callable[..., AbstractContextManager[Any]], *arguments: Any) -> None:
+        processes = multiprocessing.get_context("spawn")
+        self._ours, theirs = processes.Pipe()
+        # Not a daemon: it may have child processes. It ends with the pipe.
+        self._process = processes.Process(target=_answer, args=(theirs, make, arguments))
+        self._process.start()
+        theirs.close()
+
+    def __enter__(self) -> RemoteObject:
+        self.receive()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ours.close()
+        self._process.join()
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """The result of a method; it must not raise."""
+        self.send(method, *arguments)
+        return self.receive()
+
+    def send(self, method: str, *arguments: Any) -> None:
+        """Begin a call; `receive` gets the results in the order of the calls. Raises OSError where it has ended."""
+        self._ours.send((method, arguments))
+
+    def receive(self) -> Any:
+        """Raises EOFError where it has ended."""
+        return self._ours.recv()
+
+
+def _answer(connection: Connection, make: Callable[..., AbstractContextManager[Any]], arguments: Any) -> None:
+    with make(*arguments) as target, contextlib.suppress(EOFError):
+        gc.collect()
+        gc.freeze()  # as servers do
+        connection.send(None)
+        while True:
+            method, more = connection.recv()
+            connection.send(getattr(target, method)(*more))
+
+
+# ---- CORBA calls whose exceptions can be pickled and read ----
+
+
+T = TypeVar("T")
+
+
+class LoggedOff(RuntimeError):
+    """The object of a call, such as a robot's session, has ended."""
+
+
+def checked_call(call: Callable[..., T], *arguments: object) -> T:
+    """Make a call, and convert CORBA exceptions to RuntimeError with a description."""
+    try:
+        return call(*arguments)
+    except CORBA.UserException as error:
+        raise RuntimeError(idl_errors.error_of(error)) from None
+    except CORBA.OBJECT_NOT_EXIST as error:
+        raise LoggedOff(describe(error)) from None
+    except CORBA.SystemException as error:
+        raise RuntimeError(describe(error)) from None

@@ -1,6 +1,6 @@
 """The router between two networks: a process that delays each packet.
 
-python -m bench.events.network.router FD FD: the descriptors of two TUN devices. It prints whether it has real-time
+python -m robocorba.testing.router FD FD: the descriptors of two TUN devices. It prints whether it has real-time
 priority, reads lines of JSON on stdin, {"delay_us": 200} to change the one-way delay or {} to keep it, answers each
 with the traffic forwarded so far, and ends with its stdin.
 """
