@@ -139,7 +139,9 @@ def building(of: Sequence[Room]) -> Building:
         doors.append(Door(f"door-{room.number}", (room.x - DOOR_M / 2, y), (room.x + DOOR_M / 2, y)))
         shape = BoxShape(BOX if room.has_box else TABLE)
         items.append(MapObject(room.item, shape, room.start, height=0.7, movable=True))
-    plan = GeometricalMap(*({each.name: each for each in kind} for kind in (walls, items, doors)))
+    plan = GeometricalMap(
+        {wall.name: wall for wall in walls}, {item.name: item for item in items}, {door.name: door for door in doors}
+    )
     found = Building("many rooms", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
     floor = found.floors[FLOOR]
     found.floors[FLOOR] = msgspec.structs.replace(floor, topological=topological_map(found, FLOOR))

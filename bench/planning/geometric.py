@@ -106,7 +106,7 @@ def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
     process = context.Process(target=measure, args=(theirs, kind, SIZE, cell_m, radius_m), daemon=True)
     process.start()
     theirs.close()
-    found = defaultdict(list)
+    found: dict[str, list[Any]] = defaultdict(list)
     deadline = time.monotonic() + PREPARATION_S
     try:
         while not found["done"] and (left_s := deadline - time.monotonic()) > 0.0 and ours.poll(left_s):

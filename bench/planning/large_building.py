@@ -40,7 +40,6 @@ from robocorba.testing.generated_buildings import grid_building, random_trips
 from robocorba.testing.json_process import pids_of
 from robocorba.testing.report import PROGRESS, at_least, at_most, distribution, summarize, summary, timed_ms
 
-ROUNDS, TRIPS = 5, 300
 #: networkx is slow: it gets one in this many trips.
 PEER_EVERY = 3
 #: Least ratio of the medians, and greatest median [ms].
@@ -57,30 +56,29 @@ START, GOAL = ("", "start"), ("", "goal")
 OURS, STRAIGHT, INFORMED = "RoboCorba", "networkx A*", "networkx A* with our estimate"
 
 
-def main() -> bool:
+def main(rounds: int = 5, trips: int = 300) -> bool:
     with PROGRESS.status("making the building, its planner and the graph for networkx"):
         building = grid_building()
-        trips = random_trips(building, SMARTPAL_RADIUS_M, ROUNDS * TRIPS, seed=3)
+        all_trips = random_trips(building, SMARTPAL_RADIUS_M, rounds * trips, seed=3)
         planner = PathPlanner(building)
         planner.warm_up()
         peer = Peer(building, SMARTPAL_RADIUS_M)
         # Otherwise the garbage collector visits millions of objects during a query.
         gc.collect()
         gc.freeze()
-    is_reached = in_process(planner, peer, trips)
+    is_reached = in_process(planner, peer, [all_trips[i * trips : (i + 1) * trips] for i in range(rounds)])
     del planner, peer
-    return over_iiop(building, trips) and is_reached
+    return over_iiop(building, all_trips) and is_reached
 
 
-def in_process(planner: PathPlanner, peer: Peer, trips: Sequence[Trip]) -> bool:
+def in_process(planner: PathPlanner, peer: Peer, rounds: Sequence[Sequence[Trip]]) -> bool:
     """The planner and networkx alternately, on the shortest path along the topological map."""
     rows: list[dict[str, Any]] = []
     samples: dict[str, list[float]] = {OURS: [], STRAIGHT: [], INFORMED: []}
-    for round_ in range(ROUNDS):
+    for round_, trips in enumerate(rounds, 1):
         took: dict[str, list[float]] = {name: [] for name in samples}
         both: list[float] = []
-        of_round = trips[round_ * TRIPS : (round_ + 1) * TRIPS]
-        for i, trip in enumerate(progress(of_round, f"round {round_ + 1} of {ROUNDS}")):
+        for i, trip in enumerate(progress(trips, f"round {round_} of {len(rounds)}")):
             cost, took_ms = timed_ms(_cost, planner, *trip)
             took[OURS].append(took_ms)
             if i % PEER_EVERY == 0:
@@ -92,7 +90,7 @@ def in_process(planner: PathPlanner, peer: Peer, trips: Sequence[Trip]) -> bool:
                     took[name].append(peer_ms)
         rows.append(
             {
-                "round": round_ + 1,
+                "round": round_,
                 "trips": len(took[OURS]),
                 **summary(took[OURS], "planner median ms", "planner p99 ms"),
                 "networkx's trips": len(both),
@@ -302,4 +300,4 @@ def _ask(planner: Any, trips: Iterable[Trip]) -> tuple[dict[str, list[float]], l
 
 
 if __name__ == "__main__":
-    run(main)
+    run(main, trips="of a round")

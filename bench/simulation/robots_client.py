@@ -250,7 +250,7 @@ class Clients:
 
 @contextlib.contextmanager
 def office_system(folder: Path, *more: str) -> Iterator[tuple[Address, Orb, Any]]:
-    """`robocorba up` on the office with its state in folder/state: its naming service, an ORB, its simulation server."""
+    """`robocorba up` on the office with its state in folder/state: naming service, ORB, simulation server."""
     with servers(folder / "state", "--building", str(saved_office(folder)), *more) as naming, Orb(naming) as orb:
         yield naming, orb, orb.resolve("SimulationServer", RoboCorba.SimulationServer)
 

@@ -62,6 +62,15 @@ def claimed_ports() -> Iterator[int]:
     raise AssertionError("no free ports")
 
 
+def free_ports(count: int) -> list[int]:
+    """Ports on which no process listens now."""
+    with contextlib.ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
+
+
 class Launcher:
     """Starts commands in `folder`; the end of its `with` kills those that still run, with their child processes."""
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import psutil
 import pytest
-from bench.events.channel.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+from robocorba.testing.peers.ours import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 
-from bench.events.channel.peers import PEERS, installed
-from bench.events.channel.peers.base import Peer
 from bench.events.channel.stage import Stage, collect, ready, trio
 from robocorba.testing.json_process import ProcessFailed
+from robocorba.testing.peers import PEERS, installed
+from robocorba.testing.peers.base import Peer
 
 pytestmark = pytest.mark.system
 

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from bench.events.channel.peers.stamps import SIZE, Quality, Tally, gaps, quality, stamped, stamped_run
+from bench.events.channel.stamps import SIZE, Quality, Tally, gaps, quality, stamped, stamped_run
 
 
 def test_an_event_says_who_sent_it_as_which_one_and_when() -> None:

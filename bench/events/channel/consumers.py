@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import psutil
 
-from bench.events.channel.peers.corba import BOUND, BOUNDED, CLIENT, HEADER, PLAIN, connected
 from bench.events.channel.stage import Stage, collect, ready, send
 from robocorba.repeating import Repeating
 from robocorba.testing.json_process import Cpu, Process
+from robocorba.testing.peers.corba import BOUND, BOUNDED, CLIENT, HEADER, PLAIN, connected
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import PROGRESS, at_most, curves, quantile, summarize
 
@@ -215,7 +215,8 @@ def memory(minutes: float) -> bool:
         at_most("growth after the warm-up, MiB an hour", slope_an_hour(seconds, sizes), MAX_MIB_AN_HOUR),
         at_most(f"events lost of {events:,} for each of {MEMORY_CONSUMERS} consumers", lost, 0),
     ]
-    title = f"Resident memory of a channel, {sum(MEMORY_SUPPLIERS.values()):g} events a second for {MEMORY_CONSUMERS} consumers"
+    rate = sum(MEMORY_SUPPLIERS.values())
+    title = f"Resident memory of a channel, {rate:g} events a second for {MEMORY_CONSUMERS} consumers"
     draw = curves([at / 60 for at in seconds], {"channel": sizes}, "minutes", ylabel="MiB")
     return summarize("event_channel_memory", title, rows, marks, draw)
 

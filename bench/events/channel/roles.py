@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from bench.events.channel.peers import PEERS
-from bench.events.channel.peers.base import Supplier
-from bench.events.channel.peers.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
+from bench.events.channel.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
 from robocorba.testing.json_process import answer_commands
+from robocorba.testing.peers import PEERS
+from robocorba.testing.peers.base import Supplier
 
 MAX_GAPS = 20
 

@@ -1,8 +1,9 @@
-"""Analysis and report of the runs: latencies of each cell (delay, load) in both set-ups, their ratio and trend; the paper's
-Figure 13 with our curves."""
+"""Analysis and report of the runs: latencies of each cell (delay, load) in both set-ups, their ratio and trend, and the
+paper's Figure 13 with our curves."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -113,7 +114,10 @@ def trend(runs: Sequence[Outcome]) -> tuple[Interval, str]:
 
 def row(cell: Cell) -> dict[str, Any]:
     """A cell as a row of the table and the files: latencies [ms] and traffic over the link in a run."""
-    found: dict[str, Any] = {"delay, ms": cell.delay_us / 1e3, "load, %": round(100 * cell.load)}
+    found: dict[str, Any] = {
+        "delay, ms": cell.delay_us / 1e3,
+        "load, %": None if math.isnan(cell.load) else round(100 * cell.load),
+    }
     for set_up, runs in ((STANDARD, cell.standard), (FEDERATED, cell.federated)):
         found[f"{set_up} busy, %"] = round(100 * float(np.mean([run.busy for run in runs])), 1)
         found |= {f"{set_up} {name}": ms for name, ms in latencies_ms(runs).items()}
@@ -210,39 +214,18 @@ SHOWN = (
 def write_report(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     """Print and write all results; whether every mark was reached. about: description of the measurement."""
     found = cells(outcomes)
-    sentences, table = differences(found), markdown(found)
+    sentences = differences(found)
     held = max((abs(cell.busy - cell.load) for cell in found if cell.load), default=0.0)
     print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
     print("\nBeside the paper:", *sentences, sep="\n- ")
-    print(f"\n{table}\n", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
+    print("", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
     runs = [run_row(run) for run in outcomes]
     write_csv(f"{NAME}_runs", runs)
     rows = [row(cell) for cell in found]
-    more = {**about, "beside the paper": sentences, "markdown": table, "runs": runs}
+    more = {**about, "beside the paper": sentences, "runs": runs}
+    delays = [row(cell) for cell in by_delay(found)]
+    summarize(f"{NAME}_delays", f"{TITLE}, over all loads", delays, [], draw(by_delay(found)), SHOWN)
     return summarize(NAME, TITLE, rows, marks(found), draw(found), SHOWN, **more)
-
-
-def markdown(found: Sequence[Cell]) -> str:
-    """A table for the README, with a row for each delay over all loads."""
-    lines = [
-        "| link, one way | standard: mean, p50, p99 | federated: mean, p50, p99 | ratio of means (95 %) | local "
-        "| remote | link, standard to federated |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for cell in by_delay(found):
-        took = [
-            "{mean:.2f}, {p50:.2f}, {p99:.2f} ms".format(**latencies_ms(runs))
-            for runs in (cell.standard, cell.federated)
-        ]
-        local, remote = (compare(cell, which).value for which in ("local_us", "remote_us"))
-        link = [np.mean([run.bytes for run in runs]) / 1e3 for runs in (cell.standard, cell.federated)]
-        lines.append(
-            f"| {cell.delay_us / 1e3:g} ms | {took[0]} | {took[1]} | {compare(cell)} | {local:.2f} "
-            f"| {remote:.2f} | {link[0]:.0f} to {link[1]:.0f} KB a run |"
-        )
-    standard, federated = PAPER_STANDARD_MS, PAPER_FEDERATED_MS
-    lines.append(f"| paper, at 60 % load | {standard} ms | {federated} ms | {PAPER_RATIO} | | | |")
-    return "\n".join(lines)
 
 
 def draw(found: Sequence[Cell]) -> Figure:

@@ -20,10 +20,6 @@ import CosEventChannelAdmin
 import CosEventComm__POA
 from omniORB import CORBA
 
-from bench.events.channel.peers.base import START_LIMIT_S, Broker, Peer, Receive, Start, Supplier, program, server
-from bench.events.channel.peers.forwarders import orb_without_names
-from bench.events.channel.peers.stamps import SIZE
-from robocorba.clients.robot_processes import free_ports
 from robocorba.corba.conversion import events
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
@@ -33,7 +29,19 @@ from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
-from robocorba.testing.processes import eventually
+from robocorba.testing.peers.base import (
+    PAYLOAD_BYTES,
+    START_LIMIT_S,
+    Broker,
+    Peer,
+    Receive,
+    Start,
+    Supplier,
+    program,
+    server,
+)
+from robocorba.testing.peers.forwarders import orb_without_names
+from robocorba.testing.processes import eventually, free_ports
 
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
 #: Lossless: a full queue blocks the supplier.
@@ -85,7 +93,7 @@ class BatchConsumer(RoboCorba__POA.EventConsumer):
 def consume_plain(orb: Orb, channel: Any, receive: Receive) -> Callable[[], object]:
     proxy = channel.for_consumers().obtain_push_supplier()
     proxy.connect_push_consumer(orb.activate(PlainConsumer(receive)))
-    return proxy.disconnect_push_supplier  # type: ignore[no-any-return]
+    return partial(proxy.disconnect_push_supplier)
 
 
 def consume_batches(
@@ -95,7 +103,7 @@ def consume_batches(
     stamp."""
     consumer = orb.activate(BatchConsumer(receive, size))
     proxy = channel.subscribe("", consumer, events.subscription(ALL), events.policy(policy))
-    return proxy.disconnect_push_supplier  # type: ignore[no-any-return]
+    return partial(proxy.disconnect_push_supplier)
 
 
 def consume_by_client(orb: Orb, _: Any, receive: Receive) -> Callable[[], object]:
@@ -186,7 +194,7 @@ def ours(name: str, supplier: Callable[..., Any], consume: Consume, before: Sequ
 
 PLAIN = ours("plain", plain_supplier, consume_plain)
 BOUNDED = ours("bounded", header_supplier, partial(consume_batches, policy=QueuePolicy(BOUND)))
-PLAIN_TO_BATCHES = ours("plain to batches", plain_supplier, partial(consume_batches, size=SIZE))
+PLAIN_TO_BATCHES = ours("plain to batches", plain_supplier, partial(consume_batches, size=PAYLOAD_BYTES))
 HEADER = ours("header", header_supplier, consume_batches)
 ON_ONE_CORE = ours("header, on one core", header_supplier, consume_batches, ("taskset", "-c", "0"))
 CLIENT = ours("EventClient", client_supplier, consume_by_client)
@@ -242,7 +250,7 @@ def relay_ends(address: str) -> Iterator[tuple[Orb, Any]]:
 
 RELAY = Peer(
     "a bare Python relay",
-    server(sys.executable, "-m", "bench.events.channel.peers.forwarders", "relay", "{0}"),
+    server(sys.executable, "-m", "robocorba.testing.peers.forwarders", "relay", "{0}"),
     partial(plain_supplier, relay_ends),
     partial(consumers, relay_ends, consume_plain),
 )

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from robocorba.clients.robot_processes import free_ports
-from robocorba.testing.processes import eventually
+from robocorba.testing.processes import eventually, free_ports
 
 #: Takes the payloads that arrived in one call.
 Receive = Callable[[Sequence[bytes]], None]
 #: Starts a command as a process that ends with the bench, and returns its process id.
 Start = Callable[..., int]
+#: Size of the payload of every event.
+PAYLOAD_BYTES = 100
 #: Timeout for a broker to listen, and for a client to connect [s].
 START_LIMIT_S = 20.0
 #: Debian installs servers in folders that are not in the PATH of ordinary users.
@@ -83,8 +84,7 @@ def server(*command: str, ports: int = 1, settings: str = "") -> Callable[[Start
         file.write_text(settings.format(*numbers))
         name, *arguments = (part.format(*numbers, folder=folder, file=file) for part in command)
         pid = start(program(name), *arguments)
-        for number in numbers:
-            eventually(lambda number=number: _listens(number), START_LIMIT_S, f"{name} at port {number}")
+        eventually(lambda: all(map(_listens, numbers)), START_LIMIT_S, f"{name} at its ports")
         return Broker(",".join(f"127.0.0.1:{number}" for number in numbers), pid)
 
     return start_server

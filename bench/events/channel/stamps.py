@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-SIZE = 100
+from robocorba.testing.peers.base import PAYLOAD_BYTES
+
 _STAMP = struct.Struct("<QQ")
-_REST = bytes(SIZE - _STAMP.size)
+_REST = bytes(PAYLOAD_BYTES - _STAMP.size)
 #: The bits of a stamp above these are the supplier, the lower ones the number.
 _SUPPLIER_SHIFT = 48
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import omniORB  # noqa: F401  makes the OMG stubs importable
 
-from bench.events.channel.peers import brokers, corba
-from bench.events.channel.peers.base import Peer
+from robocorba.testing.peers import brokers, corba
+from robocorba.testing.peers.base import Peer
 
 PEERS: dict[str, Peer] = {
     peer.name: peer

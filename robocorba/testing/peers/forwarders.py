@@ -1,4 +1,4 @@
-"""Brokers that are Python programs: python -m bench.events.channel.peers.forwarders relay|zenoh|zeromq PORT [PORT]
+"""Brokers that are Python programs: python -m robocorba.testing.peers.forwarders relay|zenoh|zeromq PORT [PORT]
 
 `relay` is the lower bound for a channel in Python on omniORB: a servant that forwards each event without any state."""
 
@@ -7,7 +7,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import omniORB  # noqa: F401  makes the OMG stubs importable
@@ -100,4 +100,5 @@ def zmq_socket(context: Any, kind: int) -> Any:
 
 
 if __name__ == "__main__":
-    {"relay": relay, "zenoh": zenoh, "zeromq": zeromq}[sys.argv[1]](*sys.argv[2:])
+    programs: dict[str, Callable[..., None]] = {"relay": relay, "zenoh": zenoh, "zeromq": zeromq}
+    programs[sys.argv[1]](*sys.argv[2:])

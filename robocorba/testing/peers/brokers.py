@@ -10,14 +10,14 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from bench.events.channel.peers.base import START_LIMIT_S, Peer, Receive, Supplier, server, split
-from bench.events.channel.peers.forwarders import zenoh_session, zmq_context, zmq_socket
+from robocorba.testing.peers.base import START_LIMIT_S, Peer, Receive, Supplier, server, split
+from robocorba.testing.peers.forwarders import zenoh_session, zmq_context, zmq_socket
 from robocorba.testing.processes import eventually
 
 TOPIC = "bench/events"
 #: Number of events after which a flood lets the client of NATS write.
 NATS_TOGETHER = 100
-_FORWARDER = (sys.executable, "-m", "bench.events.channel.peers.forwarders")
+_FORWARDER = (sys.executable, "-m", "robocorba.testing.peers.forwarders")
 
 
 @contextlib.contextmanager
