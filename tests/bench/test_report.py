@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench.events.channel.memory import slope_an_hour
 from matplotlib.axes import Axes
 
+from bench.events.channel.consumers import slope_an_hour
 from robocorba.testing import report
 from robocorba.testing.report import at_least, at_most, summarize
 

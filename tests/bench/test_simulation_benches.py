@@ -11,25 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench.simulation.headless_clients import PARTS, Wanderers
 from omniORB import CORBA
 
 from bench.simulation import headless as bench_headless
 from bench.simulation import robots as bench_robots
 from bench.simulation import sensors as bench_sensors
-from bench.simulation.headless import LASER, MOST, OURS, RING, Case, Lap, crowd
+from bench.simulation.headless import LASER, MOST, OURS, PARTS, RING, Case, Lap, Wanderers, crowd
 from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
-from bench.simulation.robots_client import (
-    PATIENCE,
-    STUCK_M_S,
-    Clients,
-    Robot,
-    Worked,
-    drive,
-    in_threads,
-    joined,
-    pids_of,
-)
+from bench.simulation.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, drive, joined
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps import native
@@ -38,6 +27,7 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
 from robocorba.testing.generated_buildings import RADIUS_M, office, robots
+from robocorba.testing.json_process import Cpu, pids_of
 
 
 def test_the_office_is_as_it_is_described() -> None:
@@ -177,11 +167,7 @@ def test_what_a_slow_server_keeps_from_being_made_is_missing() -> None:
 
 
 def test_what_several_say_is_joined() -> None:
-    assert joined([[1, 2], [], [3]]) == [1, 2, 3]
-    assert joined([1, 2, 3]) == 6
-    assert in_threads(lambda number: number * number, 3) == [0, 1, 4]
-    with pytest.raises(ZeroDivisionError):
-        in_threads(lambda number: 1 // number, 2)
+    assert joined([{"a": [1, 2], "b": 1}, {"a": [], "b": 2}, {"a": [3], "b": 3}]) == {"a": [1, 2, 3], "b": 6}
 
 
 def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
@@ -314,8 +300,8 @@ def test_a_small_run_of_sensors(system: tuple[Any, Clients, Path], monkeypatch: 
 @pytest.mark.system
 def test_work_of_a_process_is_counted(system: tuple[Any, Clients, Path]) -> None:
     server, _, state = system
-    worked = Worked(pids_of(state, "simulation"))
-    by = time.monotonic() + 30.0
-    while worked.seconds()[0] == 0.0 and time.monotonic() < by:  # the system counts in hundredths of a second
+    cpu, by, spent_s = Cpu(pids_of(state, "simulation")), time.monotonic() + 30.0, 0.0
+    while spent_s == 0.0 and time.monotonic() < by:  # the system counts in hundredths of a second
         server._get_state()
-    assert 0.0 < worked.seconds()[0] < 30.0
+        spent_s = cpu.spent_s()[0]
+    assert 0.0 < spent_s < 30.0
