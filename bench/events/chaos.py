@@ -50,7 +50,8 @@ def main(rounds: int = 20, seed: int = 1) -> bool:
         outcomes = [chaos.round(victim) for victim in progress(victims, "kills")]
     of = {victim: [one for one in outcomes if one.victim == victim] for victim in dict.fromkeys(victims)}
     wrong = [outcome for outcome in outcomes if not outcome.is_right]
-    print(*(f"MISSED: {outcome}" for outcome in wrong), sep="\n")
+    for outcome in wrong:
+        print(f"MISSED: {outcome}")
     marks = [
         at_most(
             "longest time from the first answer to links up, s", max(o.links_after_ready_s for o in outcomes), MARK_S

@@ -45,7 +45,8 @@ def main(rounds: int = 20, seed: int = 1) -> bool:
     ):
         outcomes = [chaos.round() for _ in progress(range(rounds), "rounds")]
     for number, outcome in enumerate(outcomes, 1):
-        print(*(f"MISSED in round {number}: {fault}" for fault in outcome.faults), sep="\n", end="")
+        for fault in outcome.faults:
+            print(f"MISSED in round {number}: {fault}")
     rows: list[dict[str, Any]] = []
     times = {member: [getattr(outcome, member) for outcome in outcomes] for member in TIMES}
     for member, values in times.items():
