@@ -42,7 +42,7 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
     try:
         sys.exit(0 if measure(*positional, **named) else 1)
     except (ProcessFailed, KeyboardInterrupt) as error:
-        sys.exit(f"bench: {error or 'stopped'}")
+        sys.exit(f"bench: {str(error) or 'stopped'}")
 
 
 def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterable[T]:

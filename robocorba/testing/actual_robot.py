@@ -16,6 +16,8 @@ from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
 from robocorba.testing.processes import Launcher, claimed_ports, drain, eventually
 
+#: Time limit for the start on a busy machine [s].
+START_LIMIT_S = 300.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -55,7 +57,7 @@ def running_stand_in(
         )
         with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
             place = StandIn(naming, process, ours)
-            eventually(lambda: _is_ready(place), 60.0, "the stand-in")
+            eventually(lambda: _is_ready(place), START_LIMIT_S, "the stand-in")
             drain(process)
             yield place
 
