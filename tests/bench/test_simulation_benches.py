@@ -89,7 +89,7 @@ def test_clients_see_the_same_either_way(spec: Any, tmp_path: Path) -> None:
 
 def test_laps_are_told_by_their_medians() -> None:
     laps = [
-        Lap(factor, factor, {**dict.fromkeys(OURS, 0.0), "steps": 2.0 / factor, "scans": 1.0}, 60)
+        Lap(factor, factor, {**dict.fromkeys((*OURS, *PARTS), 0.0), "steps": 2.0 / factor, "scans": 1.0}, 60)
         for factor in (4.0, 2.0, 3.0)
     ]
     row = bench_headless.row_of(Case(10, "ring", RING, 60.0), laps)
