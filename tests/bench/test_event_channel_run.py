@@ -64,21 +64,21 @@ def test_several_consumers_in_a_process(stage: Stage) -> None:
     assert [_faultless(got, 50) for got in collect(consumers, [range(50)], 60.0)] == [True] * 3
 
 
-def test_what_did_not_come_is_told(stage: Stage) -> None:
+def test_missing_events_are_counted(stage: Stage) -> None:
     supplier, consumer = trio(stage, HEADER.name)
     send(supplier, "pace", 60.0, first=0, count=20, rate=1000.0)
     (got,) = collect(consumer, [range(30)], 60.0)
     assert (got["count"], got["lost"], got["gaps"]) == (20, 10, [[20, 30]])
 
 
-def test_a_role_that_ends_is_told_with_its_reason(stage: Stage) -> None:
+def test_the_failure_of_a_role_names_its_reason(stage: Stage) -> None:
     broker = stage.broker(HEADER.name)
     supplier = stage.supplier("nobody knows it", broker)
     with pytest.raises(ProcessFailed, match="nobody knows it"):
         ready(supplier)
 
 
-def test_a_role_that_does_not_answer_is_told() -> None:
+def test_a_role_that_does_not_answer_fails() -> None:
     with Stage() as stage:
         supplier, _ = trio(stage, HEADER.name)
         with pytest.raises(ProcessFailed, match="did not answer within"):

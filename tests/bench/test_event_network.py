@@ -101,7 +101,7 @@ def test_scans_interest_nobody_in_the_other_subnetwork() -> None:
     assert not mission.is_mission(mission.SCAN)
 
 
-def test_nobody_hears_itself() -> None:
+def test_no_robot_receives_its_own_events() -> None:
     assert all(expected(robot, [Sent(mission.STATE, robot, 5)]) == 0 for robot in mission.ROBOTS)
 
 
@@ -135,7 +135,7 @@ def test_cells_are_ordered_and_hold_the_runs_of_both_set_ups() -> None:
     assert all(len(cell.standard) == len(cell.federated) == 2 for cell in found)
 
 
-def test_a_row_says_what_the_runs_said() -> None:
+def test_a_row_has_the_means_of_its_runs() -> None:
     (cell,) = report.cells([run(STANDARD, 1000), run(FEDERATED, 500)])
     row = report.row(cell)
     assert row["standard mean"] == pytest.approx(1.5)  # half of the events take 1 ms on average, half 2 ms
@@ -165,7 +165,7 @@ def test_an_event_that_nobody_wanted_misses_a_mark() -> None:
     assert [mark.is_reached for mark in marks if "over the federation's link" in mark.what] == [False]
 
 
-def test_the_paper_is_told_apart_from_us() -> None:
+def test_differences_from_the_paper_are_named() -> None:
     loads = np.tile(np.linspace(0.1, 0.6, 6), 4).round(1)
     runs = [run(set_up, 1000 + 500 * load, load) for load in loads for set_up in SET_UPS]
     sentences = report.differences(report.cells(runs))

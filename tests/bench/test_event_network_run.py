@@ -66,7 +66,7 @@ def test_the_link_delays_and_counts(network: Network) -> None:
     assert crossed.bytes >= 10
 
 
-def test_a_process_that_ends_tells_why(tmp_path: Path) -> None:
+def test_a_process_that_ends_reports_why(tmp_path: Path) -> None:
     program = "import sys; sys.exit('no table here')"
     with (
         Process((sys.executable, "-c", program), tmp_path / "log", split_cores()[1]) as process,

@@ -26,7 +26,7 @@ def test_marks() -> None:
 
 
 @pytest.mark.parametrize("value", [1.0, 3.0])
-def test_what_is_told_is_printed_and_written(
+def test_a_summary_is_printed_and_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float
 ) -> None:
     monkeypatch.setattr(report, "RESULTS", tmp_path)
