@@ -9,17 +9,14 @@ python -m bench.robots.kinematics
 from __future__ import annotations
 
 import math
-import statistics
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import mink
 import mujoco
 import numpy as np
-from matplotlib.axes import Axes
 
-from bench import RESULTS
+from bench.common.harness import run
 from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
@@ -27,7 +24,7 @@ from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import at_least, at_most, quantile, summarize, timed_ms
+from robocorba.testing.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
 POSES, QUESTIONS = 1000, 10_000
 NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)
@@ -112,22 +109,16 @@ def measure(
         times.append(took)
         if found is not None:
             way, turn = body.hand(side, found).distance(target)
-            is_within = np.allclose(found, np.clip(found, JOINT_LOWER, JOINT_UPPER), rtol=0.0, atol=1e-9)
-            solved += way < NEAR_M and turn < NEAR_RAD and is_within
-    row = {
-        "arm": side.value,
-        "by": by,
-        "poses": len(truth),
-        "solved": solved / len(truth),
-        "median ms": statistics.median(times),
-        "p99 ms": quantile(times, 0.99),
-        "worst ms": max(times),
-    }
-    return row, times
+            solved += (
+                way < NEAR_M
+                and turn < NEAR_RAD
+                and bool(np.all((found >= JOINT_LOWER - 1e-9) & (found <= JOINT_UPPER + 1e-9)))
+            )
+    share = {"arm": side.value, "by": by, "poses": len(truth), "solved": solved / len(truth)}
+    return {**share, **summary(times, "median ms", "p99 ms", "worst ms")}, times
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
+def main() -> bool:
     body, inverse = SmartPalBody(), InverseKinematics()
     rows, times, marks = [], {}, []
     for side in Side:
@@ -137,40 +128,23 @@ def main() -> int:
             ("ours, clear of the body", ours(inverse, side, True), postures(body, side, POSES, True)),
             ("mink + daqp", by_mink(inverse, side), anywhere[:FEW]),
         ):
-            row, took = measure(body, side, by, solve, truth)
+            row, times[f"{side.value} arm, {by}"] = measure(body, side, by, solve, truth)
             rows.append(row)
-            times[f"{side.value} arm, {by}"] = took
             if by.startswith("ours"):
                 marks.append(at_least(f"{side.value} arm, {by}: share solved", row["solved"], 0.99))
                 marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
-    rows += forward(body)
-    title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
-    return 0 if summarize(RESULTS / "kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
-
-
-def forward(body: SmartPalBody) -> list[dict[str, Any]]:
-    """Rows for the durations of forward kinematics and collision queries."""
-    chance = np.random.default_rng(18)
-    everywhere = list(chance.uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))
-    rows = []
+    everywhere = list(np.random.default_rng(18).uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))
     for what, ask in (
         ("one hand, forward", lambda joints: body.hand(Side.LEFT, joints)),
         ("all links, forward", body.links),
         ("collisions", body.collisions),
     ):
         took = [timed_ms(ask, joints)[1] for joints in everywhere]
-        row = dict.fromkeys(("arm", "by", "poses", "solved"), None) | {"by": what, "poses": QUESTIONS}
-        figures = {"median ms": statistics.median(took), "p99 ms": quantile(took, 0.99), "worst ms": max(took)}
-        rows.append(row | figures)
-    return rows
-
-
-def _draw(axes: Axes, times: dict[str, list[float]]) -> None:
-    for label, took in times.items():
-        axes.plot(sorted(took), np.arange(len(took)) / len(took), label=label)
-    axes.set(xscale="log", xlabel="ms", ylabel="share of solves that took less")
-    axes.legend()
+        share = {"arm": None, "by": what, "poses": QUESTIONS, "solved": None}
+        rows.append({**share, **summary(took, "median ms", "p99 ms", "worst ms")})
+    title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
+    return summarize("kinematics", title, rows, marks, distribution(times, "ms", "share of solves that took less"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

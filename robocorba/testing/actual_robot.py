@@ -1,9 +1,9 @@
-"""The stand-in for an actual robot as processes: its own naming service, and servers/smartpal bound there."""
+"""A robot's own naming service and a servers/smartpal process bound in it, as real processes."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from subprocess import Popen
 from typing import Any, NamedTuple
@@ -14,13 +14,15 @@ from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import naming_service_command
-from robocorba.testing.processes import Launcher, claimed_ports, eventually
+from robocorba.testing.processes import Launcher, claimed_ports, drain, eventually
 
+#: Time limit for the start on a busy machine [s].
+START_LIMIT_S = 300.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
 class StandIn(NamedTuple):
-    """naming: the robot's own naming service. process: servers/smartpal. orb: of this process."""
+    """naming: of the robot itself. process: the stand-in. orb: of this process, for another naming service."""
 
     naming: Address
     process: Popen[str]
@@ -28,7 +30,7 @@ class StandIn(NamedTuple):
 
     @property
     def faults(self) -> Any:
-        """Its SmartPalFaults."""
+        """The stand-in's SmartPalFaults."""
         return self.orb.resolve_in_other_naming_service(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
 
     def unit(self, name: str, interface: Any) -> Any:
@@ -36,28 +38,33 @@ class StandIn(NamedTuple):
 
 
 @contextlib.contextmanager
-def running_stand_in(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[StandIn]:
-    """Run both processes; ready at the start of the `with`. orb: of this process if it already has one."""
+def running_stand_in(
+    folder: Path, *arguments: str, orb: Orb | None = None, host: str = "127.0.0.1", within: Sequence[str] = ()
+) -> Iterator[StandIn]:
+    """Both processes, ready, until the end of the `with`. orb: of this process if it already has one. within: command
+    prefix that runs them on another `host`."""
+    folder.mkdir(exist_ok=True)
     with claimed_ports() as port, Launcher(folder) as launch:
-        naming = Address("127.0.0.1", port)
+        naming = Address(host, port)
         names = folder / "names"
         names.mkdir(exist_ok=True)
-        launch(*naming_service_command(naming, names))
+        launch(*within, *naming_service_command(naming, names))
         process = launch(
-            *(*module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
-            *("--endpoint", f"127.0.0.1:{port + 1}", "--naming", str(naming), *arguments),
+            *(*within, *module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
+            *("--endpoint", f"{host}:{port + 1}", "--naming", str(naming), *arguments),
             PYTHONPATH=str(ROOT),
         )
         with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
-            robot = StandIn(naming, process, ours)
-            eventually(lambda: _is_ready(robot), 60.0, "the stand-in")
-            yield robot
+            place = StandIn(naming, process, ours)
+            eventually(lambda: _is_ready(place), START_LIMIT_S, "the stand-in")
+            drain(process)
+            yield place
 
 
-def _is_ready(robot: StandIn) -> bool:
-    assert robot.process.poll() is None, robot.process.communicate()[1]
+def _is_ready(place: StandIn) -> bool:
+    assert place.process.poll() is None, place.process.communicate()[1]
     try:
-        robot.faults.none()
+        place.faults.none()
     except NotReachable:
         return False
     return True

@@ -7,6 +7,8 @@ import os
 import signal
 import socket
 import sys
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import PIPE, Popen
@@ -57,6 +59,15 @@ def claimed_ports() -> Iterator[int]:
             yield base
         return
     raise AssertionError("no free ports")
+
+
+def free_ports(count: int) -> list[int]:
+    """Ports on which no process listens now."""
+    with contextlib.ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
 
 
 class Launcher:
@@ -139,6 +150,21 @@ def real_system(launch: Callable[..., Popen[str]], state: Path, naming_port: int
     """Start `robocorba up` with the real servers; does not wait. Servers without a compiled planner take a minute."""
     command = (ROBOCORBA, "up", "--state", str(state), "--naming-port", str(naming_port), "--start-limit", "300")
     return Running(launch(*command, *more), state, Address("127.0.0.1", naming_port))
+
+
+@contextlib.contextmanager
+def running_system(folder: Path, *more: str) -> Iterator[tuple[Running, Launcher]]:
+    """A ready `robocorba up` with its state in folder/state, and a launcher for other processes; all end with the
+    `with`. One at a time in a process."""
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, *more).wait_ready()
+        drain(running.process)
+        yield running, launch
+
+
+def drain(process: Popen[str]) -> None:
+    """Discard the stderr of a process from now on: a full pipe would block it."""
+    threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
 
 
 def refusal(process: Popen[str], timeout_s: float = 20.0) -> str:

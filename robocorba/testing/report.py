@@ -1,6 +1,4 @@
-"""Reports the results of a bench: a table, and JSON, CSV and PNG files.
-
-In all functions `file` is the path of these files without a suffix."""
+"""Reports the results of a bench: a table, and JSON, CSV and PNG files in bench/results."""
 
 from __future__ import annotations
 
@@ -9,23 +7,28 @@ import json
 import operator
 import os
 import platform
+import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+#: Folder of the results, in the current one.
+RESULTS = Path("bench") / "results"
 #: Console for the progress of a bench.
 PROGRESS = Console(stderr=True)
 #: Load average of the minute before the bench; results of a busy machine are unreliable.
 LOAD_BEFORE = os.getloadavg()[0]
 T = TypeVar("T")
 Rows = Sequence[Mapping[str, Any]]
+Draw = Callable[[Axes], None]
 
 
 class Mark(NamedTuple):
@@ -67,61 +70,59 @@ def cell(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 
-def summarize(file: Path, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
-    """Print rows and marks, write FILE.json, FILE.csv and FILE.png; whether every mark was reached.
+def summarize(
+    name: str,
+    title: str,
+    rows: Rows,
+    marks: Sequence[Mark],
+    draw: Draw | Figure,
+    shown: Sequence[str] = (),
+    **more: Any,
+) -> bool:
+    """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
-    All rows have the same columns; None prints as an empty cell."""
+    All rows have the same columns; None prints as an empty cell. draw: the picture, or draws it. shown: the columns to
+    print, by default all. more: for the JSON file."""
     console = Console(width=160)
     table = Table(title=title)
-    for column in rows[0]:
+    for column in shown or rows[0]:
         table.add_column(column)
     for row in rows:
-        table.add_row(*map(cell, row.values()))
+        table.add_row(*(cell(row[column]) for column in shown or row))
     console.print(table)
     for mark in marks:
         console.print(mark.sentence)
-    write_json(file, title, {"rows": list(rows), "marks": [mark.as_json() for mark in marks]})
-    write_csv(file, rows)
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    write_json(name, title, {**more, "rows": list(rows), "marks": [mark.as_json() for mark in marks]})
+    write_csv(name, rows)
+    figure = draw if isinstance(draw, Figure) else Figure(figsize=(8, 4.5), layout="constrained")
+    if not isinstance(draw, Figure):
+        axes = figure.add_subplot()
+        draw(axes)
+        axes.set(title=title)
+        axes.grid(alpha=0.3)
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    draw(axes)
-    axes.set(title=title)
-    axes.grid(alpha=0.3)
-    figure.savefig(f"{file}.png", dpi=120)
-    console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {file}.json, .csv and .png\n", soft_wrap=True)
+    figure.savefig(RESULTS / f"{name}.png", dpi=120)
+    console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json, .csv and .png\n", soft_wrap=True)
     return all(mark.is_reached for mark in marks)
 
 
-def summarize_samples(file: Path, title: str, rows: Rows, samples: Mapping[str, Sequence[float]], unit: str) -> None:
-    """Like `summarize`, without marks; the picture shows the distribution of each of `samples`."""
-
-    def draw(axes: Axes) -> None:
-        for label, values in samples.items():
-            axes.plot(sorted(values), [i / len(values) for i in range(len(values))], label=label)
-        axes.set(xscale="log", xlabel=unit, ylabel="share of calls that took less")
-        axes.legend()
-
-    summarize(file, title, rows, (), draw)
-
-
-def write_json(file: Path, title: str, found: Mapping[str, Any]) -> None:
-    """Write the results and the machine's properties to FILE.json."""
-    file.parent.mkdir(parents=True, exist_ok=True)
+def write_json(name: str, title: str, found: Mapping[str, Any]) -> None:
+    """Write the results and the machine's properties to NAME.json."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
     machine = {
         "machine": platform.machine(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         "load before": LOAD_BEFORE,
     }
-    Path(f"{file}.json").write_text(json.dumps({"title": title, **machine, **found}, indent=2) + "\n")
+    (RESULTS / f"{name}.json").write_text(json.dumps({"title": title, **machine, **found}, indent=2) + "\n")
 
 
-def write_csv(file: Path, rows: Rows) -> None:
-    """Write FILE.csv."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with Path(f"{file}.csv").open("w", newline="") as target:
-        writer = csv.DictWriter(target, list(rows[0]))
+def write_csv(name: str, rows: Rows) -> None:
+    """Write NAME.csv."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    with (RESULTS / f"{name}.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
 
@@ -137,3 +138,50 @@ def timed_ms(call: Callable[..., T], *arguments: object) -> tuple[T, float]:
     began = time.perf_counter()
     answer = call(*arguments)
     return answer, (time.perf_counter() - began) * 1e3
+
+
+def summary(values: Sequence[float], median: str, p99: str = "", worst: str = "") -> dict[str, float | None]:
+    """The median, p99 and largest of the values, as columns of these names; None without values."""
+    found: dict[str, float | None] = {median: statistics.median(values) if values else None}
+    if p99:
+        found[p99] = quantile(values, 0.99) if values else None
+    if worst:
+        found[worst] = max(values, default=None)
+    return found
+
+
+def distribution(
+    samples: Mapping[str, Sequence[float]], unit: str, ylabel: str = "share of calls that took less"
+) -> Draw:
+    """Draws the share of the values below each value, a curve for each label."""
+
+    def draw(axes: Axes) -> None:
+        for label, values in samples.items():
+            axes.plot(sorted(values), np.arange(len(values)) / max(1, len(values)), label=label)
+        axes.set(xscale="log", xlabel=unit, ylabel=ylabel)
+        axes.legend(fontsize="small")
+
+    return draw
+
+
+def bars(values: Mapping[str, float], unit: str, xscale: str = "linear") -> Draw:
+    """Draws a bar for each label, the first one at the top."""
+
+    def draw(axes: Axes) -> None:
+        axes.barh(list(values), list(values.values()))
+        axes.invert_yaxis()
+        axes.set(xscale=xscale, xlabel=unit)
+
+    return draw
+
+
+def curves(x: Sequence[float], columns: Mapping[str, Sequence[float]], xlabel: str, **settings: Any) -> Draw:
+    """Draws columns over x, a line with points for each label. settings: of the axes."""
+
+    def draw(axes: Axes) -> None:
+        for label, values in columns.items():
+            axes.plot(x, values, "o-", label=label)
+        axes.set(xlabel=xlabel, **settings)
+        axes.legend()
+
+    return draw

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
-import threading
-from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +14,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import Side
-from robocorba.testing.processes import ROBOCORBA, Launcher
+from robocorba.testing.processes import ROBOCORBA, Launcher, drain
 
 #: Maximum differences at the end: position of the base [m], heading [rad], position of a hand [m].
 BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
@@ -58,8 +56,7 @@ def robot_process(folder: Path, orb: Orb, name: str, *arguments: str) -> Iterato
         assert process.stderr is not None
         if process.stdout.readline() != "ready\n":
             raise AssertionError(process.stderr.read())
-        # Drain its stderr: a full pipe would block it.
-        threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
+        drain(process)
 
         def robocorba(*command: str) -> str:
             other = launch(ROBOCORBA, *command, **settings)

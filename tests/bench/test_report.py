@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from bench.events.channel.memory import slope_an_hour
+from bench.events.channel.consumers import slope_an_hour
+from robocorba.testing import report
 from robocorba.testing.report import at_least, at_most, summarize
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
@@ -25,11 +26,15 @@ def test_marks() -> None:
 
 
 @pytest.mark.parametrize("value", [1.0, 3.0])
-def test_what_is_told_is_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], value: float) -> None:
+def test_a_summary_is_printed_and_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float
+) -> None:
+    monkeypatch.setattr(report, "RESULTS", tmp_path)
+
     def draw(axes: Axes) -> None:
         axes.plot([1, 2], [1, 2])
 
-    reached = summarize(tmp_path / "some", "A title", ROWS, [at_most("a ratio", value, 2.0)], draw)
+    reached = summarize("some", "A title", ROWS, [at_most("a ratio", value, 2.0)], draw)
 
     assert reached == (value <= 2.0)
     printed = capsys.readouterr().out

@@ -9,7 +9,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -17,7 +16,7 @@ from rich.progress import track
 
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import RouteMode
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
+from robocorba.testing.report import PROGRESS, RESULTS, Mark, at_least, at_most, summarize
 from tests.planning.adversary import Adversary, Query
 from tests.planning.every_building import (
     DRAWN,
@@ -31,7 +30,6 @@ from tests.planning.every_building import (
 )
 from tests.planning.judge import Judge, Verdict
 
-RESULTS = Path(__file__).parents[2] / "bench" / "results"
 #: Queries in each mode, spread evenly over all buildings.
 QUERIES = 10_000
 #: Time limit for one building in one mode [s]: a slow planner gets fewer queries there.
@@ -133,7 +131,7 @@ def show(tallies: Sequence[Tally]) -> bool:
 
     wrong = total["touched"] + total["other faults"] + total["refused wrongly"] + total["too long"]
     title = f"{wrong:,} of {total['queries']:,} answers are wrong"
-    return summarize(RESULTS / "every_query", title, [tally.row() for tally in tallies], marks, draw)
+    return summarize("every_query", title, [tally.row() for tally in tallies], marks, draw)
 
 
 if __name__ == "__main__":

@@ -6,22 +6,25 @@ processes in them have ended, even by SIGKILL.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import fcntl
 import os
 import struct
 import subprocess
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
 from typing import TypeVar
+
+from robocorba.supervision.launch import module_command
+from robocorba.testing.json_process import Process
 
 CLONE_NEWNET = 0x40000000
 TUNSETIFF = 0x400454CA
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
-#: Timeout of a command that sets up a device [s].
-COMMAND_LIMIT_S = 10.0
+#: Timeout of a command that sets up a device, and of the start of a router [s].
+COMMAND_LIMIT_S, START_LIMIT_S = 10.0, 60.0
 
 _libc = ctypes.CDLL(None, use_errno=True)
 T = TypeVar("T")
@@ -31,29 +34,26 @@ class Namespace:
     """A network namespace with its loopback up, open inside a `with`. Raises OSError without the privilege."""
 
     def __init__(self) -> None:
-        self._fd = _in_thread(_unshared)
-        self.path = f"/proc/{os.getpid()}/fd/{self._fd}"
-        try:
+        with contextlib.ExitStack() as stack:
+            self._fd = _in_thread(_unshared)
+            stack.callback(os.close, self._fd)
+            self.path = f"/proc/{os.getpid()}/fd/{self._fd}"
             self.inside(lambda: _write("/proc/sys/net/ipv6/conf/all/disable_ipv6", "1"))
             self.inside(lambda: _write("/proc/sys/net/ipv6/conf/default/disable_ipv6", "1"))
             self.ip("link", "set", "lo", "up")
-        except OSError:
-            os.close(self._fd)
-            raise
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> Namespace:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        os.close(self._fd)
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
 
     def inside(self, call: Callable[[], T]) -> T:
         """The result of `call` in this namespace. Sockets and devices that it opens stay in the namespace."""
 
         def enter_and_call() -> T:
-            _checked(_libc.setns(self._fd, CLONE_NEWNET))
+            self.enter()
             return call()
 
         return _in_thread(enter_and_call)
@@ -68,14 +68,7 @@ class Namespace:
 
     def ip(self, *arguments: str) -> None:
         """Run iproute2's `ip` in the namespace. Raises OSError with its stderr."""
-        try:
-            done = subprocess.run(
-                self.command("ip", *arguments), capture_output=True, text=True, timeout=COMMAND_LIMIT_S
-            )
-        except subprocess.TimeoutExpired as error:
-            raise OSError(f"ip {' '.join(arguments)}: {error}") from None
-        if done.returncode:
-            raise OSError(f"ip {' '.join(arguments)}: {done.stderr.strip()}")
+        ip(*arguments, within=self.command())
 
     def forward_packets(self) -> None:
         """Make it a gateway."""
@@ -96,12 +89,39 @@ class Namespace:
         host.ip("link", "set", "eth0", "up")
         host.ip("route", "add", "default", "via", gateway)
 
-    def add_tun(self, network: str) -> int:
-        """Add a TUN device that routes to `network`; returns its file descriptor, which the caller closes."""
+    def add_tun(self, network: str, address: str = "") -> int:
+        """Add a TUN device with an address, which routes to `network`; its descriptor ends with the namespace."""
         fd = self.inside(_new_tun)
+        self._stack.callback(os.close, fd)
         self.ip("link", "set", "line", "up")
         self.ip("route", "add", network, "dev", "line")
+        if address:
+            self.ip("address", "add", f"{address}/32", "dev", "line")
         return fd
+
+
+def ip(*arguments: str, within: Sequence[str] = ()) -> None:
+    """Run iproute2's `ip`. Raises OSError with its stderr."""
+    try:
+        subprocess.run((*within, "ip", *arguments), check=True, capture_output=True, text=True, timeout=COMMAND_LIMIT_S)
+    except subprocess.TimeoutExpired as error:
+        raise OSError(f"ip {' '.join(arguments)}: {error}") from None
+    except subprocess.CalledProcessError as error:
+        raise OSError(f"ip {' '.join(arguments)}: {error.stderr.strip()}") from None
+
+
+def own_network() -> None:
+    """Move this process and its children into a network namespace of their own. Raises OSError."""
+    _checked(_libc.unshare(CLONE_NEWNET))
+    ip("link", "set", "lo", "up")
+
+
+def start_router(devices: Sequence[int], folder: Path, cores: Sequence[int] = ()) -> Process:
+    """Start robocorba.testing.router between two TUN devices; it is ready for commands."""
+    command = module_command("robocorba.testing.router", *map(str, devices))
+    router = Process(command, folder / "router.log", cores, pass_fds=devices)
+    router.receive(START_LIMIT_S)
+    return router
 
 
 def _unshared() -> int:
@@ -131,18 +151,5 @@ def _checked(result: int) -> None:
 
 def _in_thread(call: Callable[[], T]) -> T:
     """The result of `call` in a new thread, so that it changes the namespace of no other thread."""
-    results: list[T] = []
-    errors: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            results.append(call())
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    if errors:
-        raise errors[0]
-    return results[0]
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(call).result()

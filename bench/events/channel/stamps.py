@@ -5,14 +5,15 @@ from __future__ import annotations
 import struct
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-SIZE = 100
+from robocorba.testing.peers.base import PAYLOAD_BYTES
+
 _STAMP = struct.Struct("<QQ")
-_REST = bytes(SIZE - _STAMP.size)
+_REST = bytes(PAYLOAD_BYTES - _STAMP.size)
 #: The bits of a stamp above these are the supplier, the lower ones the number.
 _SUPPLIER_SHIFT = 48
 
@@ -36,18 +37,9 @@ class Arrivals(NamedTuple):
     made: np.ndarray
     came: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.numbers)
-
-    @property
-    def latencies_us(self) -> np.ndarray:
-        """From just before the sending call to the arrival in the code of the consumer [us]."""
-        return (self.came - self.made) / 1e3
-
-    def from_number(self, first: int) -> Arrivals:
-        """The events whose number is at least `first`."""
-        keep = self.numbers >= first
-        return Arrivals(*(column[keep] for column in self))
+    def latencies_us(self, first: int = 0) -> np.ndarray:
+        """From just before the sending call to the arrival in the code of the consumer [us], from number `first` on."""
+        return (self.came - self.made)[self.numbers >= first] / 1e3
 
 
 class Quality(NamedTuple):
@@ -100,7 +92,15 @@ class Tally:
         """The arrivals since the last call."""
         with self._lock:
             came, payloads, self._came, self._payloads, self.count = self._came, self._payloads, [], [], 0
-        return _arrivals(came, payloads)
+        sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        stamps = b"".join(payload[: _STAMP.size] for together in payloads for payload in together)
+        words, made = np.frombuffer(stamps, np.uint64).reshape(-1, 2).T
+        return Arrivals(
+            (words >> np.uint64(_SUPPLIER_SHIFT)).astype(np.int64),
+            (words & np.uint64((1 << _SUPPLIER_SHIFT) - 1)).astype(np.int64),
+            made.astype(np.int64),
+            np.repeat(np.array(came, np.int64), sizes),
+        )
 
     def wait(self, count: int, quiet_s: float, limit_s: float) -> None:
         """Wait until `count` events have arrived, or none arrived for `quiet_s`, at most `limit_s`."""
@@ -112,19 +112,3 @@ class Tally:
             elif now > changed_at + quiet_s:
                 return
             time.sleep(0.01)
-
-
-def _arrivals(came: Sequence[int], payloads: Sequence[Sequence[bytes]]) -> Arrivals:
-    sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
-    stamps = np.frombuffer(b"".join(_flat(payloads)), np.uint64).reshape(-1, 2)
-    words = stamps[:, 0]
-    return Arrivals(
-        (words >> np.uint64(_SUPPLIER_SHIFT)).astype(np.int64),
-        (words & np.uint64((1 << _SUPPLIER_SHIFT) - 1)).astype(np.int64),
-        stamps[:, 1].astype(np.int64),
-        np.repeat(np.array(came, np.int64), sizes),
-    )
-
-
-def _flat(payloads: Sequence[Sequence[bytes]]) -> Iterator[bytes]:
-    return (payload[: _STAMP.size] for together in payloads for payload in together)
