@@ -129,7 +129,7 @@ def header_supplier(connect: Connect, address: str) -> Iterator[Supplier]:
         return RoboCorba.EventHeader(TYPE, SOURCE, "", 0, 0.0, 0, 0.0, RoboCorba.MSGPACK)
 
     def push_run(payloads: Sequence[bytes]) -> None:
-        proxy.pushRuns([RoboCorba.EventBatch(header(), [time.time()] * len(payloads), payloads)])
+        proxy.pushRuns([RoboCorba.EventRun(header(), [time.time()] * len(payloads), payloads)])
 
     with connect(address) as (_, channel):
         proxy = channel.supply("")
