@@ -23,7 +23,7 @@ from robocorba.errors.simulation import (
 )
 from robocorba.maps.model import ElementKind
 from robocorba.simulation.building import SimulationEvent
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
@@ -168,7 +168,7 @@ def test_accepted_changes_survive_a_kill(store: SimulationStore) -> None:
     assert session.robot.holding == "T1"
     assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
     ride = again.sessions[waiter.client.key].ride
-    assert ride is not None and ride.phase is Phase.WAITING
+    assert ride is not None and ride.phase is RidePhase.WAITING
     assert again.building.cabins["E1"].sessions["B"].party == "table"
     first, second = session.reservation(), again.sessions[waiter.client.key].reservation()
     assert first is not None and first.granted and 99.0 < first.left_s <= 100.0

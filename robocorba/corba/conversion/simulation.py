@@ -15,7 +15,7 @@ from robocorba.corba.conversion.maps import xy, xy_of
 from robocorba.corba.conversion.structs import Converter, struct
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.elevator import Phase, RideStatus
+from robocorba.simulation.elevator import RidePhase, RideStatus
 from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
@@ -25,10 +25,10 @@ from robocorba.spatial.pose import Limits
 from robocorba.stubs import RoboCorba
 
 _PHASES = {
-    Phase.WAITING: RoboCorba.WAITING_FOR_CABIN,
-    Phase.BOARDING: RoboCorba.BOARDING,
-    Phase.RIDING: RoboCorba.RIDING,
-    Phase.ALIGHTING: RoboCorba.ALIGHTING,
+    RidePhase.WAITING: RoboCorba.WAITING_FOR_CABIN,
+    RidePhase.BOARDING: RoboCorba.BOARDING,
+    RidePhase.RIDING: RoboCorba.RIDING,
+    RidePhase.ALIGHTING: RoboCorba.ALIGHTING,
 }
 _PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
 _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
