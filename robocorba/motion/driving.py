@@ -134,7 +134,7 @@ class Drive:
     def _turn(self, error_rad: float) -> float:
         """Turning velocity [rad/s]."""
         braking = BRAKING_SHARE * self._limits.turn_acceleration
-        limit = min(self._limits.turn, math.sqrt(2.0 * braking * abs(error_rad)))
+        limit = min(self._limits.turn_speed, math.sqrt(2.0 * braking * abs(error_rad)))
         return math.copysign(min(limit, GAIN * abs(error_rad)), error_rad)
 
     def _check_progress(self, state: RobotState, remaining: float, error_rad: float, elapsed_s: float) -> None:
