@@ -69,7 +69,7 @@ def _towards(at: Any, goal: Any) -> Any:
     distance = math.hypot(dx, dy)
     speed = min(LIMITS.speed, 2.0 * distance)
     bearing = math.remainder(math.atan2(dy, dx) - at.heading, math.tau)
-    turn = max(-LIMITS.turn_speed, min(LIMITS.turn_speed, 2.0 * bearing)) if distance > 4 * TOLERANCE_M else 0.0
+    turn = max(-LIMITS.turn, min(LIMITS.turn, 2.0 * bearing)) if distance > 4 * TOLERANCE_M else 0.0
     return RoboCorba.Velocity(speed * math.cos(bearing), speed * math.sin(bearing), turn)
 
 
