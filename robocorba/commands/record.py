@@ -18,7 +18,7 @@ from robocorba.stubs import RoboCorba
 
 #: Interval between requests for changes [s].
 POLL_INTERVAL_S = 0.05
-#: Longest gap between two recorded updates of a floor [s].
+#: Maximum gap between two recorded updates of a floor [s].
 MAX_GAP_S = 1.0
 #: Time for which the command retries while a server does not answer [s].
 OUTAGE_LIMIT_S = 30.0

@@ -35,7 +35,7 @@ ELEVATOR_LIMIT_S = 300.0
 CONTACT_M = 0.02
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
-#: Greatest length of a path with clearance: this factor of the shortest path plus this distance [m].
+#: Maximum length of a path with clearance: this factor of the shortest path plus this distance [m].
 DETOUR_FACTOR, DETOUR_M = 1.05, 0.5
 #: Speed of stepping aside [m/s].
 STEP_ASIDE_M_S = 0.2

@@ -32,9 +32,9 @@ from robocorba.maps.model import (
 )
 from robocorba.spatial.pose import XY
 
-#: Longest name [characters].
+#: Maximum length of a name [characters].
 MAX_NAME = 200
-#: Largest coordinate, length [m], speed [m/s] or time [s].
+#: Maximum coordinate, length [m], speed [m/s] or time [s].
 MAX_NUMBER = 1e6
 #: Smallest length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
 MIN_LENGTH = 1e-3

@@ -23,18 +23,18 @@ from robocorba.spatial.pose import Pose2D
 HAND_M = 0.62
 #: Distance at which robots gather behind their places, from which they approach straight, and that they back off [m].
 BACK_OFF_M = 0.3
-#: Least clearance of object, carriers and arms [m].
+#: Minimum clearance of object, carriers and arms [m].
 MARGIN_M = 0.05
 #: Width of both arms of a carrier in its footprint [m]: no obstacle fits between a carrier and the object.
 ARMS_WIDTH_M = 0.4
 MAX_CARRIERS = 6
-#: Least gap between carriers [m].
+#: Minimum gap between carriers [m].
 GAP_M = 0.02
 #: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
 CORNER_DISTANCE_M = 0.15
 #: Shorter edges get no grip points [m].
 MIN_EDGE_M = 0.25
-#: Least distance between the grip points of one edge [m].
+#: Minimum distance between the grip points of one edge [m].
 GRIP_SPACING_M = 0.1
 #: Rays from the centroid that give grip points if the edges give too few.
 RAYS = 12

@@ -53,7 +53,7 @@ class Drive:
         self._next = 0
         #: Start of the present segment.
         self._segment_start: tuple[float, float] | None = None
-        #: Least remaining distance [m] and heading error [rad] so far, and when one of them last fell [s].
+        #: Minimum remaining distance [m] and heading error [rad] so far, and when one of them last fell [s].
         self._nearest = self._least_error_rad = math.inf
         self._progress_at = 0.0
 
