@@ -38,9 +38,9 @@ MIN_EDGE_M = 0.25
 GRIP_SPACING_M = 0.1
 #: Rays from the centroid that give grip points if the edges give too few.
 RAYS = 12
-#: Largest distance of the centroid from the line or polygon of the grip points [m].
+#: Maximum distance of the centroid from the line or polygon of the grip points [m].
 MAX_OFFSET_M = 0.15
-#: Largest distance of the centroid from a single grip point [m].
+#: Maximum distance of the centroid from a single grip point [m].
 MAX_OFFSET_ONE_GRIP_M = 0.6
 #: A formation is safe if its safety (see _safety) is at least this share of the best one.
 SAFE_SHARE = 0.6
