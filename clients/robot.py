@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         reports = settings.common.state / MISSIONS
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
-        ticks = stack.enter_context(TickFile(settings.record)) if settings.record else None
+        ticks = stack.enter_context(TickFile(settings.tick_file)) if settings.tick_file else None
         follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
         stack.callback(follower.close)
         nearby = PoolNearby(follower.pool, settings.name)

@@ -226,7 +226,7 @@ class RobotSettings:
     """Settings of a robot process.
 
     endpoint: None for any port. floor: empty for the first. at: its start pose, None for a free path node on
-    `floor`. channel: of its sub-network, empty for none. record: CSV file with one row for each control cycle of its
+    `floor`. channel: of its sub-network, empty for none. tick_file: CSV file with one row for each control cycle of its
     programs, None for no file."""
 
     common: Settings
@@ -238,7 +238,7 @@ class RobotSettings:
     floor: str
     at: Pose | None
     channel: str
-    record: Path | None
+    tick_file: Path | None
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
@@ -261,7 +261,10 @@ class RobotSettings:
         parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
         parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
         parser.add_argument(
-            "--record", type=Path, metavar="FILE", help="a CSV file with one row for each control cycle"
+            "--record",
+            type=Path,
+            metavar="FILE",
+            help="log the control cycles (ticks) to this CSV file; to record floors, see `robocorba record`",
         )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
@@ -297,7 +300,8 @@ def _pose(floor: str, text: str) -> Pose | None:
 
 @dataclass(frozen=True)
 class SmartPalSettings:
-    """Settings of the stand-in for the actual SmartPal: those of every server, where `naming` is the robot's own.
+    """Settings of the stand-in for the actual SmartPal: those of every server. `naming` is the robot's own naming
+    service, not that of `robocorba up`.
 
     seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad]."""
 

@@ -16,7 +16,7 @@ from robocorba.errors.simulation import VideoError
 SUFFIXES = (".mp4", ".m4v", ".mov")
 #: Bounds of the sides of a picture [px].
 MIN_PX, MAX_PX = 2, 8192
-#: Highest frame rate [pictures/s].
+#: Maximum frame rate [pictures/s].
 MAX_FPS = 240
 #: Colour around a picture that is smaller than the video.
 GROUND = "white"

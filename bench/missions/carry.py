@@ -46,7 +46,7 @@ CREW = {
 GOAL = (6.7, 3.1, 0.0)
 #: Range of the table's start poses: middle and half width of x, y [m] and heading [rad].
 STARTS = ((2.9, 0.35), (3.2, 0.3), (0.0, math.pi / 6))
-#: Least distances of robots from the middle of the table and from each other at the start [m].
+#: Minimum distances of robots from the middle of the table and from each other at the start [m].
 ASIDE_M, APART_M = 1.9, 0.9
 MISSION_LIMIT_S, DRIVE_LIMIT_S = 240.0, 120.0
 #: Limits of the marks: table at its goal, grips, and time skew at barriers and between control cycles.

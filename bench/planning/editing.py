@@ -37,7 +37,7 @@ from robocorba.testing.report import at_most, distribution, summarize, summary, 
 EDITORS, PLANNERS = 2, 4
 #: Duration of the queries without edits, and of the warm-up before them [s].
 QUIET_S, WARM_UP_S = 3.0, 0.5
-#: Greatest time that a planner may wait for its next answer [ms].
+#: Maximum time that a planner may wait for its next answer [ms].
 MAX_GAP_MS = 100.0
 
 #: A counter of all editors, in the name of its sub-network: an overwritten edit is missing in the sum.

@@ -42,7 +42,7 @@ from robocorba.testing.report import PROGRESS, at_least, at_most, distribution, 
 
 #: networkx is slow: it gets one in this many trips.
 PEER_EVERY = 3
-#: Least ratio of the medians, and greatest median [ms].
+#: Minimum ratio of the medians, and maximum median [ms].
 MIN_RATIO, MAX_MEDIAN_MS = 10.0, 5.0
 #: Time limit for the start of the server [s]: a map of 16 MB takes long on a slow machine.
 START_LIMIT_S = "600"

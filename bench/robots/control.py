@@ -76,7 +76,7 @@ def broken_limits(ticks: Floats) -> dict[str, int]:
     more = 1.0 + SLACK
     found = {
         "base: speed": np.hypot(base[:, 0], base[:, 1]) > SPEED_CAP * more,
-        "base: turn": np.abs(base[:, 2]) > BASE_LIMITS.turn * more,
+        "base: turn": np.abs(base[:, 2]) > BASE_LIMITS.turn_speed * more,
         "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE_LIMITS.acceleration * TICK_S * more,
         "base: turn acceleration": np.abs(np.diff(base[:, 2])) > BASE_LIMITS.turn_acceleration * TICK_S * more,
         "joints: position": (joints < JOINT_LOWER - SLACK) | (joints > JOINT_UPPER + SLACK),

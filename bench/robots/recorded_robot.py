@@ -100,7 +100,7 @@ class RecordedRobot:
 # ---- the process ----
 
 
-#: Most ticks that are recorded: one hour.
+#: Maximum number of recorded ticks: one hour.
 MAX_TICKS = 180_000
 #: Duration of a hang [s].
 HANG_S = 2.5

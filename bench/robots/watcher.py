@@ -28,7 +28,7 @@ from robocorba.testing.json_process import answer_lines
 
 #: Interval between observations [s].
 LOOK_S = 0.002
-#: Most observations that wait to be printed: one minute.
+#: Maximum number of observations that wait to be printed: one minute.
 MAX_LOOKS = 30_000
 #: Timeouts for resolving and for calls [s].
 RESOLVE_TIMEOUT_S, CALL_LIMIT_S = 0.5, 1.0

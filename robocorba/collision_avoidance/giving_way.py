@@ -26,7 +26,7 @@ MARGIN_M = 0.05
 NEAR_MARGIN_M = 0.012
 #: Distance from the goal within which NEAR_MARGIN_M holds [m].
 NEAR_GOAL_M = 0.6
-#: Greatest speed inside the margin [m/s], at which a robot gets past its neighbour.
+#: Maximum speed inside the margin [m/s], at which a robot gets past its neighbour.
 CREEP_M_S = 0.02
 #: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for the delay of others' data.
 BRAKING_M_S2 = 0.6 * BASE_LIMITS.acceleration

@@ -14,7 +14,7 @@ from robocorba.spatial.pose import XY
 
 #: A driving robot ignores robots farther away than this [m].
 RANGE_M = 6.0
-#: Greatest age of data that is extrapolated [s]. With older data, other robots' positions are unknown.
+#: Maximum age of data that is extrapolated [s]. With older data, other robots' positions are unknown.
 STALE_S = 0.3
 
 

@@ -22,7 +22,7 @@ class GivingWayPolicy:
     max_blockages: int = 8
     #: Time for which a blocked robot searches for a path around the other one [s]; then it takes the path of the map.
     max_pause_s: float = 10.0
-    #: Most robots and most objects in one path request.
+    #: Maximum numbers of robots and of objects in one path request.
     max_robots: int = 20
     max_objects: int = 30
 

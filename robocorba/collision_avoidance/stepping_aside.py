@@ -14,7 +14,7 @@ from robocorba.spatial.pose import XY
 DIRECTIONS, DISTANCES_M = 16, (0.15, 0.3, 0.5, 0.8, 1.2)
 #: Step at which the straight line to a candidate is checked [m].
 CHECK_STEP_M = 0.1
-#: Least clearance of a candidate [m], or that of the present place if it is smaller.
+#: Minimum clearance of a candidate [m], or that of the present place if it is smaller.
 MIN_CLEARANCE_M = 0.03
 #: Beyond this gap between the robot's rim and the lane [m], the score of a candidate does not increase.
 LANE_GAP_M = 0.15

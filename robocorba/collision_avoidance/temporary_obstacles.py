@@ -18,8 +18,8 @@ STATIONARY_M_S = 0.05
 NEAR_M = 15.0
 #: Clearance of paths to stationary robots [m]; less where the robot or its goal is nearer already.
 CLEARANCE_M = 0.1
-#: Least distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to everything
-#: else.
+#: Minimum distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to other
+#: obstacles.
 MIN_CLEARANCE_M = 0.07
 #: Corners of the polygon that represents a robot.
 CORNERS = 16

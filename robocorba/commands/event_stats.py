@@ -25,8 +25,9 @@ THREADS = 16
 
 ACCOUNT = ("received", "delivered", "unconfirmed", "discarded", "expired", "queued")
 PROXY = ("proxy", "name", "client", "condition", "subscribed to")
-LINK = ("link", "condition", "lag", "batches", "bytes", "repeated", "unseen")
-NUMBERS = {"lag", "batches", "bytes", "repeated", "unseen", *ACCOUNT}
+LINK = ("link", "condition", "lag", "packets", "bytes", "repeated", "unseen")
+NUMBERS = {"lag", "packets", "bytes", "repeated", "unseen", *ACCOUNT}
+PROXY_NOTE = "A consumer proxy serves a supplier, a supplier proxy serves a consumer."
 #: Rows of a table, each with its cells.
 Rows = list[tuple[str, ...]]
 
@@ -87,9 +88,9 @@ def _show(console: Console, name: str, state: StateOrProblem) -> None:
     console.print(
         f"federation: {', '.join(map(escape, state.federation))};  disconnected after failures: {state.evicted}"
     )
-    for _, header, rows in _tables(state):
+    for kind, header, rows in _tables(state):
         if rows:
-            table = Table()
+            table = Table(caption=PROXY_NOTE if kind == "proxy" else None)
             for column in header:
                 table.add_column(column, justify="right" if column in NUMBERS else "left")
             for row in rows:
@@ -127,10 +128,11 @@ def _link(link: Any) -> tuple[str, ...]:
 
 
 def _totals(state: Any) -> Rows:
-    supplied = (RoboCorba.PUSH_CONSUMER, RoboCorba.PULL_CONSUMER)
+    """Accounts of all clients and links of one kind. Suppliers use consumer proxies, consumers supplier proxies."""
+    kinds_for_suppliers = (RoboCorba.PUSH_CONSUMER, RoboCorba.PULL_CONSUMER)
     groups: dict[str, Callable[[], Iterable[Any]]] = {
-        "suppliers": lambda: (proxy for proxy in state.proxies if proxy.kind in supplied),
-        "consumers": lambda: (proxy for proxy in state.proxies if proxy.kind not in supplied),
+        "suppliers": lambda: (proxy for proxy in state.proxies if proxy.kind in kinds_for_suppliers),
+        "consumers": lambda: (proxy for proxy in state.proxies if proxy.kind not in kinds_for_suppliers),
         "links in": lambda: (link for link in state.links if link.direction == RoboCorba.INCOMING),
         "links out": lambda: (link for link in state.links if link.direction == RoboCorba.OUTGOING),
     }

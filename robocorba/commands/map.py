@@ -61,7 +61,9 @@ def import_(
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
     topology: Annotated[
         bool,
-        typer.Option("--topology", help="Generate the topological map of every floor without edges, using its nodes."),
+        typer.Option(
+            "--topology", help="Generate a topological map, with the present nodes, for every floor that has no edges."
+        ),
     ] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = SMARTPAL_RADIUS_M,
     unknown: Annotated[
@@ -76,13 +78,13 @@ def import_(
         ),
     ] = Specks.WALLS,
 ) -> None:
-    """Convert a map of any readable format to a native map file and list the losses."""
+    """Convert a map of any readable format to a native map file, and list what the conversion changes."""
     from robocorba.maps import checking, native
 
     with reporting("map import", OSError):
         imported = _read(file, unknown, specks)
         building = imported.building
-        _print_losses(imported.losses)
+        _print_losses("import", imported.losses)
         if topology:
             for name in building.floors:
                 building = _with_topological_map(building, name, radius)
@@ -99,13 +101,13 @@ def export(
     resolution: Annotated[float, typer.Option(metavar="M", help="Side of a cell, for ros.")] = 0.05,
     image: Annotated[str, typer.Option(metavar="KIND", help="pgm or png, for ros.")] = "pgm",
 ) -> None:
-    """Write a map in another format and list the losses."""
+    """Write a map in another format, and list what the conversion changes."""
     from robocorba.maps.formats import write_map
 
     with reporting("map export", OSError):
         building = _read(file).building
         exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
-        _print_losses(exported.losses)
+        _print_losses("export", exported.losses)
         for written in exported.files:
             typer.echo(f"wrote {written}")
 
@@ -138,13 +140,13 @@ def check(
 ) -> None:
     """Check a map: exit code 0 if it is valid, else 1 and the file, line and key of the error.
 
-    Warnings list what is blocked and what a robot of the radius can't reach; like notes, they do not make a map
-    invalid."""
+    Warnings list what is blocked and what a robot of the radius can't reach. Warnings, notes, and what reading a
+    foreign format changes (import: ...) do not make a map invalid."""
     from robocorba.maps.checking import findings
 
     with reporting("map check", OSError):
         imported = _read(file)
-        _print_losses(imported.losses)
+        _print_losses("import", imported.losses)
         building = imported.building
         for name, elevator in building.elevators.items():
             if len(elevator.floors()) < 2:
@@ -159,7 +161,7 @@ def check(
 
 
 def _with_topological_map(building: Building, floor: str, radius_m: float) -> Building:
-    """The building with a generated topological map on a floor without edges, using its nodes. Prints the result."""
+    """The building; a floor without edges gets a topological map, with its present nodes. Prints the result."""
     from robocorba.maps.losses import listed
     from robocorba.maps.topology import topological_map
 
@@ -198,9 +200,9 @@ def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Speck
     return read_map(path, unknown=unknown.value, specks=specks.value)
 
 
-def _print_losses(losses: tuple[str, ...]) -> None:
+def _print_losses(direction: str, losses: tuple[str, ...]) -> None:
     for loss in losses:
-        typer.echo(f"lost: {loss}")
+        typer.echo(f"{direction}: {loss}")
 
 
 def _summary(building: Building) -> str:

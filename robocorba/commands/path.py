@@ -48,7 +48,7 @@ def path(
     mode: Annotated[
         Mode, typer.Option(help="Along the topological map with corners cut, along it exactly, or through free space.")
     ] = (Mode.SMOOTHED),
-    time: Annotated[bool, typer.Option("--time", help="The fastest rather than the shortest path.")] = False,
+    fastest: Annotated[bool, typer.Option("--time", help="Minimize the duration instead of the distance.")] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot in metres.")] = SMARTPAL_RADIUS_M,
     speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED_M_S,
     avoid: Annotated[
@@ -56,7 +56,7 @@ def path(
         typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),
     ] = None,
     graph: Annotated[
-        str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and those of all graphs.")
+        str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and edges that name no graph.")
     ] = "",
     alternatives: Annotated[int, typer.Option(metavar="N", help="Number of alternative paths.")] = 0,
     naming: Naming = None,
@@ -69,7 +69,7 @@ def path(
             radius=radius,
             speed=speed,
             mode=RouteMode[mode.name],
-            best=Criterion.SHORTEST_TIME if time else Criterion.SHORTEST_DISTANCE,
+            best=Criterion.SHORTEST_TIME if fastest else Criterion.SHORTEST_DISTANCE,
             avoid_elevators=frozenset(name for name in avoid or () if "/" not in name),
             avoid_areas=tuple((name.partition("/")[0], name.partition("/")[2]) for name in avoid or () if "/" in name),
             graph=graph,

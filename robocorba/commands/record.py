@@ -1,4 +1,4 @@
-"""robocorba record: records floors of the running simulation to a file."""
+"""robocorba record: records the changes of floors of the running simulation to a file."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from robocorba.stubs import RoboCorba
 
 #: Interval between requests for changes [s].
 POLL_INTERVAL_S = 0.05
-#: Longest interval between recorded updates of an unchanged floor [s].
-MAX_PAUSE_S = 1.0
+#: Maximum gap between two recorded updates of a floor [s].
+MAX_GAP_S = 1.0
 #: Time for which the command retries while a server does not answer [s].
 OUTAGE_LIMIT_S = 30.0
 
@@ -31,7 +31,8 @@ def record(
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     naming: Naming = None,
 ) -> None:
-    """Record floors of the running simulation, 20 times a second, until Ctrl-C or SIGTERM."""
+    """Record changes of floors of the running simulation, up to 20 times a second, until Ctrl-C or SIGTERM or for
+    --seconds."""
     with connected("record", naming) as orb:
         stop = StopSignal()
         floors = floor or []
@@ -40,12 +41,12 @@ def record(
         recorder = Recorder(file, native.loads(editor.exportMap(), "the served map"), overwrite=force)
         try:
             with recorder:
-                follow(RemoteFloors(orb, floors), recorder, seconds, stop)
+                record_changes(RemoteFloors(orb, floors), recorder, seconds, stop)
         finally:
             typer.echo(f"wrote {file}: {recorder.count} updates, {recorder.size} bytes")
 
 
-def follow(
+def record_changes(
     floors: RemoteFloors, recorder: Recorder, seconds: float, stop: StopSignal, outage_limit_s: float = OUTAGE_LIMIT_S
 ) -> None:
     """Record changes until stopped. Raises UnknownFloor, InvalidRecording, NotReachable."""
@@ -62,7 +63,7 @@ def follow(
                 continue
             for update in updates:
                 # Unchanged floors are recorded too, if rarely, to record the passing of time.
-                if update.version != update.since or passed_s - written_at[update.floor] >= MAX_PAUSE_S:
+                if update.version != update.since or passed_s - written_at[update.floor] >= MAX_GAP_S:
                     recorder.write(update, began + passed_s)
                     written_at[update.floor] = passed_s
             simulated_s = max((update.time for update in updates), default=0.0)

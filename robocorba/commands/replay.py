@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import SystemTables, as_tables, elevators, robots, show
+from robocorba.commands.simulation_tables import SimulationTables, as_tables, elevators, robots, show
 from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
@@ -55,7 +55,7 @@ def replay(
         if at is None and Console().is_terminal:
             show_live(recording, floor or [], speed)
         else:
-            show(scene(recording.at(at_s, floor or [])))
+            show(recorded_tables(recording.at(at_s, floor or [])))
 
 
 def one_of(recording: Recording, floors: Sequence[str]) -> str:
@@ -65,9 +65,9 @@ def one_of(recording: Recording, floors: Sequence[str]) -> str:
     return floors[0] if floors else recording.floors[0]
 
 
-def scene(views: Mapping[str, FloorView]) -> SystemTables:
+def recorded_tables(views: Mapping[str, FloorView]) -> SimulationTables:
     """Tables of recorded floors."""
-    return SystemTables(robots=robots(views.values()), elevators=elevators(views.values()))
+    return SimulationTables(robots=robots(views.values()), elevators=elevators(views.values()))
 
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
@@ -79,7 +79,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
-            live.update(as_tables(scene(views), note, "bold"), refresh=True)
+            live.update(as_tables(recorded_tables(views), note, "bold"), refresh=True)
     if not recording.is_complete:
         typer.echo("the recording ends here: its recorder was killed, or is still recording")
 

@@ -22,15 +22,19 @@ from robocorba.supervision.system import NAMING_SERVICE, System
 
 def up(
     building: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample.")
+        Path | None,
+        typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample five-floors."),
     ] = None,
     state: State = None,
     naming_port: Annotated[
-        int | None, typer.Option(metavar="N", help="Port of the naming service [ROBOCORBA_NAMING, 2809].")
+        int | None, typer.Option(metavar="N", help="Port of the naming service [port of ROBOCORBA_NAMING, 2809].")
     ] = None,
     host: Annotated[
         str | None,
-        typer.Option(metavar="H", help="Address of this machine on which to listen and which clients use [127.0.0.1]."),
+        typer.Option(
+            metavar="H",
+            help="Address of this machine, to listen on and for clients to use [host of ROBOCORBA_NAMING, 127.0.0.1].",
+        ),
     ] = None,
     subnets: Annotated[
         str,
@@ -38,7 +42,10 @@ def up(
     ] = "main",
     sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
     start_limit: Annotated[
-        float, typer.Option(metavar="S", help="Timeout in seconds for each process to answer a call.")
+        float,
+        typer.Option(
+            metavar="S", help="Time limit in seconds for each process to start, until it answers its first call."
+        ),
     ] = 180.0,
 ) -> None:
     """Start the naming service and all servers, each as a process; print `ready` when all answer.

@@ -13,7 +13,14 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.options import Naming, connected
-from robocorba.commands.scene import RunningSimulation, SystemTables, as_json, as_tables, show, simulation_server
+from robocorba.commands.simulation_tables import (
+    RunningSimulation,
+    SimulationTables,
+    as_json,
+    as_tables,
+    show,
+    simulation_server,
+)
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import RemoteDatabase
@@ -48,43 +55,43 @@ def watch(
             film(Camera(orb, floors, width), video, seconds, fps, stop)
             return
         simulation = RunningSimulation(orb, floors)
-        scene = simulation.read(RESOLVE_TIMEOUT_S)
+        tables = simulation.read(RESOLVE_TIMEOUT_S)
         if json:
-            print(as_json(scene))
+            print(as_json(tables))
         elif once:
-            show(scene)
+            show(tables)
         elif Console().is_terminal:
-            show_live(simulation, scene, stop)
+            show_live(simulation, tables, stop)
         else:
-            print_tables(simulation, scene, stop)
+            print_tables(simulation, tables, stop)
 
 
-def show_live(simulation: RunningSimulation, scene: SystemTables, stop: StopSignal) -> None:
+def show_live(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
     """Show tables in the terminal until stopped. Raises UnknownFloor, NotReachable."""
     outage = Outage()
-    with Live(as_tables(scene), auto_refresh=False) as live:
+    with Live(as_tables(tables), auto_refresh=False) as live:
         for _ in stop.ticks(SHOW_INTERVAL_S):
             try:
-                scene, note = simulation.read(), ""
+                tables, note = simulation.read(), ""
                 outage.note_answer()
             except NotReachable as error:
                 note = outage.note_failure(error)
-            live.update(as_tables(scene, note), refresh=True)
+            live.update(as_tables(tables, note), refresh=True)
 
 
-def print_tables(simulation: RunningSimulation, scene: SystemTables, stop: StopSignal) -> None:
+def print_tables(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
     """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
     outage = Outage()
     for _ in stop.ticks(PRINT_INTERVAL_S):
         try:
-            scene = simulation.read()
+            tables = simulation.read()
             outage.note_answer()
         except NotReachable as error:
             if not outage.is_active:
                 typer.echo(f"robocorba watch: {error}; waiting", err=True)
             outage.note_failure(error)
             continue
-        show(scene)
+        show(tables)
         print(flush=True)
 
 

@@ -24,7 +24,7 @@ from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.programs.base_checks import Planner
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.pose import XY
 
 #: Distance from the middle of a cabin at which a robot calls the elevator [m]; this is outside the doors.
@@ -35,7 +35,7 @@ ELEVATOR_LIMIT_S = 300.0
 CONTACT_M = 0.02
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
-#: Greatest length of a path with clearance: this factor of the shortest path plus this distance [m].
+#: Maximum length of a path with clearance: this factor of the shortest path plus this distance [m].
 DETOUR_FACTOR, DETOUR_M = 1.05, 0.5
 #: Speed of stepping aside [m/s].
 STEP_ASIDE_M_S = 0.2
@@ -209,19 +209,19 @@ class BaseMovements(Movements):
         that ride together. Raises InvalidRide, ElevatorFull."""
         self.session.call_elevator(elevator, destination, party, size)
         self.session.state()  # the latest state now has the ride
-        self.wait_for_ride(Phase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
+        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
 
     def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
         try:
             self.call_elevator(entry.elevator, exit.floor)
             self._drive([(entry.x, entry.y)], None, speed)
-            self.wait_for_ride(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
+            self.wait_for_ride(RidePhase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
         except RoboCorbaError:
             with contextlib.suppress(RobotLost):
                 self.session.cancel_elevator()
             raise
 
-    def wait_for_ride(self, phase: Phase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
+    def wait_for_ride(self, phase: RidePhase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
         """Wait until the ride is in this phase. otherwise: text of the MotionFailed if it is not within
         ELEVATOR_LIMIT_S. check: raises another error that ends the wait."""
 

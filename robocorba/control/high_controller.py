@@ -308,7 +308,7 @@ class HighController:
         speed = math.hypot(ahead, left)
         if speed > self.speed_cap:
             ahead, left = ahead * self.speed_cap / speed, left * self.speed_cap / speed
-        turn = min(max(turn, -self._limits.turn), self._limits.turn)
+        turn = min(max(turn, -self._limits.turn_speed), self._limits.turn_speed)
         vx, vy, turning = self._velocity
         wanted_x, wanted_y = turned(ahead, left, heading)
         dx, dy = wanted_x - vx, wanted_y - vy

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from robocorba.control.execution_control import LOOK_S, ExecutionControl
+from robocorba.control.execution_control import CHECK_INTERVAL_S, ExecutionControl
 from robocorba.control.high_controller import HighController
 from robocorba.control.session import BuildingSession
 from robocorba.motion.motion import Motion
@@ -14,9 +14,11 @@ class Movements:
     """Base class for the movements of a robot's parts. One thread at a time moves the robot; any thread may use
     `execution`."""
 
-    def __init__(self, controller: HighController, session: BuildingSession, look_s: float = LOOK_S) -> None:
+    def __init__(
+        self, controller: HighController, session: BuildingSession, check_interval_s: float = CHECK_INTERVAL_S
+    ) -> None:
         self.controller, self.session = controller, session
-        self.execution = ExecutionControl(controller.cancel, self._hold, look_s)
+        self.execution = ExecutionControl(controller.cancel, self._hold, check_interval_s)
 
     def move(self, motion: Motion) -> None:
         """Run a motion to its end."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control.arms import ArmMovements
 from robocorba.control.base import BaseMovements
-from robocorba.control.execution_control import LOOK_S
+from robocorba.control.execution_control import CHECK_INTERVAL_S
 from robocorba.control.high_controller import HighController
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import BuildingSession
@@ -17,7 +17,8 @@ from robocorba.programs.base_checks import Planner
 
 
 class Robot(BaseMovements, ArmMovements):
-    """nearby: other robots and obstacles; without it the robot does not give way. look_s: see ExecutionControl."""
+    """nearby: other robots and obstacles; without it the robot does not give way. check_interval_s: see
+    ExecutionControl."""
 
     def __init__(
         self,
@@ -27,9 +28,9 @@ class Robot(BaseMovements, ArmMovements):
         kinematics: InverseKinematics,
         planner: Planner,
         nearby: Nearby | None = None,
-        look_s: float = LOOK_S,
+        check_interval_s: float = CHECK_INTERVAL_S,
     ) -> None:
-        super().__init__(controller, session, look_s)
+        super().__init__(controller, session, check_interval_s)
         self.sensors, self.kinematics = sensors, kinematics
         self._planner, self._nearby = planner, nearby
         self._held = {}

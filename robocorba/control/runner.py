@@ -13,7 +13,7 @@ from enum import Enum
 from functools import singledispatchmethod
 from typing import Any, NamedTuple, Protocol
 
-from robocorba.control.execution_control import LOOK_S, Aborted, SensorStop
+from robocorba.control.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
 from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
@@ -124,7 +124,7 @@ class Runner:
         for number, icon in enumerate(body):
             path = f"{parent}[{number}]"
             self._update(icon=path, kind=kind(icon))
-            self._robot.execution.at_icon()
+            self._robot.execution.before_icon()
             count = self._begun[-1].number + 1 if self._begun else 0
             self._begun.append(IconBegun(count, path, kind(icon), self.report.seconds))
             self._last_outcome = self._perform(icon, path) or "done"
@@ -237,7 +237,7 @@ class Runner:
 
         def watch() -> None:
             blind_since: float | None = None
-            while not ended.wait(LOOK_S):
+            while not ended.wait(CHECK_INTERVAL_S):
                 try:
                     nearest = self._robot.sensors.nearest_m(icon.sensor)
                     blind_since = None

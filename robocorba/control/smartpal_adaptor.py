@@ -155,7 +155,7 @@ class SmartPalAdaptor(RobotAdaptor):
         self._get_ready(units)
         self._set_pose(units, given.pose)
         units.set_base_limits(
-            BASE_LIMITS.speed, BASE_LIMITS.turn, BASE_LIMITS.acceleration, BASE_LIMITS.turn_acceleration
+            BASE_LIMITS.speed, BASE_LIMITS.turn_speed, BASE_LIMITS.acceleration, BASE_LIMITS.turn_acceleration
         )
         units.set_arm_acceleration(float((JOINT_SPEED / JOINT_ACCELERATION)[ARM[Side.LEFT]].max()))
         self._set_jog_timeout(units, ActorCommand().valid_s)

@@ -234,8 +234,8 @@ class _EventConsumerServant(RoboCorba__POA.EventConsumer):
         self._lock = threading.Lock()  # one call after another, also if an earlier call of the channel timed out
 
     def push(self, value: Any) -> None:
-        run = events.run_of_any(value)
-        self._guard(self._receive, Event(run.header.type, run.header.source, value.value(), run.times[0], "", 0))
+        batch = events.batch_of_any(value)
+        self._guard(self._receive, Event(batch.header.type, batch.header.source, value.value(), batch.times[0], "", 0))
 
     def pushRuns(self, runs: Any) -> None:
         with self._lock:

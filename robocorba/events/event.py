@@ -57,8 +57,9 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
 
 
 class EventBatch:
-    """Consecutive events that share a header, numbered from `first` on. `times` (s since 1970) and `payloads` have one
-    entry for each event. via: the peer that forwarded them, empty for this channel's own suppliers."""
+    """Consecutive events that share a header, numbered from `first` on. It is an EventRun of the IDL, whose "batch", a
+    sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event. via:
+    the peer that forwarded them, empty for this channel's own suppliers."""
 
     __slots__ = ("cached", "first", "header", "payloads", "times", "via")
 
@@ -66,7 +67,7 @@ class EventBatch:
         self, header: EventHeader, times: Sequence[float], payloads: Sequence[Any], first: int = 0, via: str = ""
     ) -> None:
         self.header, self.times, self.payloads, self.first, self.via = header, times, payloads, first, via
-        #: The IDL struct of this batch, cached because several consumers receive the same one.
+        #: The EventRun struct of this batch, cached because several consumers receive the same one.
         self.cached: Any = None
 
     def __len__(self) -> int:

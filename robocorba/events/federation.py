@@ -23,7 +23,8 @@ _UNREACHABLE = 1 << 30
 
 
 class Advertisement(NamedTuple):
-    """A link-state advertisement of channel `name`: its peers and its interest. The higher version is the newer one."""
+    """A link-state advertisement of channel `name` (a ChannelNotice of the IDL): its peers and its interest. The higher
+    version is the newer one."""
 
     name: str
     version: int

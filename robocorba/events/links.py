@@ -34,14 +34,14 @@ Join = Callable[[Peer], tuple[FeedPort, str]]
 
 
 class LinkSnapshot(NamedTuple):
-    """Both directions of a link at one moment. wanted_there, wanted_here: what the consuming end wants, as far as the
-    supplying end knows."""
+    """Both directions of a link at one moment. interest_there, interest_here: the interest of the peer and of this
+    channel, as far as the supplying end knows it."""
 
     peer: str
     feed: FeedSnapshot
-    wanted_there: tuple[Pattern, ...]
+    interest_there: tuple[Pattern, ...]
     gateway: GatewaySnapshot
-    wanted_here: tuple[Pattern, ...]
+    interest_here: tuple[Pattern, ...]
 
 
 @dataclass(slots=True, eq=False)
@@ -170,8 +170,8 @@ class Links:
             name = link.peer.name
             with self._channel.lock:
                 feed = link.feed.snapshot()
-                wanted_there = self._channel.federation.interest_of(name)
-            result.append(LinkSnapshot(name, feed, wanted_there, link.gateway.snapshot(), link.gateway.in_force))
+                interest_there = self._channel.federation.interest_of(name)
+            result.append(LinkSnapshot(name, feed, interest_there, link.gateway.snapshot(), link.gateway.in_force))
         return result
 
     # ---- called for peers ----

@@ -70,5 +70,5 @@ class LinkPolicy:
     recheck_s: float = 1.0
     #: Pauses between the gateway's attempts to join the feed.
     backoff: Backoff = field(default=Backoff(0.05, 0.5))
-    #: Longest of these pauses while the peer answers, but refuses [s].
+    #: Maximum of these pauses while the peer answers, but refuses [s].
     refused_pause_s: float = 5.0

@@ -18,7 +18,7 @@ from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, StoredProxy
 from robocorba.events.clients import ClientFinder, ClientPort, ConsumerPort
 from robocorba.events.policies import ProxyPolicy
-from robocorba.events.proxy import Proxy, ProxyKind, ProxyState
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
@@ -36,7 +36,7 @@ class ProxySnapshot(NamedTuple):
 
     id: str
     kind: ProxyKind
-    state: ProxyState
+    condition: ProxyCondition
     name: str
     client: str
     subscription: Subscription
@@ -86,7 +86,7 @@ class Proxies:
         Raises AlreadyConnected, ProxyGone."""
         with self._lock:
             self._check_not_ended(proxy)
-            if proxy.state is not ProxyState.WAITING:
+            if proxy.condition is not ProxyCondition.WAITING:
                 raise AlreadyConnected(f"proxy {proxy.id} is connected already")
             with self._channel.lock:
                 proxy.connect(client)
@@ -223,7 +223,7 @@ class Proxies:
             return ProxySnapshot(
                 proxy.id,
                 proxy.kind,
-                proxy.state,
+                proxy.condition,
                 proxy.name,
                 proxy.client.address if proxy.client else "",
                 supplier.subscription if supplier else (),
@@ -323,8 +323,8 @@ class Proxies:
             proxy.id,
             proxy.kind.value,
             proxy.name,
-            proxy.state is not ProxyState.WAITING,
-            proxy.state is ProxyState.SUSPENDED,
+            proxy.condition is not ProxyCondition.WAITING,
+            proxy.condition is ProxyCondition.SUSPENDED,
             proxy.client.reference if proxy.client else "",
         )
         if isinstance(proxy, ProxySupplier):

@@ -18,7 +18,7 @@ class ProxyKind(Enum):
     PULL_SUPPLIER = "pull supplier"
 
 
-class ProxyState(Enum):
+class ProxyCondition(Enum):
     """WAITING: without a client. STALLED: the client does not answer. SUSPENDED: the client pauses delivery."""
 
     WAITING = 0
@@ -35,7 +35,7 @@ class Proxy:
     kind: ProxyKind
     #: The port of the connected client (clients.ClientPort), None if there is none, or if it gave a nil reference.
     client: Any = None
-    state = ProxyState.WAITING
+    condition = ProxyCondition.WAITING
     is_ended = False
     #: Number of failed calls to the client in a row.
     failures = 0
@@ -47,7 +47,7 @@ class Proxy:
 
     def connect(self, client: Any) -> None:
         """Begin to serve a client."""
-        self.client, self.state = client, ProxyState.CONNECTED
+        self.client, self.condition = client, ProxyCondition.CONNECTED
 
     def end(self) -> None:
         """End the proxy; it is of no use afterwards."""

@@ -11,7 +11,7 @@ from robocorba.events.account import Account
 from robocorba.events.clients import ClientPort, SupplierPort
 from robocorba.events.event import EventBatch
 from robocorba.events.policies import PollingPolicy
-from robocorba.events.proxy import Proxy, ProxyKind, ProxyState
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 
 
 class ProxyConsumer(Proxy):
@@ -28,7 +28,7 @@ class ProxyConsumer(Proxy):
 
     def push(self, batch: EventBatch) -> None:
         """Publish a batch; called without the lock. Raises Disconnected, ProxyGone."""
-        if self.state is not ProxyState.CONNECTED or self.is_ended:
+        if self.condition is not ProxyCondition.CONNECTED or self.is_ended:
             if self.is_ended:
                 raise ProxyGone(f"proxy {self.id} was disconnected")
             raise Disconnected(f"proxy {self.id} is not connected")
@@ -71,7 +71,7 @@ class ProxyPullConsumer(ProxyConsumer):
         while not reason and not self._ended.wait(pause):
             try:
                 batch = client.try_pull(policy.call_timeout_s)
-                self.failures, self.state = 0, ProxyState.CONNECTED
+                self.failures, self.condition = 0, ProxyCondition.CONNECTED
                 if batch is None:
                     pause = min(2 * pause, policy.intervals.max_s)
                 else:
@@ -83,7 +83,7 @@ class ProxyPullConsumer(ProxyConsumer):
                 return
             except (NotDelivered, Unconfirmed, Refused) as error:
                 self.failures += 1
-                self.state = ProxyState.STALLED
+                self.condition = ProxyCondition.STALLED
                 pause = policy.backoff.pause_s(self.failures)
                 if self.failures >= policy.max_failures:
                     reason = f"{self.failures} failures in a row ({error})"

@@ -24,7 +24,7 @@ from robocorba.events.call_limiter import CallLimiter
 from robocorba.events.clients import ConsumerPort
 from robocorba.events.event import EventBatch, merged
 from robocorba.events.policies import DeliveryPolicy
-from robocorba.events.proxy import ProxyKind, ProxyState
+from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import QueueItem, QueuePolicy
 from robocorba.events.subscription import Subscription, SubscriptionMatch
@@ -88,16 +88,16 @@ class ProxyPushSupplier(ProxySupplier):
 
     def leave(self) -> None:
         """The consumer of a durable subscription has left; events wait for the next consumer."""
-        self.client, self.state, self._inline = None, ProxyState.WAITING, 0
+        self.client, self.condition, self._inline = None, ProxyCondition.WAITING, 0
 
     def suspend(self) -> None:
         """Let events wait; a stalled consumer is not probed meanwhile."""
         if self.client:
-            self.state, self._inline = ProxyState.SUSPENDED, 0
+            self.condition, self._inline = ProxyCondition.SUSPENDED, 0
 
     def resume(self) -> None:
-        if self.state is ProxyState.SUSPENDED:
-            self.state = ProxyState.CONNECTED
+        if self.condition is ProxyCondition.SUSPENDED:
+            self.condition = ProxyCondition.CONNECTED
             self._wake()
 
     def end(self) -> None:
@@ -127,8 +127,8 @@ class ProxyPushSupplier(ProxySupplier):
         """Wake or start the thread if there is work. While a call is in progress, its end calls this method."""
         if self._busy or self.is_ended:
             return
-        is_stalled = self.state is ProxyState.STALLED
-        if not is_stalled and not (self.state is ProxyState.CONNECTED and self._queue.length):
+        is_stalled = self.condition is ProxyCondition.STALLED
+        if not is_stalled and not (self.condition is ProxyCondition.CONNECTED and self._queue.length):
             return
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name=f"to {self.id}", daemon=True)
@@ -157,9 +157,9 @@ class ProxyPushSupplier(ProxySupplier):
         with self._lock:
             idle_until = time.monotonic() + IDLE_S
             while not self.is_ended:
-                if self.state is ProxyState.STALLED and self._pause() and self.client:
+                if self.condition is ProxyCondition.STALLED and self._pause() and self.client:
                     return self.client, []
-                if self.state is ProxyState.CONNECTED and self.client and self._queue and not self._busy:
+                if self.condition is ProxyCondition.CONNECTED and self.client and self._queue and not self._busy:
                     items = self._claim_next(self.client)
                     if items:
                         return self.client, items
@@ -174,7 +174,9 @@ class ProxyPushSupplier(ProxySupplier):
     def _next_of_slot(self, client: ConsumerPort) -> list[QueueItem]:
         """Items of the next call in the same slot, for a client that takes single events; empty to end the slot."""
         with self._lock:
-            is_over = client.takes_batches or client is not self.client or self.state is not ProxyState.CONNECTED
+            is_over = (
+                client.takes_batches or client is not self.client or self.condition is not ProxyCondition.CONNECTED
+            )
             return [] if is_over or self._busy or not self._queue.length else self._claim_next(client)
 
     def _claim_next(self, client: ConsumerPort) -> list[QueueItem]:
@@ -194,7 +196,7 @@ class ProxyPushSupplier(ProxySupplier):
     def _pause(self) -> bool:
         """Wait for the next probe; False if the consumer is no longer stalled."""
         pause = self._delivery.backoff.pause_s(self.failures)
-        return not self._changed.wait_for(lambda: self.is_ended or self.state is not ProxyState.STALLED, pause)
+        return not self._changed.wait_for(lambda: self.is_ended or self.condition is not ProxyCondition.STALLED, pause)
 
     def _call(self, client: ConsumerPort | None, items: Sequence[QueueItem], timeout_s: float) -> bool:
         """Deliver claimed items. False if the call was slow or failed."""
@@ -214,7 +216,11 @@ class ProxyPushSupplier(ProxySupplier):
             self.failures = 0
             self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
             self._flood_until = time.perf_counter() + min(delivery.flood_gap * self._mean_s, delivery.max_flood_gap_s)
-            if self._mean_s > FAST_CALL_S or client is not self.client or self.state is not ProxyState.CONNECTED:
+            if (
+                self._mean_s > FAST_CALL_S
+                or client is not self.client
+                or self.condition is not ProxyCondition.CONNECTED
+            ):
                 self._inline = 0
             else:
                 self._inline = CALL_EVENTS if client.takes_batches else 1
@@ -236,8 +242,8 @@ class ProxyPushSupplier(ProxySupplier):
                 self._requeue(items)
             if client is not None and client is self.client and not isinstance(failure, Refused):
                 self.failures += 1
-                if self.state is ProxyState.CONNECTED:
-                    self.state, self._inline = ProxyState.STALLED, 0
+                if self.condition is ProxyCondition.CONNECTED:
+                    self.condition, self._inline = ProxyCondition.STALLED, 0
                     self._changed.notify()  # the thread may be waiting for work
                     _log.info("the consumer of %s at %s is stalled (%s)", self.id, client.address, failure)
             is_lost = isinstance(failure, ClientGone) or (
@@ -263,10 +269,10 @@ class ProxyPushSupplier(ProxySupplier):
         if is_alive:
             time.sleep(self._delivery.settle_s)
         with self._lock:
-            if client is not self.client or self.state is not ProxyState.STALLED:
+            if client is not self.client or self.condition is not ProxyCondition.STALLED:
                 return
             if is_alive:
-                self.state = ProxyState.CONNECTED
+                self.condition = ProxyCondition.CONNECTED
                 return
             self.failures += 1
             if not reason and self.failures >= self._delivery.max_failures and not self.name:

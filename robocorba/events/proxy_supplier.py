@@ -9,7 +9,7 @@ from robocorba.errors.events import Disconnected, ProxyGone
 from robocorba.events.account import Totals
 from robocorba.events.correlation import Selection
 from robocorba.events.event import CorrelatedEvents, EventBatch
-from robocorba.events.proxy import Proxy, ProxyKind, ProxyState
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.queue import EventQueue, OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import Subscription, SubscriptionMatch
 
@@ -39,7 +39,7 @@ class ProxySupplier(Proxy):
     @property
     def is_selecting(self) -> bool:
         """Whether it receives events; a durable proxy does also while its consumer is away."""
-        return not self.is_ended and (self.state is not ProxyState.WAITING or bool(self.name))
+        return not self.is_ended and (self.condition is not ProxyCondition.WAITING or bool(self.name))
 
     @property
     def is_blocking(self) -> bool:
@@ -137,7 +137,7 @@ class ProxyPullSupplier(ProxySupplier):
             while True:
                 if self.is_ended:
                     raise ProxyGone(f"proxy {self.id} was disconnected")
-                if self.state is ProxyState.WAITING:
+                if self.condition is ProxyCondition.WAITING:
                     raise Disconnected(f"proxy {self.id} is not connected")
                 if self._queue:
                     batch = self._take_one()

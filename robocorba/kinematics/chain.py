@@ -21,9 +21,9 @@ ROTATION_WEIGHT_M = 0.3
 #: Error at which `solve_pose` ends [m], far below the accuracy of a robot, so that equal requests have equal answers.
 TOLERANCE_M = 1e-6
 _MAX_ITERATIONS = 60
-#: Greatest change of a joint in one iteration [rad].
+#: Maximum change of a joint in one iteration [rad].
 _MAX_STEP_RAD = 0.6
-#: Damping of the least squares for each square metre of squared error, and its least value.
+#: Damping of the least squares for each square metre of squared error, and its minimum.
 _DAMPING, _MIN_DAMPING = 0.5, 1e-8
 #: Pull towards the comfortable posture, for each metre of error: the fraction of the distance to it that is added to a
 #: step. With a stronger pull hands would miss poses that only uncomfortable postures reach.

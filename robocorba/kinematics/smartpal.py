@@ -54,5 +54,5 @@ JOINT_ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 
 
 #: Radius of the circle around the base [m], mass [kg] and height [m].
 RADIUS_M, MASS_KG, HEIGHT_M = SMARTPAL_RADIUS_M, 127.0, 1.325
-#: Motion limits of the base; its accelerations are assumed.
-BASE_LIMITS = Limits(1.0, math.radians(100), 1.0, math.radians(100))
+#: Motion limits of the base.
+BASE_LIMITS = Limits()

@@ -32,11 +32,11 @@ from robocorba.maps.model import (
 )
 from robocorba.spatial.pose import XY
 
-#: Longest name [characters].
+#: Maximum length of a name [characters].
 MAX_NAME = 200
-#: Largest coordinate, length [m], speed [m/s] or time [s].
+#: Maximum coordinate, length [m], speed [m/s] or time [s].
 MAX_NUMBER = 1e6
-#: Smallest length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
+#: Minimum length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
 MIN_LENGTH = 1e-3
 #: Maximum number of points of a polygon, doors of an elevator, graphs of an edge.
 MAX_POINTS, MAX_DOORS, MAX_GRAPHS = 10_000, 1_000, 100

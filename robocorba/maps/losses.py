@@ -1,4 +1,4 @@
-"""Losses of a conversion between formats: one sentence for each kind."""
+"""Losses of a conversion between formats, and its assumptions: one sentence for each kind."""
 
 from __future__ import annotations
 

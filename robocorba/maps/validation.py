@@ -45,7 +45,7 @@ from robocorba.maps.vicinity import (
     walls_intersecting,
 )
 
-#: Largest common area of two shafts that touch but don't overlap [m²].
+#: Maximum common area of two shafts that touch but don't overlap [m²].
 MAX_SHAFT_OVERLAP_M2 = 1e-6
 
 

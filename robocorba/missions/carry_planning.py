@@ -39,7 +39,7 @@ from robocorba.spatial.pose import Pose
 
 #: Clearance that shortened paths keep if there is room [m].
 PREFERRED_MARGIN_M = 0.15
-#: Largest number of elevator rides of a carry.
+#: Maximum number of elevator rides of a carry.
 MAX_RIDES = 2
 
 

@@ -20,7 +20,7 @@ from robocorba.missions import subplan
 from robocorba.missions.carry_control import CarryMotion, CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import Trajectory
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.frames import Frame, into, out_of
 
 #: Speed limit near the object and other robots.
@@ -121,7 +121,7 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Ride) -> None:
         otherwise = f"{step.elevator} did not arrive at {step.destination}"
-        self._robot.wait_for_ride(Phase.ALIGHTING, otherwise, self._check_hold)
+        self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, self._check_hold)
         if self._areas:
             self._areas = self._areas[1:]
             self._robot.session.keep_areas(self._areas)

@@ -23,24 +23,24 @@ from robocorba.spatial.pose import Pose2D
 HAND_M = 0.62
 #: Distance at which robots gather behind their places, from which they approach straight, and that they back off [m].
 BACK_OFF_M = 0.3
-#: Least clearance of object, carriers and arms [m].
+#: Minimum clearance of object, carriers and arms [m].
 MARGIN_M = 0.05
 #: Width of both arms of a carrier in its footprint [m]: no obstacle fits between a carrier and the object.
 ARMS_WIDTH_M = 0.4
 MAX_CARRIERS = 6
-#: Least gap between carriers [m].
+#: Minimum gap between carriers [m].
 GAP_M = 0.02
 #: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
 CORNER_DISTANCE_M = 0.15
 #: Shorter edges get no grip points [m].
 MIN_EDGE_M = 0.25
-#: Least distance between the grip points of one edge [m].
+#: Minimum distance between the grip points of one edge [m].
 GRIP_SPACING_M = 0.1
 #: Rays from the centroid that give grip points if the edges give too few.
 RAYS = 12
-#: Largest distance of the centroid from the line or polygon of the grip points [m].
+#: Maximum distance of the centroid from the line or polygon of the grip points [m].
 MAX_OFFSET_M = 0.15
-#: Largest distance of the centroid from a single grip point [m].
+#: Maximum distance of the centroid from a single grip point [m].
 MAX_OFFSET_ONE_GRIP_M = 0.6
 #: A formation is safe if its safety (see _safety) is at least this share of the best one.
 SAFE_SHARE = 0.6

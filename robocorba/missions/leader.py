@@ -39,7 +39,7 @@ class LeaderPolicy:
     repeat_interval_s: float = 0.5
     #: Time for all attempts to reach an agreement while robots refuse or are busy [s].
     agreement_timeout_s: float = 60.0
-    #: Longest random pause between attempts [s]. It separates leaders that compete for the same robots.
+    #: Maximum random pause between attempts [s]. It separates leaders that compete for the same robots.
     max_retry_pause_s: float = 3.0
     #: Candidates beyond the helpers needed, the nearest first.
     spare_candidates: int = 4

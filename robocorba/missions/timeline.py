@@ -10,7 +10,7 @@ PICTURE, CAPTION = "timeline.png", "Timeline: when each robot worked and waited"
 #: Width of the picture, and height of a robot's row [inches].
 WIDTH_IN, ROW_IN = 11.0, 0.55
 WORK_COLOUR, WAIT_COLOUR = "#3b7dd8", "#e8c46a"
-#: Least distance between the labels of two phases, as a share of the duration: the first phases are very short.
+#: Minimum distance between the labels of two phases, as a share of the duration: the first phases are very short.
 LABEL_SPACING = 0.025
 
 

@@ -23,7 +23,7 @@ SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
 MAX_POSES = 2000
 #: Shorter segments [m] and turns [rad] are skipped.
 NEGLIGIBLE = 1e-9
-#: Largest slope of a smooth step, relative to a linear one.
+#: Maximum slope of a smooth step, relative to a linear one.
 _SMOOTH_STEP_SLOPE = 1.5
 
 

@@ -53,7 +53,7 @@ class Drive:
         self._next = 0
         #: Start of the present segment.
         self._segment_start: tuple[float, float] | None = None
-        #: Least remaining distance [m] and heading error [rad] so far, and when one of them last fell [s].
+        #: Minimum remaining distance [m] and heading error [rad] so far, and when one of them last fell [s].
         self._nearest = self._least_error_rad = math.inf
         self._progress_at = 0.0
 
@@ -134,7 +134,7 @@ class Drive:
     def _turn(self, error_rad: float) -> float:
         """Turning velocity [rad/s]."""
         braking = BRAKING_SHARE * self._limits.turn_acceleration
-        limit = min(self._limits.turn, math.sqrt(2.0 * braking * abs(error_rad)))
+        limit = min(self._limits.turn_speed, math.sqrt(2.0 * braking * abs(error_rad)))
         return math.copysign(min(limit, GAIN * abs(error_rad)), error_rad)
 
     def _check_progress(self, state: RobotState, remaining: float, error_rad: float, elapsed_s: float) -> None:

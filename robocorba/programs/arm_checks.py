@@ -25,7 +25,7 @@ from robocorba.programs.icons import (
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.grids import Floats
 
-#: Greatest change of a joint between two postures that are checked for collisions [rad].
+#: Maximum change of a joint between two postures that are checked for collisions [rad].
 _STEP_RAD = math.radians(2)
 #: The parameters of each icon that determine its target joints, as a finding names them.
 _TARGET_PARAMETERS: dict[type, str] = {

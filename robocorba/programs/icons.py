@@ -37,7 +37,7 @@ Turn = Annotated[float, Meta(ge=-2 * math.pi, le=2 * math.pi, title="turn [rad]"
 Speed = Annotated[float, Meta(ge=0.01, le=BASE_LIMITS.speed, title="speed [m/s]", description="At most this fast.")]
 Velocity = Annotated[float, Meta(ge=-BASE_LIMITS.speed, le=BASE_LIMITS.speed, title="velocity [m/s]")]
 TurnVelocity = Annotated[
-    float, Meta(ge=-BASE_LIMITS.turn, le=BASE_LIMITS.turn, title="turn [rad/s]", description="Plus: left.")
+    float, Meta(ge=-BASE_LIMITS.turn_speed, le=BASE_LIMITS.turn_speed, title="turn [rad/s]", description="Plus: left.")
 ]
 Seconds = Annotated[float, Meta(gt=0.0, le=3600.0, title="time [s]")]
 Reach = Annotated[float, Meta(ge=-2.0, le=2.0, title="coordinate [m]", description="In the robot's own frame.")]

@@ -18,9 +18,9 @@ from robocorba.programs.icons import CONDITIONS, ICONS, Body, Icon, Text, bodies
 MAX_BYTES = 1024 * 1024
 #: Maximum number of icons of a program, including nested ones.
 MAX_ICONS = 1000
-#: Greatest nesting depth of icons; those of the program itself have depth 1.
+#: Maximum nesting depth of icons; those of the program itself have depth 1.
 MAX_NESTING = 8
-#: Greatest nesting depth of objects and arrays, including an event's payload.
+#: Maximum nesting depth of objects and arrays, including an event's payload.
 MAX_DEPTH = 64
 #: Maximum length of a parsed integer [digits]; longer ones count as infinite, because Python parses them slowly.
 _MAX_DIGITS = 20

@@ -17,7 +17,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.spatial.grids import Floats, Grid, Longs, column_of, row_of
 
-#: Largest error of `direction` [rad].
+#: Maximum error of `direction` [rad].
 SLACK_RAD = 1e-3
 #: Sine of the angle below which a segment counts as seen edge-on.
 EDGE_ON = 1e-12

@@ -28,9 +28,9 @@ from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
 from robocorba.spatial.grids import Floats, Longs, column_of, row_of
 
-#: Largest age of floor data for a scan [s].
+#: Maximum age of floor data for a scan [s].
 LAG_LIMIT_S = 1.0
-#: Largest distance from the sensor at which the rays start [m].
+#: Maximum distance from the sensor at which the rays start [m].
 MAX_RIM_M = 100.0
 #: Maximum number of rays in one call.
 MAX_RAYS_AT_ONCE = 1_000_000

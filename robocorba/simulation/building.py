@@ -17,7 +17,7 @@ from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide,
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
-from robocorba.simulation.elevator import Cabin, Phase, RideStatus
+from robocorba.simulation.elevator import Cabin, RidePhase, RideStatus
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import AreaRequest, Reservations
@@ -313,16 +313,16 @@ class SimulatedBuilding:
         """Advance the rides of robots that are completely inside or completely outside the cabin."""
         shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
-            if session.phase not in (Phase.BOARDING, Phase.ALIGHTING):
+            if session.phase not in (RidePhase.BOARDING, RidePhase.ALIGHTING):
                 continue
             pose = self.pose(session.robot)
             centre = shapely.Point(pose.x, pose.y)
             if shaft.exterior.distance(centre) < session.radius_m:
                 continue  # partly inside
             if shaft.contains(centre):
-                if session.phase is Phase.BOARDING and not self._has_stranger(name, cabin, session.party):
+                if session.phase is RidePhase.BOARDING and not self._has_stranger(name, cabin, session.party):
                     cabin.enter(session.robot)
-            elif session.phase is Phase.ALIGHTING:
+            elif session.phase is RidePhase.ALIGHTING:
                 cabin.leave(session.robot)
 
     def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:

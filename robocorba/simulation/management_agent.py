@@ -54,14 +54,15 @@ class ServerState(NamedTuple):
 
 
 class ManagementAgent:
-    """The simulation of a building, restored from `store` or, without a record, started from the map.
+    """The paper's communication management agent: it owns the simulated building, its time, the robots' sessions and
+    their records. It is restored from `store`, or started from the map if there is no record.
 
     publish: called with each event in the simulation thread; must not block. session_ended: called with each ended
     session. After `start`, everything is thread-safe except `step`. Leases run from `begin_leases` on."""
 
     def __init__(
         self,
-        building: Building,
+        edited_map: Building,
         map_version: int,
         store: SimulationStore,
         publish: Callable[[SimulationEvent], None] = lambda event: None,
@@ -70,8 +71,8 @@ class ManagementAgent:
         self._store, self._publish, self._session_ended = store, publish, session_ended
         settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
         self.registry = Registry(settings.limit, time.monotonic)
-        self.building = SimulatedBuilding(building)
-        self.database = OmniDatabase(self.building)
+        self.simulated = SimulatedBuilding(edited_map)
+        self.database = OmniDatabase(self.simulated)
         self.database.map_version = map_version
         self.load_balance = LoadBalance(time.monotonic)
         self.loop = SimulationLoop(self.step, self._housekeeping)
@@ -131,13 +132,13 @@ class ManagementAgent:
 
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""
-        self._end(self.registry.find(name))
+        self._log_off_durably(self.registry.find(name))
 
     # ---- time ----
 
     def step(self) -> None:
         """Advance by STEP_S. For use without `start` only: a started simulation advances in its own thread."""
-        for event in self.building.step():
+        for event in self.simulated.step():
             self.collisions += event.kind == "collision"
             self._event_count += 1
             self._publish(event)
@@ -160,13 +161,13 @@ class ManagementAgent:
 
     # ---- the map ----
 
-    def follow_map(self, building: Building, version: int) -> None:
+    def follow_map(self, edited_map: Building, version: int) -> None:
         """Use an edited map; log off the robots on removed floors. Raises SimulationBusy."""
 
         def change() -> None:
-            for name in self.building.update(building):
+            for name in self.simulated.update(edited_map):
                 client = self.registry.find(name)
-                self._forget(client)
+                self._close_session(client)
                 self._writer.forget(client.key)
             self.database.map_version = version
 
@@ -179,7 +180,7 @@ class ManagementAgent:
         return ServerState(
             self.registry.limit,
             len(self.registry),
-            self.building.time,
+            self.simulated.time,
             self.loop.pace,
             self.loop.achieved,
             self.loop.is_paused,
@@ -188,13 +189,14 @@ class ManagementAgent:
             self._event_rate,
         )
 
-    # ---- internals, all in the simulation thread ----
+    # ---- internals, in the caller's thread ----
 
     def _restore(self) -> None:
+        """Restore the building and the sessions from the store, before the simulation thread starts."""
         records = self._store.clients()
         # A kill between a log-off and its write can leave two records of one name: the later one counts.
         clients = {record.name: record for record in records}
-        world = self._store.world() or self.building.record()
+        world = self._store.world() or self.simulated.record()
         # The world record may hold the pose of an earlier robot of the same name.
         robots = {
             name: robot
@@ -202,43 +204,18 @@ class ManagementAgent:
             if name in clients and world.keys.get(name) == clients[name].key
         }
         world = msgspec.structs.replace(world, robots=robots)
-        self.building.restore(world, [record.description for record in clients.values()])
+        self.simulated.restore(world, [record.description for record in clients.values()])
         for record in records:
-            is_restored = record.name in self.building.robots  # else its floor was removed from the map
+            is_restored = record.name in self.simulated.robots  # else its floor was removed from the map
             if is_restored and clients[record.name] is record:
-                self._open(self.registry.restore(record.description, record.key, record.since))
+                self._open_session(self.registry.restore(record.description, record.key, record.since))
             else:
                 self._store.forget_client(record.key)
 
-    def _log_on(self, description: Description) -> Session:
-        self.registry.check(description)
-        self.building.add(description)
-        self.building.refresh()
-        return self._open(self.registry.register(description))
-
-    def _open(self, client: RobotClient) -> Session:
-        robot = self.building.robots[client.name]
-        self.load_balance.assign(client.name)
-        session = Session(client, robot, self.building, self._do_durably, self._end)
-        self.sessions[client.key] = session
-        return session
-
-    def _end(self, client: RobotClient) -> None:
+    def _log_off_durably(self, client: RobotClient) -> None:
+        """Log a robot off and delete its record. Raises SessionExpired, SimulationBusy, ServiceError."""
         self.loop.do(lambda: self._log_off(client))
         self._store.forget_client(client.key)
-
-    def _log_off(self, client: RobotClient) -> None:
-        if client.is_logged_off:
-            raise SessionExpired()
-        self.building.remove(client.name)
-        self.building.refresh()
-        self._forget(client)
-
-    def _forget(self, client: RobotClient) -> None:
-        self.registry.remove(client)
-        self.load_balance.release(client.name)
-        self.database.forget_scans(client.name)
-        self._session_ended(self.sessions.pop(client.key))
 
     def _do_durably(self, change: Callable[[], None]) -> None:
         """Make a change in the simulation thread, and wait until it is written to disk."""
@@ -249,9 +226,39 @@ class ManagementAgent:
 
         self._writer.wait(self.loop.do(change_and_submit))
 
+    # ---- internals, in the simulation thread ----
+
+    def _log_on(self, description: Description) -> Session:
+        self.registry.check(description)
+        self.simulated.add(description)
+        self.simulated.refresh()
+        return self._open_session(self.registry.register(description))
+
+    def _open_session(self, client: RobotClient) -> Session:
+        robot = self.simulated.robots[client.name]
+        self.load_balance.assign(client.name)
+        session = Session(client, robot, self.simulated, self._do_durably, self._log_off_durably)
+        self.sessions[client.key] = session
+        return session
+
+    def _log_off(self, client: RobotClient) -> None:
+        """Remove a robot from the building and close its session. Raises SessionExpired."""
+        if client.is_logged_off:
+            raise SessionExpired()
+        self.simulated.remove(client.name)
+        self.simulated.refresh()
+        self._close_session(client)
+
+    def _close_session(self, client: RobotClient) -> None:
+        """Unregister a robot whose body is gone, and end its session."""
+        self.registry.remove(client)
+        self.load_balance.release(client.name)
+        self.database.forget_scan(client.name)
+        self._session_ended(self.sessions.pop(client.key))
+
     def _record(self) -> WorldRecord:
         keys = {client.name: client.key for client in self.registry.clients}
-        return msgspec.structs.replace(self.building.record(), keys=keys)
+        return msgspec.structs.replace(self.simulated.record(), keys=keys)
 
     def _housekeeping(self) -> None:
         now = time.monotonic()

@@ -25,8 +25,8 @@ MAX_DEPARTED = 10_000
 
 
 class LastScan(NamedTuple):
-    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: first ray and step [rad].
-    distances: lengths of the rays [m]."""
+    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: angle of the first ray
+    from the sensor's heading, and between rays, counter-clockwise [rad]. distances: lengths of the rays [m]."""
 
     robot: str
     time: float
@@ -77,7 +77,7 @@ class OmniDatabase:
         """Keep a scan as the last one of its robot."""
         self._scans[scan.robot] = scan
 
-    def forget_scans(self, robot: str) -> None:
+    def forget_scan(self, robot: str) -> None:
         """Forget the scan of a robot that logged off."""
         self._scans.pop(robot, None)
 

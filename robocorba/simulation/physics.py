@@ -92,7 +92,7 @@ class FloorPhysics:
         self._names: list[str] = []
         self._static: list[pymunk.Shape] = []
         self._doors: dict[str, list[pymunk.Shape]] = {}
-        self._moving = Bodies(self._space)
+        self._batched = Bodies(self._space)
         self._contacts: list[Contact] = []
         self.set_steps(steps)
         #: Last command of each robot, packed: replacing one needs no lock, reading all of them needs no loop.
@@ -250,7 +250,7 @@ class FloorPhysics:
 
     def _rebuild_rows(self) -> None:
         """Rebuild names, limits and commands in pymunk's current order of bodies."""
-        names = [self._name_of.get(id, "") for id in self._moving.rebuild()]  # includes the static body
+        names = [self._name_of.get(id, "") for id in self._batched.rebuild()]  # includes the static body
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
         self._commands = np.empty((len(names), 4))
@@ -284,9 +284,9 @@ class FloorPhysics:
             self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
-        moving = self._moving
-        control(moving.state, self._commands, self._limits, self.time, moving.velocities)
-        moving.write()
+        bodies = self._batched
+        control(bodies.state, self._commands, self._limits, self.time, bodies.velocities)
+        bodies.write()
         self._space.step(STEP_S)
         self._take_snapshot()
         contacts = self._contacts
@@ -311,7 +311,7 @@ class FloorPhysics:
     def row(self, name: str) -> tuple[float, ...]:
         """Current x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s] of a body. Raises KeyError."""
         self._rebuild_rows_if_changed()
-        return tuple(self._moving.state[self._row_of[name]].tolist())
+        return tuple(self._batched.state[self._row_of[name]].tolist())
 
     def pose(self, name: str) -> tuple[float, float, float]:
         """Current x, y [m], heading [rad] of a body. Raises KeyError."""
@@ -321,15 +321,15 @@ class FloorPhysics:
     def state(self) -> dict[str, tuple[float, ...]]:
         """Rows as of `row` for all bodies, by name."""
         self._rebuild_rows_if_changed()
-        return {name: tuple(row) for name, row in zip(self._names, self._moving.state.tolist(), strict=True) if name}
+        return {name: tuple(row) for name, row in zip(self._names, self._batched.state.tolist(), strict=True) if name}
 
     def _take_snapshot(self) -> None:
-        self._moving.read()
-        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
+        self._batched.read()
+        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._batched.state.copy())
 
     def _contact_began(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Record a contact; pymunk calls this within a step."""
-        first, second = self._moving.touching(arbiter)
+        first, second = self._batched.pair_of(arbiter)
         self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
 
 

@@ -42,7 +42,7 @@ class Description:
             ("radius", self.radius_m, 0.05, 5.0),
             ("mass", self.mass_kg, 0.1, 10_000.0),
             ("speed", self.limits.speed, 0.0, 10.0),
-            ("turn", self.limits.turn, 0.0, 4 * math.pi),
+            ("turn", self.limits.turn_speed, 0.0, 4 * math.pi),
             ("acceleration", self.limits.acceleration, 1e-3, 50.0),
             ("turn acceleration", self.limits.turn_acceleration, 1e-3, 50.0),
         ):

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 #: Timeout of a call that waits for execution [s].
 CALL_LIMIT_S = 5.0
-#: Highest pace, in simulated seconds per second.
+#: Maximum pace, in simulated seconds per second.
 MAX_PACE = 1000.0
 #: Maximum number of steps in one request.
 MAX_STEPS = 10_000

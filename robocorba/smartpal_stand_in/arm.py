@@ -32,7 +32,7 @@ MIN_JOINT_MS, MIN_LINE_MS, MAX_MS = 500, 250, 10_000
 _POINT_M, _POINT_RAD, _MAX_POINTS = 0.005, math.radians(1), 1000
 #: Interval at which a jog along a line computes new joint speeds [s].
 LINE_JOG_PERIOD_S = 0.01
-#: Largest change of a joint between two points; with a larger one the arm would leave the line [rad].
+#: Maximum change of a joint between two points; with a larger one the arm would leave the line [rad].
 _MAX_JOINT_STEP_RAD = 0.2
 #: Tolerance at limits, because clients may send a rounded limit [degrees].
 _TOLERANCE_DEG = 1e-6

@@ -17,7 +17,7 @@ from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS,
 from robocorba.spatial.frames import Frame, into, out_of, turned
 
 #: Maximum speed [mm/s, degrees/s] and, with the same values, acceleration [mm/s^2, degrees/s^2].
-MAX_MM_S, MAX_DEG_S = 1000.0 * BASE_LIMITS.speed, math.degrees(BASE_LIMITS.turn)
+MAX_MM_S, MAX_DEG_S = 1000.0 * BASE_LIMITS.speed, math.degrees(BASE_LIMITS.turn_speed)
 #: The same limits at power-up.
 INITIAL_MM_S, INITIAL_DEG_S = 100.0, 10.0
 #: Deceleration that the wheels hold [m/s^2, rad/s^2]: half of gravity, wheels about 0.25 m from the centre. Assumed.

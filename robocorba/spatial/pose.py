@@ -24,9 +24,10 @@ class Pose(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Motion limits of a robot's base [m/s, rad/s, m/s^2, rad/s^2]."""
+    """Motion limits of a robot's base [m/s, rad/s, m/s^2, rad/s^2]; the defaults are SmartPal's, with assumed
+    accelerations."""
 
     speed: float = 1.0
-    turn: float = math.radians(100)
+    turn_speed: float = math.radians(100)
     acceleration: float = 1.0
     turn_acceleration: float = math.radians(100)

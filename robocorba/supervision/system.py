@@ -35,7 +35,8 @@ class System:
     """A naming service at `naming` and `servers` on ports of the same host, with their data in `folder`.
 
     before_ready: called in a thread once every server has answered, before the system is ready.
-    building: absolute path passed to the servers, or None. start_limit_s: time for each process to answer a call."""
+    building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
+    answer its first call."""
 
     folder: StateFolder
     naming: Address

@@ -33,7 +33,7 @@ from tests.data_pool.places import Place
 
 FLOOR = "L1"
 #: Simulated time passes faster than the clock, so robots check their conditions at this interval [s].
-LOOK_S = 0.002
+CHECK_INTERVAL_S = 0.002
 #: Number of steps between updates of the data pools.
 FOLLOW_STEPS = 3
 _KINEMATICS = InverseKinematics()
@@ -63,7 +63,7 @@ class Crowd:
             sensors = Sensors(session, lambda controller=controller: controller.state, RADIUS_M)
             self._controllers.append(controller)
             nearby = PoolNearby(pool, name, policy)
-            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby, LOOK_S)
+            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby, CHECK_INTERVAL_S)
         self.touched: list[tuple[str, ...]] = []
         for _ in range(FOLLOW_STEPS):
             self._step()

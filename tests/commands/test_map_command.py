@@ -122,7 +122,7 @@ def test_a_missing_file_is_named() -> None:
 def test_import_writes_a_native_map_and_lists_what_is_lost() -> None:
     *losses, last = lines(robocorba_map("import", "small.building.yaml", "out.yaml"))
     imported = read_map("small.building.yaml")
-    assert losses == [f"lost: {loss}" for loss in imported.losses] != []
+    assert losses == [f"import: {loss}" for loss in imported.losses] != []
     assert last.startswith("wrote out.yaml: 2 floors, ")
     assert native.load("out.yaml") == imported.building
 
@@ -210,7 +210,7 @@ def test_what_is_exported_can_be_imported(format: str) -> None:
         one = one.without(kind, floor, name)
     native.save(one, "one.yaml")
     printed = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
-    losses = [line for line in printed if line.startswith("lost: ")]
+    losses = [line for line in printed if line.startswith("export: ")]
     files = ["out.yaml", "out.pgm"] if format == "ros" else ["out.yaml"]
     assert printed == [*losses, *(f"wrote {file}" for file in files)]
     assert bool(losses) == (format != "native")

@@ -48,7 +48,7 @@ def recorded(
     path: Path, answers: Sequence[list[FloorUpdate] | NotReachable], **limits: float
 ) -> list[tuple[float, int]]:
     with Recorder(path / "a.mcap", two_floors()) as recorder:
-        record.follow(Floors(answers), recorder, 0.0, Times(len(answers)), **limits)  # type: ignore[arg-type]
+        record.record_changes(Floors(answers), recorder, 0.0, Times(len(answers)), **limits)  # type: ignore[arg-type]
     return [(round(at_s, 3), update.version) for at_s, update in Recording(path / "a.mcap").updates()]
 
 

@@ -17,7 +17,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, members, robots, sensor, show, tables
+from robocorba.commands.simulation_tables import (
+    SimulationTables,
+    as_tables,
+    clients,
+    elevators,
+    filled_tables,
+    members,
+    robots,
+    sensor,
+    show,
+)
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
@@ -45,10 +55,14 @@ STATE = RoboCorba.ServerState(300, 2, 91.84, 0.0, 57.3, True, 4, 69, 15.81)
 SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7), 9)
 
 
-def test_a_scene_as_tables() -> None:
+def test_the_tables_of_a_simulation() -> None:
     floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
-    scene = SystemTables([members(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
-    found = {kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in tables(scene)}
+    tables = SimulationTables(
+        [members(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)]
+    )
+    found = {
+        kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in filled_tables(tables)
+    }
     assert found == {
         "server": [
             {
@@ -74,7 +88,7 @@ def test_a_scene_as_tables() -> None:
                 "silent [s]": "0.25",
                 "calls/s": "12.5",
                 "latency [ms]": "1.50",
-                "sensor": "s1",
+                "sensor server": "s1",
             }
         ],
         "elevator": [
@@ -99,7 +113,7 @@ def test_a_scene_as_tables() -> None:
         ],
         "sensor": [{"sensor server": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
     }
-    assert json.loads(json.dumps(scene._asdict()))["robots"][0]["callRate"] == 12.5
+    assert json.loads(json.dumps(tables._asdict()))["robots"][0]["callRate"] == 12.5
 
 
 def test_only_robots_on_the_floors_are_shown() -> None:
@@ -114,8 +128,8 @@ def test_a_robot_that_is_on_no_floor_yet_has_no_speed() -> None:
 
 
 def test_robots_of_floors_without_a_server() -> None:
-    scene = SystemTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
-    ((kind, titles, rows),) = tables(scene)
+    tables = SimulationTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
+    ((kind, titles, rows),) = filled_tables(tables)
     assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
     assert rows == [
         ("A", "L1", "1.00", "2.00", "90", "0.50"),
@@ -130,22 +144,22 @@ def test_the_last_known_elevator_counts() -> None:
     assert (found["cabin"], found["doors"]) == ("L2", "OPEN")
 
 
-def test_an_empty_scene_has_no_tables() -> None:
-    assert tables(SystemTables()) == []
+def test_an_empty_state_has_no_tables() -> None:
+    assert filled_tables(SimulationTables()) == []
 
 
 @given(name=st.text(), floor=st.text())
 def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
-    scene = SystemTables(
+    tables = SimulationTables(
         robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})])
     )
-    assert all(cell.isprintable() for _, _, rows in tables(scene) for row in rows for cell in row)
+    assert all(cell.isprintable() for _, _, rows in filled_tables(tables) for row in rows for cell in row)
     console = Console(file=io.StringIO(), width=300)
-    console.print(as_tables(scene, note="gone [/]"))
+    console.print(as_tables(tables, note="gone [/]"))
 
 
 def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    show(SystemTables(robots=robots([view("L\t1", "A")])))
+    show(SimulationTables(robots=robots([view("L\t1", "A")])))
     assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
 
 

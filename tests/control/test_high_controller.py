@@ -98,7 +98,7 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
     high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
     velocities = np.array([command.velocity for command in adaptor.commands])
     assert np.hypot(velocities[:, 0], velocities[:, 1]).max() == pytest.approx(0.2)
-    assert np.abs(velocities[:, 2]).max() <= BASE_LIMITS.turn
+    assert np.abs(velocities[:, 2]).max() <= BASE_LIMITS.turn_speed
     turns = np.abs(np.diff(velocities[:, 2]))
     assert turns.max() <= BASE_LIMITS.turn_acceleration * TICK_S + 1e-9
 

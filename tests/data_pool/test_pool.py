@@ -23,7 +23,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.maps.model import MapObject, Wall
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.floor_update import Body, FloorUpdate
 from tests.data_pool.places import Place, furnished, same
 from tests.simulation.places import robot
@@ -85,11 +85,11 @@ def test_a_robot_changes_floors_with_the_elevator() -> None:
     world.call_elevator("A", "E1", "L1")
     ride = world.cabins["E1"].sessions["A"]
     while "A" in world.cabins["E1"].sessions:
-        if ride.phase is Phase.BOARDING:
+        if ride.phase is RidePhase.BOARDING:
             world.robots["A"].command(0.5, 0.0, 0.0, 0.2)
-        elif ride.phase is Phase.RIDING:
+        elif ride.phase is RidePhase.RIDING:
             world.robots["A"].command(max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0, 0.2)
-        elif ride.phase is Phase.ALIGHTING:
+        elif ride.phase is RidePhase.ALIGHTING:
             world.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
         world.step()
         world.refresh()

@@ -27,7 +27,7 @@ from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.federation import Advertisement
 from robocorba.events.policies import PollingPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
-from robocorba.events.proxy import Proxy, ProxyKind, ProxyState
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ProxyConsumer
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
@@ -91,12 +91,12 @@ CLIENTS = {
 def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind) -> None:
     client = CLIENTS[kind]()
     proxy = lab.proxies.obtain(kind)
-    assert lab.proxies.snapshot(proxy).state is ProxyState.WAITING
+    assert lab.proxies.snapshot(proxy).condition is ProxyCondition.WAITING
     lab.proxies.connect(proxy, client)
     with pytest.raises(AlreadyConnected):
         lab.proxies.connect(proxy, CLIENTS[kind]())
     state = lab.proxies.snapshot(proxy)
-    assert (state.kind, state.state, state.client) == (kind, ProxyState.CONNECTED, client.address)
+    assert (state.kind, state.condition, state.client) == (kind, ProxyCondition.CONNECTED, client.address)
     lab.proxies.disconnect(proxy)
     for act in (lambda: lab.proxies.disconnect(proxy), lambda: lab.proxies.connect(proxy, client)):
         with pytest.raises(ProxyGone):
@@ -164,7 +164,7 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) ->
     lab.proxies.disconnect(proxy)
     with pytest.raises(ProxyGone):
         lab.proxies.disconnect(proxy)
-    assert (first.disconnections, proxy.state) == (1, ProxyState.WAITING)
+    assert (first.disconnections, proxy.condition) == (1, ProxyCondition.WAITING)
     lab.publish(b"2", b"3")
     assert lab.proxies.subscribe("log", second, ALL, POLICY) is proxy
     eventually(lambda: second.payloads == [b"2", b"3"])
@@ -192,7 +192,7 @@ def test_a_consumer_that_is_gone_is_disconnected_and_its_durable_subscription_st
     lab.publish(b"1")
     eventually(lambda: lab.proxies.lost_clients == 2)
     assert [state.name for state in lab.proxies.snapshots() if state.kind is ProxyKind.PUSH_SUPPLIER] == ["log"]
-    assert durable.state is ProxyState.WAITING
+    assert durable.condition is ProxyCondition.WAITING
     successor = Consumer()
     lab.proxies.subscribe("log", successor, ALL, POLICY)
     eventually(lambda: successor.payloads == [b"1"])
@@ -260,7 +260,7 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         after = {state.id: state._replace(totals=None) for state in lab.proxies.snapshots()}  # type: ignore[arg-type]
         assert after == before
         assert set(after) == {proxy.id for proxy in (waiting, pulled, polled, proxy, durable, away)}
-        assert after[durable.id].state is ProxyState.SUSPENDED
+        assert after[durable.id].condition is ProxyCondition.SUSPENDED
         assert lab.channel.last_number > last
         lab.publish(b"1")
         again = by_id(lab)[durable.id]

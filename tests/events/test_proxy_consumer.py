@@ -11,7 +11,7 @@ from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDel
 from robocorba.events.account import Account
 from robocorba.events.event import EventBatch
 from robocorba.events.policies import PollingPolicy
-from robocorba.events.proxy import ProxyState
+from robocorba.events.proxy import ProxyCondition
 from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
 from robocorba.testing.processes import eventually
 from tests.events.samples import Supplier, supplied
@@ -72,7 +72,7 @@ def test_a_supplier_that_fails_sometimes_is_polled_further(published: Published,
     supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
-    eventually(lambda: one.state is ProxyState.CONNECTED and one.failures == 0)
+    eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
     one.end()
     assert published.reasons == []
 

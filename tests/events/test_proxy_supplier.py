@@ -18,7 +18,7 @@ from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents
 from robocorba.events.policies import DeliveryPolicy
-from robocorba.events.proxy import ProxyState
+from robocorba.events.proxy import ProxyCondition
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
@@ -191,7 +191,7 @@ def test_each_failure_is_counted_as_what_it_is(
         eventually(lambda: is_settled(proxy))
     assert received(consumer)[-3:] == ([1, 2, 3] if is_delivered else [*([0] if in_line else []), 2, 3])
     assert totals(proxy) == account
-    assert proxy.state is ProxyState.CONNECTED
+    assert proxy.condition is ProxyCondition.CONNECTED
 
 
 @pytest.mark.parametrize("name", ["", "durable"])
@@ -270,7 +270,7 @@ def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel:
         publish(channel, number)
     eventually(lambda: is_settled(second))
     assert received(awake) == list(range(25))
-    eventually(lambda: first.state is ProxyState.STALLED)
+    eventually(lambda: first.condition is ProxyCondition.STALLED)
     is_stalled.clear()
     eventually(lambda: is_settled(first))
     assert received(asleep) == list(range(15, 25))
@@ -423,7 +423,7 @@ def test_accounts_are_exact_whatever_fails(
         assert is_balanced(totals(proxy))
         if pauses:
             time.sleep(0.001)
-    eventually(lambda: proxy.state is ProxyState.CONNECTED and not proxy._queue)
+    eventually(lambda: proxy.condition is ProxyCondition.CONNECTED and not proxy._queue)
     eventually(lambda: proxy._in_flight == 0)
     with channel.lock:
         proxy.end()

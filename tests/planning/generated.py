@@ -33,7 +33,7 @@ from tests.planning.scenes import edge, node, room, wall
 
 #: Clearance of nodes from obstacles [m]: far less than a robot needs.
 NODE_CLEARANCE_M = 0.02
-#: Greatest distance of connected nodes [m], with few exceptions.
+#: Maximum distance of connected nodes [m], with few exceptions.
 MAX_EDGE_M = 7.0
 
 

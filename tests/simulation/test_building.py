@@ -12,7 +12,7 @@ from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide,
 from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import area_request
@@ -80,12 +80,12 @@ def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
     enter(world, "A", "L2", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L1")
     ride = world.cabins["E1"].sessions["A"]
-    while ride.phase is Phase.WAITING:
+    while ride.phase is RidePhase.WAITING:
         world.step()
-    while ride.phase is Phase.BOARDING:
+    while ride.phase is RidePhase.BOARDING:
         world.robots["A"].command(0.5, 0.0, 0.0, 0.2)
         world.step()
-    while ride.phase is Phase.RIDING:
+    while ride.phase is RidePhase.RIDING:
         world.robots["A"].command(max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0, 0.2)
         world.step()
     assert world.pose("A").floor == "L1"
@@ -101,7 +101,7 @@ def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
 
 def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
     """Drive a robot that faces the doors of E1 straight in."""
-    while world.rides[name].phase is Phase.WAITING:
+    while world.rides[name].phase is RidePhase.WAITING:
         world.step()
     while world.pose(name).y < y - 0.05:
         world.robots[name].command(max(0.1, min(0.5, y - world.pose(name).y)), 0.0, 0.0, 0.2)
@@ -116,7 +116,7 @@ def test_a_party_rides_alone(world: SimulatedBuilding) -> None:
         world.call_elevator(name, "E1", "L2", "table", 2)
     world.call_elevator("X", "E1", "L2")
     into_the_cabin(world, "A", 5.55)
-    assert [world.rides[name].phase for name in "ABX"] == [Phase.RIDING, Phase.BOARDING, Phase.WAITING]
+    assert [world.rides[name].phase for name in "ABX"] == [RidePhase.RIDING, RidePhase.BOARDING, RidePhase.WAITING]
     into_the_cabin(world, "B", 4.5)
     while world.pose("A").floor == "L1":
         world.step()
@@ -132,10 +132,10 @@ def test_a_party_does_not_board_while_another_robot_is_in_the_cabin(world: Simul
     world.call_elevator("A", "E1", "L2", "table", 1)
     into_the_cabin(world, "A", 4.5)
     run(world, 1.0)
-    assert (world.rides["A"].phase, world.pose("A").y > 4.41) == (Phase.BOARDING, True)
+    assert (world.rides["A"].phase, world.pose("A").y > 4.41) == (RidePhase.BOARDING, True)
     world.remove("X")
     world.step()
-    assert world.rides["A"].phase is Phase.RIDING
+    assert world.rides["A"].phase is RidePhase.RIDING
 
 
 def test_areas_of_removed_robots_and_expired_grants_are_free(world: SimulatedBuilding) -> None:
@@ -159,12 +159,12 @@ def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -
     enter(world, "B", "L2", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2")
     run(world, 2.0)
-    assert world.cabins["E1"].sessions["A"].phase is Phase.BOARDING
+    assert world.cabins["E1"].sessions["A"].phase is RidePhase.BOARDING
     world.remove("A")
     world.call_elevator("B", "E1", "L1")
     for _ in range(round(30 / STEP_S)):
         world.step()
-        if world.cabins["E1"].sessions["B"].phase is Phase.BOARDING:
+        if world.cabins["E1"].sessions["B"].phase is RidePhase.BOARDING:
             break
     else:
         pytest.fail("B was never let in")
@@ -176,7 +176,7 @@ def test_riders_keep_their_grips_on_the_other_floor() -> None:
     world = SimulatedBuilding(building.with_element("L1", table))
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2")
-    while world.rides["A"].phase is not Phase.RIDING:
+    while world.rides["A"].phase is not RidePhase.RIDING:
         world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
         world.step()
     world.grip("A", "T2", (5.0, 5.3))
@@ -244,7 +244,7 @@ def test_a_record_restores_robots_grips_and_rides(world: SimulatedBuilding) -> N
     world.grip("A", "T1", (1.6, 2.0))
     world.robots["A"].command(0.0, 0.3, 0.0, 2.0)
     world.call_elevator("B", "E1", "L2")
-    while world.rides["B"].phase is not Phase.RIDING:
+    while world.rides["B"].phase is not RidePhase.RIDING:
         world.robots["B"].command(max(0.0, min(0.5, 5.0 - world.pose("B").y)), 0.0, 0.0, 0.2)
         world.step()
     world.call_elevator("C", "E1", "L1")
@@ -260,10 +260,10 @@ def test_a_record_restores_robots_grips_and_rides(world: SimulatedBuilding) -> N
     assert again.record().objects == world.record().objects
     for _ in range(round(60 / STEP_S)):
         again.step()
-        if again.rides["B"].phase is Phase.ALIGHTING:
+        if again.rides["B"].phase is RidePhase.ALIGHTING:
             break
     assert again.pose("B").floor == "L2"
-    assert again.rides["C"].phase is Phase.WAITING
+    assert again.rides["C"].phase is RidePhase.WAITING
 
 
 def test_the_sample_runs() -> None:

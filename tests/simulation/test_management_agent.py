@@ -23,7 +23,7 @@ from robocorba.errors.simulation import (
 )
 from robocorba.maps.model import ElementKind
 from robocorba.simulation.building import SimulationEvent
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
@@ -89,7 +89,7 @@ def test_areas_are_reserved_and_released(agent: ManagementAgent) -> None:
     with pytest.raises(InvalidReservation):
         first.keep_areas([PASSAGE])
     first.release_areas()
-    assert agent.building.reservations.requests == {}
+    assert agent.simulated.reservations.requests == {}
 
 
 def test_a_refused_log_on_leaves_no_record(agent: ManagementAgent, store: SimulationStore) -> None:
@@ -106,14 +106,14 @@ def test_a_refused_log_on_leaves_no_record(agent: ManagementAgent, store: Simula
     agent.register(robot("B", x=4.0))
     with pytest.raises(ServerFull):
         agent.register(robot("C", x=5.0))
-    assert set(agent.building.robots) == {"A", "B"} == {record.name for record in store.clients()}
+    assert set(agent.simulated.robots) == {"A", "B"} == {record.name for record in store.clients()}
 
 
 def test_a_log_on_that_cannot_be_stored_is_refused(agent: ManagementAgent, store: SimulationStore) -> None:
     store.__exit__(None, None, None)
     with pytest.raises(ServiceError):
         agent.register(robot("A"))
-    assert agent.building.robots == {}
+    assert agent.simulated.robots == {}
     assert agent.state.robots == 0
 
 
@@ -168,8 +168,8 @@ def test_accepted_changes_survive_a_kill(store: SimulationStore) -> None:
     assert session.robot.holding == "T1"
     assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
     ride = again.sessions[waiter.client.key].ride
-    assert ride is not None and ride.phase is Phase.WAITING
-    assert again.building.cabins["E1"].sessions["B"].party == "table"
+    assert ride is not None and ride.phase is RidePhase.WAITING
+    assert again.simulated.cabins["E1"].sessions["B"].party == "table"
     first, second = session.reservation(), again.sessions[waiter.client.key].reservation()
     assert first is not None and first.granted and 99.0 < first.left_s <= 100.0
     assert second == (False, 1, pytest.approx(first.left_s), 200.0)

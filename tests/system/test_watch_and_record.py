@@ -16,7 +16,7 @@ import av
 import pytest
 from omniORB import CORBA
 
-from robocorba.commands.scene import RunningSimulation, as_json
+from robocorba.commands.simulation_tables import RunningSimulation, as_json
 from robocorba.commands.watch import Camera, film
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
@@ -95,13 +95,13 @@ def test_what_there_is_now(robocorba: Robocorba) -> None:
 
 @pytest.mark.usefixtures("robots")
 def test_a_floor(system_orb: Orb) -> None:
-    scene = RunningSimulation(system_orb, ["L2"]).read()
-    (robot,) = scene.robots
+    tables = RunningSimulation(system_orb, ["L2"]).read()
+    (robot,) = tables.robots
     assert (robot["name"], robot["floor"]) == ("B", "L2")
     assert 0.0 < robot["speed"] <= 0.51
     assert abs(robot["x"] - 5.0) < 3.0
-    assert scene.server[0]["robots"] == 2
-    assert json.loads(as_json(scene))["server"]["time"] > 0.0
+    assert tables.server[0]["robots"] == 2
+    assert json.loads(as_json(tables))["server"]["time"] > 0.0
     with pytest.raises(UnknownFloor, match="L9"):
         RunningSimulation(system_orb, ["L9"]).read()
 

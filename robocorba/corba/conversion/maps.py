@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register, register_with
-from robocorba.corba.conversion.structs import BOOLEAN, SAME, STRINGS, Converter, enumeration, sequence, struct
+from robocorba.corba.conversion.structs import (
+    BOOLEAN,
+    SAME,
+    STRINGS,
+    Converter,
+    enumeration,
+    sequence,
+    struct_converter,
+)
 from robocorba.errors import maps as errors
 from robocorba.maps import model
 from robocorba.maps.changes import Change, ElementKey
@@ -38,9 +46,9 @@ def xy(point: XY) -> Any:
     return RoboCorba.XY(*point)
 
 
-def xy_of(struct: Any) -> XY:
+def xy_of(point: Any) -> XY:
     """The point of an XY struct."""
-    return (struct.x, struct.y)
+    return (point.x, point.y)
 
 
 def _shape(value: Shape) -> Any:
@@ -55,27 +63,29 @@ def _shape_of(union: Any) -> Shape:
     raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
 
 
-_ELEVATOR_DOOR = struct(model.ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(CabinSide))
+_ELEVATOR_DOOR = struct_converter(
+    model.ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(CabinSide)
+)
 _ELEMENTS = {
-    ElementKind.FLOOR: struct(model.Floor, RoboCorba.Floor, outline=_POINTS),
-    ElementKind.WALL: struct(model.Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
-    ElementKind.OBJECT: struct(
+    ElementKind.FLOOR: struct_converter(model.Floor, RoboCorba.Floor, outline=_POINTS),
+    ElementKind.WALL: struct_converter(model.Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
+    ElementKind.OBJECT: struct_converter(
         *(model.MapObject, RoboCorba.MapObject, {"footprint": "shape"}),
         shape=Converter(_shape, _shape_of),
         at=_POINT,
         movable=BOOLEAN,
     ),
-    ElementKind.DOOR: struct(
+    ElementKind.DOOR: struct_converter(
         model.Door, RoboCorba.Door, _ENDS, a=_POINT, b=_POINT, kind=enumeration(DoorKind), locked=BOOLEAN
     ),
-    ElementKind.AREA: struct(model.Area, RoboCorba.Area, polygon=_POINTS),
-    ElementKind.NODE: struct(model.PathNode, RoboCorba.PathNode, {"inElevator": "elevator"}, at=_POINT),
-    ElementKind.EDGE: struct(
+    ElementKind.AREA: struct_converter(model.Area, RoboCorba.Area, polygon=_POINTS),
+    ElementKind.NODE: struct_converter(model.PathNode, RoboCorba.PathNode, {"inElevator": "elevator"}, at=_POINT),
+    ElementKind.EDGE: struct_converter(
         *(model.PathEdge, RoboCorba.PathEdge, {"fromNode": "a", "toNode": "b", "directed": "one_way"}),
         one_way=BOOLEAN,
         graphs=STRINGS,
     ),
-    ElementKind.ELEVATOR: struct(
+    ElementKind.ELEVATOR: struct_converter(
         model.Elevator, RoboCorba.Elevator, at=_POINT, size=_POINT, doors=sequence(_ELEVATOR_DOOR)
     ),
 }
@@ -97,9 +107,9 @@ def element_of(union: Any) -> Element:
     return found
 
 
-def kind_of(struct: Any) -> ElementKind:
+def kind_of(enumerator: Any) -> ElementKind:
     """The kind of an ElementKind enumerator."""
-    kind: ElementKind = _KIND.from_idl(struct)
+    kind: ElementKind = _KIND.from_idl(enumerator)
     return kind
 
 
@@ -113,24 +123,24 @@ def element_id(kind: str, floor: str, name: str) -> Any:
     return RoboCorba.ElementId(_KIND.to_idl(ElementKind(kind)), floor, name)
 
 
-def record(floor: str, value: Element, changed_at: int) -> Any:
-    """An ElementRecord."""
-    return RoboCorba.ElementRecord(floor, element(value), changed_at)
+def record(floor: str, value: Element, changed_in: int) -> Any:
+    """An ElementRecord. changed_in: the version of the building that last changed the element."""
+    return RoboCorba.ElementRecord(floor, element(value), changed_in)
 
 
-def findings(found: Iterable[MapFinding]) -> list[Any]:
+def findings(map_findings: Iterable[MapFinding]) -> list[Any]:
     """A FindingSeq."""
     return [
         RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
-        for one in found
+        for one in map_findings
     ]
 
 
-def changes(found: Iterable[Change]) -> list[Any]:
+def changes(values: Iterable[Change]) -> list[Any]:
     """A ChangeSeq."""
     return [
         RoboCorba.Change(change.version, getattr(RoboCorba, change.kind.name), change.floor, element(change.element))
-        for change in found
+        for change in values
     ]
 
 

@@ -9,7 +9,7 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.corba.conversion.maps import element_id, key_of, xy, xy_of
-from robocorba.corba.conversion.structs import STRINGS, Converter, enumeration, sequence, struct
+from robocorba.corba.conversion.structs import STRINGS, Converter, enumeration, sequence, struct_converter
 from robocorba.errors import paths as errors
 from robocorba.planning.request import Criterion, IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.stubs import RoboCorba
@@ -44,12 +44,12 @@ class _PathPointStruct(NamedTuple):
     elevator: str
 
 
-def path_points(found: Path) -> list[Any]:
+def path_points(value: Path) -> list[Any]:
     """The PathPointSeq of a path.
 
     It runs for every getPath, and so makes named tuples with the members' names directly from the rows of the path:
     omniORBpy accepts them like the generated classes, and they take a third of the time."""
-    kinds, (floors, nodes, elevators) = _POINT_KIND_BY_VALUE, found.names
+    kinds, (floors, nodes, elevators) = _POINT_KIND_BY_VALUE, value.names
     new, path_point, position = tuple.__new__, _PathPointStruct, _PointStruct
     return [
         new(
@@ -64,13 +64,13 @@ def path_points(found: Path) -> list[Any]:
                 elevators[int(elevator)],
             ),
         )
-        for kind, node, floor, x, y, heading, distance, time, elevator in found.rows
+        for kind, node, floor, x, y, heading, distance, time, elevator in value.rows
     ]
 
 
-def path(found: Path) -> Any:
+def path(value: Path) -> Any:
     """The Path struct of a path."""
-    return RoboCorba.Path(path_points(found), found.distance, found.duration, found.version)
+    return RoboCorba.Path(path_points(value), value.distance, value.duration, value.version)
 
 
 def path_of(struct: Any) -> Path:
@@ -96,9 +96,9 @@ class _Index(dict[str, int]):
         return self.setdefault(name, len(self))
 
 
-def _avoided_areas(found: Iterable[str]) -> tuple[tuple[str, str], ...]:
+def _avoided_areas(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
     areas = []
-    for text in found:
+    for text in texts:
         floor, slash, area = text.partition("/")
         if not slash:
             raise errors.InvalidRequest("avoidAreas", f"{text[:80]!r} is not of the form FLOOR/NAME")
@@ -111,7 +111,7 @@ _FORBIDDEN_AREA = Converter(
     lambda area: RoboCorba.ForbiddenArea(area[0], [xy(corner) for corner in area[1]]),
     lambda found: (found.onFloor, tuple(map(xy_of, found.polygon))),
 )
-_REQUEST = struct(
+_REQUEST = struct_converter(
     *(PathRequest, RoboCorba.PathRequest),
     {"robotRadius": "radius", "robotSpeed": "speed", "navigationGraph": "graph"},
     start=_PLACE,
@@ -130,9 +130,9 @@ def request(wanted: PathRequest) -> Any:
     return _REQUEST.to_idl(wanted)
 
 
-def request_of(found: Any) -> PathRequest:
+def request_of(struct: Any) -> PathRequest:
     """The request of a PathRequest struct. Raises InvalidRequest for an area that is not FLOOR/NAME."""
-    wanted: PathRequest = _REQUEST.from_idl(found)
+    wanted: PathRequest = _REQUEST.from_idl(struct)
     return wanted
 
 

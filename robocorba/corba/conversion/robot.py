@@ -10,7 +10,7 @@ from robocorba.control.agent import AgentCondition, AgentState
 from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
-from robocorba.corba.conversion.structs import Converter, enumeration, struct
+from robocorba.corba.conversion.structs import Converter, enumeration, struct_converter
 from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
@@ -29,16 +29,16 @@ def actor_state(state: RobotState) -> Any:
     )
 
 
-def fill(state: RobotState, found: Any) -> None:
+def fill(state: RobotState, struct: Any) -> None:
     """Copy an ActorState into a state."""
-    state.time, state.x, state.y, state.heading = found.time, found.x, found.y, found.heading
-    state.velocity = found.moving.ahead, found.moving.left, found.moving.turn
-    state.joints, state.joint_velocities = np.array(found.joints), np.array(found.jointVelocities)
+    state.time, state.x, state.y, state.heading = struct.time, struct.x, struct.y, struct.heading
+    state.velocity = struct.moving.ahead, struct.moving.left, struct.moving.turn
+    state.joints, state.joint_velocities = np.array(struct.joints), np.array(struct.jointVelocities)
 
 
-def actor_state_of(found: Any) -> RobotState:
+def actor_state_of(struct: Any) -> RobotState:
     state = RobotState()
-    fill(state, found)
+    fill(state, struct)
     return state
 
 
@@ -51,20 +51,20 @@ def actor_command(command: ActorCommand) -> Any:
     )
 
 
-def actor_command_of(found: Any) -> ActorCommand:
+def actor_command_of(struct: Any) -> ActorCommand:
     """Raises AdaptorFailed for an inconsistent or non-finite command."""
-    wanted = found.wanted
+    wanted = struct.wanted
     velocity = wanted.ahead, wanted.left, wanted.turn
-    joints, velocities = np.array(found.joints, float), np.array(found.jointVelocities, float)
+    joints, velocities = np.array(struct.joints, float), np.array(struct.jointVelocities, float)
     if len(joints) != len(velocities):
         raise AdaptorFailed(f"the command has {len(joints)} joints, but {len(velocities)} joint velocities")
-    if not np.isfinite([*velocity, found.validFor, *joints, *velocities]).all():
+    if not np.isfinite([*velocity, struct.validFor, *joints, *velocities]).all():
         raise AdaptorFailed("the command has a value that is not a finite number")
-    return ActorCommand(velocity, joints, velocities, found.validFor)
+    return ActorCommand(velocity, joints, velocities, struct.validFor)
 
 
-_REPORT = struct(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
-_AGENT_STATE = struct(
+_REPORT = struct_converter(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
+_AGENT_STATE = struct_converter(
     *(AgentState, RoboCorba.AgentState, {"tickJitter": "jitter_s"}),
     condition=enumeration(AgentCondition),
     at=Converter(lambda pose: pose, pose_of),
@@ -77,8 +77,8 @@ def agent_state(state: AgentState) -> Any:
     return _AGENT_STATE.to_idl(state)
 
 
-def agent_state_of(found: Any) -> AgentState:
-    state: AgentState = _AGENT_STATE.from_idl(found)
+def agent_state_of(struct: Any) -> AgentState:
+    state: AgentState = _AGENT_STATE.from_idl(struct)
     return state
 
 
@@ -86,8 +86,8 @@ def begun(icon: IconBegun) -> Any:
     return RoboCorba.IconBegun(*icon)
 
 
-def begun_of(found: Any) -> IconBegun:
-    return IconBegun(found.number, found.icon, found.kind, found.seconds)
+def begun_of(struct: Any) -> IconBegun:
+    return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
 register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")

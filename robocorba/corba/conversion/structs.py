@@ -21,7 +21,9 @@ class Converter(NamedTuple):
     from_idl: Callable[[Any], Any]
 
 
-def struct(domain: Callable[..., Any], idl: Any, names: Mapping[str, str] = {}, **converters: Converter) -> Converter:
+def struct_converter(
+    domain: Callable[..., Any], idl: Any, names: Mapping[str, str] = {}, **converters: Converter
+) -> Converter:
     """Of `domain` to the struct `idl`, which has several members.
 
     A field of the domain is named like the struct's member, in snake case; names: the fields that are not, by member.

@@ -74,9 +74,9 @@ class RemotePushConsumer(_RemoteClient):
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
-        run = items[0]
-        assert isinstance(run, EventBatch)
-        value = events.any_of(run)
+        batch = items[0]
+        assert isinstance(batch, EventBatch)
+        value = events.plain_event(batch)
         try:
             self._remote.push(value)
         except CORBA.Exception as error:
@@ -106,9 +106,9 @@ class RemoteEventConsumer(RemotePushConsumer):
         self._set_limit(limit_s)
         try:
             if isinstance(items[0], CorrelatedEvents):
-                self._remote.pushTogether(items[0].clause_number, events.together(items[0]))
+                self._remote.pushTogether(items[0].clause_number, events.correlated_events(items[0]))
             else:
-                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, EventBatch)])
+                self._remote.pushRuns([events.event_run(batch) for batch in items if isinstance(batch, EventBatch)])
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
 
@@ -126,7 +126,7 @@ class RemotePullSupplier(_RemoteClient):
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
         try:
-            return events.run_of_any(value) if has_event else None
+            return events.batch_of_any(value) if has_event else None
         except InvalidEvent as error:
             _log.warning("%s supplied an invalid event (%s)", self.address, error)
             return None

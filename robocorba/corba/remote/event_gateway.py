@@ -38,16 +38,16 @@ class RemoteGateway:
     def __init__(self, orb: Orb, reference: Any) -> None:
         self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
 
-    def forward(self, session: str, position: int, runs: list[EventBatch], limit_s: float) -> list[EventBatch]:
+    def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
         set_call_timeout(self._remote, limit_s)
-        structs, unsendable = events.event_runs(runs)
+        structs, unsendable = events.event_runs(batches)
         try:
             try:
                 self._remote.forward(session, position, structs)
             except _PERMANENT_FAILURES as error:
-                _log.warning("a batch cannot be sent (%s)", describe(error))
+                _log.warning("a packet cannot be sent (%s)", describe(error))
                 self._remote.forward(session, position, [])
-                return runs
+                return batches
         except CORBA.SystemException as error:
             raise NotDelivered(describe(error)) from None
         return unsendable

@@ -42,11 +42,11 @@ class _ConsumerServant(CosEventComm__POA.PushConsumer):
 
     def push(self, value: Any) -> None:
         try:
-            run = events.run_from_foreign_channel(value)
+            batch = events.batch_of_foreign_any(value)
         except InvalidEvent as error:
             _log.warning("a foreign channel pushed an invalid event (%s)", error)
             return
-        self._receive(run, None if run.header.origin else content_of(value, self._uri))
+        self._receive(batch, None if batch.header.origin else content_of(value, self._uri))
 
     def disconnect_push_consumer(self) -> None:
         _log.info("a foreign channel has disconnected its consumer")
@@ -60,12 +60,12 @@ class _ForeignProxyConsumer(RemotePushConsumer):
         self._orb, self._echoes = orb, echoes
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
-        run = items[0]
-        assert isinstance(run, EventBatch)
-        value = events.any_of(run)
+        batch = items[0]
+        assert isinstance(batch, EventBatch)
+        value = events.plain_event(batch)
         self._set_limit(limit_s)
         # An event with a header is pushed as an Event, and recognised by its origin and number.
-        is_plain = run.header.encoding is not Encoding.MSGPACK
+        is_plain = batch.header.encoding is not Encoding.MSGPACK
         content = content_of(value, self._orb.uri) if is_plain else None
         if is_plain:
             self._echoes.expect(content)

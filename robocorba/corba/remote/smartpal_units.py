@@ -29,7 +29,7 @@ CALL_TIMEOUT_S = 0.3
 _PAUSED_S = 0.05
 #: After a longer pause [s] no call is repeated: the robot must not continue an old motion.
 _MAX_PAUSE_S = 1.0
-#: Most alarms that are requested.
+#: Maximum number of alarms that are requested.
 _MAX_ALARMS = 4
 _MM = 1000.0
 

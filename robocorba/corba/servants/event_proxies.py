@@ -49,7 +49,7 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
 
     def push(self, value: Any) -> None:
         try:
-            self._proxy.push(events.run_of_any(value))
+            self._proxy.push(events.batch_of_any(value))
         except InvalidEvent:  # the OMG interface has no exception for this
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
         except RoboCorbaError as error:
@@ -57,15 +57,15 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
 
     def pushEvent(self, one: Any) -> None:
         try:
-            self._proxy.push(events.run_of_event(one))
+            self._proxy.push(events.batch_of_event(one))
         except RoboCorbaError as error:
             raise_idl(error)
 
     @translating
     def pushRuns(self, runs: Any) -> None:
-        for run in [events.run_of(struct) for struct in runs]:  # check all runs before publishing any
-            if run.payloads:
-                self._proxy.push(run)
+        for batch in [events.batch_of(struct) for struct in runs]:  # check all before publishing any
+            if batch.payloads:
+                self._proxy.push(batch)
 
     @translating
     def disconnect_push_consumer(self) -> None:
@@ -148,15 +148,15 @@ class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
 
     @translating
     def pull(self) -> Any:
-        run = self._pulled(PULL_TIMEOUT_S)
-        if run is None:
+        batch = self._pulled(PULL_TIMEOUT_S)
+        if batch is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
-        return events.any_of(run)
+        return events.plain_event(batch)
 
     @translating
     def try_pull(self) -> tuple[Any, bool]:
-        run = self._pulled(0.0)
-        return (CORBA.Any(CORBA.TC_null, None), False) if run is None else (events.any_of(run), True)
+        batch = self._pulled(0.0)
+        return (CORBA.Any(CORBA.TC_null, None), False) if batch is None else (events.plain_event(batch), True)
 
     def _pulled(self, limit_s: float) -> Any:
         try:

@@ -80,7 +80,7 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
     @translating
     def elements(self, kind: Any, onFloor: str) -> list[Any]:
         found = self._editor.elements(maps.kind_of(kind), onFloor)
-        return [maps.record(onFloor, value, changed_at) for value, changed_at in found]
+        return [maps.record(onFloor, value, changed_in) for value, changed_in in found]
 
     @translating
     def read(self, id: Any) -> Any:

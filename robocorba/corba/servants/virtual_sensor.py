@@ -37,15 +37,15 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     @translating
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
         spec = scans.spec_of(wanted)
-        place, mount = scans.places_of([robot]), scans.mount_of(where)
-        result = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
+        pose_rows, mount = scans.pose_rows_of([robot]), scans.mount_of(where)
+        result = self._sensor.scan(robot.floor, pose_rows, mount, spec, self._robot)
         self._reports.record_scan(self._robot, robot.floor, spec, result)
         return scans.scan(result, spec)
 
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
         spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
-        results = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
+        results = self._sensor.scan_many(floors, scans.pose_rows_of(robots), scans.mount_of(where), spec, self._robot)
         for floor, result in zip(floors, results, strict=True):
             self._reports.record_scan(self._robot, floor, spec, result)
         return [scans.scan(result, spec) for result in results]

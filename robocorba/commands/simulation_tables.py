@@ -23,7 +23,7 @@ from robocorba.stubs import RoboCorba
 Row = dict[str, Any]
 
 
-class SystemTables(NamedTuple):
+class SimulationTables(NamedTuple):
     """Rows of all tables, in m, s, rad. A replay has neither server nor sensors."""
 
     server: Sequence[Row] = ()
@@ -39,13 +39,13 @@ class RunningSimulation:
         self._floors = RemoteFloors(orb, floors)
         self._server = simulation_server(orb, CALL_TIMEOUT_S)
 
-    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SystemTables:
+    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SimulationTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
         self._floors.follow(resolve_timeout_s)
         views = list(self._floors.views.values())
 
-        def read(server: Any) -> SystemTables:
-            return SystemTables(
+        def read(server: Any) -> SimulationTables:
+            return SimulationTables(
                 [members(server._get_state())],
                 clients(server.clients(), views),
                 elevators(views),
@@ -132,13 +132,14 @@ def sensor(state: Any) -> Row:
 # ---- rows as tables ----
 
 
-def _name(value: object) -> str:
+def _printable(value: object) -> str:
+    """The text of a value, with escapes for unprintable characters."""
     text = str(value)
     return text if text.isprintable() else repr(text)[1:-1]
 
 
-def _names(values: Iterable[str]) -> str:
-    return ", ".join(map(_name, values))
+def _printable_names(values: Iterable[str]) -> str:
+    return ", ".join(map(_printable, values))
 
 
 def _pace(value: float) -> str:
@@ -159,8 +160,8 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("map version", "mapVersion", str),
     ),
     "robot": (
-        ("robot", "name", _name),
-        ("floor", "floor", _name),
+        ("robot", "name", _printable),
+        ("floor", "floor", _printable),
         ("x [m]", "x", "{:.2f}".format),
         ("y [m]", "y", "{:.2f}".format),
         ("heading [°]", "heading", lambda value: f"{math.degrees(value):.0f}"),
@@ -168,19 +169,19 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("silent [s]", "silent", "{:.2f}".format),
         ("calls/s", "callRate", "{:.1f}".format),
         ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
-        ("sensor", "sensor", _name),
+        ("sensor server", "sensor", _printable),
     ),
     "elevator": (
-        ("elevator", "name", _name),
-        ("cabin", "cabin", lambda value: _name(value) or "travelling"),
+        ("elevator", "name", _printable),
+        ("cabin", "cabin", lambda value: _printable(value) or "travelling"),
         ("height [m]", "height", "{:.2f}".format),
         ("doors", "doors", str.lower),
         ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
-        ("riders", "riders", _names),
-        ("queue", "queue", _names),
+        ("riders", "riders", _printable_names),
+        ("queue", "queue", _printable_names),
     ),
     "sensor": (
-        ("sensor server", "name", _name),
+        ("sensor server", "name", _printable),
         ("robots", "robots", str),
         ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
         ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),
@@ -189,10 +190,10 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
 }
 
 
-def tables(scene: SystemTables) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+def filled_tables(tables: SimulationTables) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
     """Kind of row, titles and cells of each non-empty table."""
     found = []
-    for (kind, columns), rows in zip(_COLUMNS.items(), scene, strict=True):
+    for (kind, columns), rows in zip(_COLUMNS.items(), tables, strict=True):
         if rows:
             shown = [column for column in columns if column[1] in rows[0]]
             cells = [tuple(write(row[key]) for _, key, write in shown) for row in rows]
@@ -200,26 +201,27 @@ def tables(scene: SystemTables) -> list[tuple[str, tuple[str, ...], list[tuple[s
     return found
 
 
-def as_json(scene: SystemTables) -> str:
-    """All tables as JSON, with the member names of the IDL; doors by the names of elevator_state.Doors."""
-    return json_format.dumps({**scene._asdict(), "server": scene.server[0]}, indent=2)
+def as_json(tables: SimulationTables) -> str:
+    """All tables of a running simulation as JSON, with the member names of the IDL. A robot's `at` and a sensor
+    server's `load` are flattened, `speed` is added, doors have the names of elevator_state.Doors."""
+    return json_format.dumps({**tables._asdict(), "server": tables.server[0]}, indent=2)
 
 
-def show(scene: SystemTables) -> None:
+def show(tables: SimulationTables) -> None:
     """Print tables; without a terminal one line for each row: its kind, then its cells, separated by tabs."""
     console = Console()
     if console.is_terminal:
-        console.print(as_tables(scene))
+        console.print(as_tables(tables))
         return
-    for kind, _, rows in tables(scene):
+    for kind, _, rows in filled_tables(tables):
         for row in rows:
             print(kind, *row, sep="\t", flush=True)
 
 
-def as_tables(scene: SystemTables, note: str = "", style: str = "bold red") -> Group:
+def as_tables(tables: SimulationTables, note: str = "", style: str = "bold red") -> Group:
     """Tables for the terminal, with a note below."""
     parts: list[Table | Text] = []
-    for _, titles, rows in tables(scene):
+    for _, titles, rows in filled_tables(tables):
         table = Table()
         for title in titles:
             table.add_column(escape(title), justify="right" if "[" in title or title.endswith("/s") else "left")
