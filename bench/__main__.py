@@ -12,7 +12,7 @@ BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
-    "robots": ("kinematics", "data_pool", "virtual_and_actual", "control", "stops"),
+    "robots": ("kinematics", "virtual_and_actual", "control", "stops"),
     "missions": ("carry", "network", "many", "chaos"),
 }
 ROOT = Path(__file__).resolve().parents[1]

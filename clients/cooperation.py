@@ -18,27 +18,28 @@ from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
-from robocorba.missions import carry
+from robocorba.missions import carry_planning
 from robocorba.missions.execution import pose_in_robot_frame
-from robocorba.missions.hand_over import HandOver
-from robocorba.missions.leader import Expansion, Leader, MissionReport
+from robocorba.missions.hand_over import HandOverPlanner
+from robocorba.missions.leader import CooperativePlanner, Leader
 from robocorba.missions.mission_agent import MissionAgent
-from robocorba.missions.move_table import MoveTable
-from robocorba.missions.record import encode_plan, save
-from robocorba.missions.subplan import CooperativePlan
+from robocorba.missions.move_table import MoveTablePlanner
+from robocorba.missions.subplan import CooperativePlan, StoredPlan
 from robocorba.missions.transport import Transport
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
 from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
+from robocorba.spatial.pose import Pose2D
 
 #: A program's event must be accepted by the channel within this time [s].
 PUBLISH_TIMEOUT_S = 5.0
-Expand = Callable[[Any, World, str, Place], Expansion]
-#: The Expansion of each cooperative icon; from the icon, the world, the leader's name and its place.
-EXPANSIONS: dict[type[Icon], Expand] = {
-    icons.MoveTable: lambda icon, world, leader, here: MoveTable(world, icon.table, icon.to),
-    icons.HandOver: lambda icon, world, leader, here: HandOver(
+#: Number of latest plans that the leader's data pool keeps.
+MAX_PLANS_KEPT = 20
+#: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place.
+PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner]] = {
+    icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to),
+    icons.HandOver: lambda icon, world, leader, here: HandOverPlanner(
         world, icon.object, icon.giver or leader, icon.taker, leader, here
     ),
 }
@@ -47,37 +48,37 @@ EXPANSIONS: dict[type[Icon], Expand] = {
 class Cooperation:
     """The interface of programs to other robots, and the robot's part in missions.
 
-    reports: folder for the reports of missions that it leads."""
+    plans: of the data pool. reports: folder for the reports of missions that it leads."""
 
     def __init__(self, orb: Orb, channel: str, name: str, plans: Plans, reports: Path) -> None:
         self._orb, self._channel_name, self._name = orb, channel, name
         self._plans, self._reports = plans, reports
         self._channel = RobotChannel(orb, channel, name)
-        self._agent: ControlAgent | None = None
-        self._missions: MissionAgent | None = None
         self._closing = contextlib.ExitStack()
         self._closing.callback(self._channel.close)
         self._world = RemoteWorld(orb)
+        #: Set by `start` if the robot has an event channel.
+        self._agent: ControlAgent | None = None
 
     def start(self, agent: ControlAgent, pool: DataPool) -> None:
         """Be available for missions, if the robot has an event channel."""
-        self._agent = agent
         if not self._channel_name:
             return
-        carry.warm_up()
+        carry_planning.warm_up()
         channel = RobotChannel(self._orb, self._channel_name, self._name)
         self._closing.callback(channel.close)
 
-        def locate(name: str) -> tuple[float, float, float] | None:
+        def locate(name: str) -> Pose2D | None:
             with contextlib.suppress(NotReachable):
-                seen = pool.snapshot()  # object and robot after the same simulation step
-                found, own = seen.object(name), seen.robot(self._name)
-                if found and own:
-                    return pose_in_robot_frame((found.x, found.y, found.heading), (own.x, own.y, own.heading))
+                snapshot = pool.snapshot()  # object and robot after the same simulation step
+                item, own = snapshot.object(name), snapshot.robot(self._name)
+                if item and own:
+                    return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        self._missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
-        self._closing.callback(self._missions.close)
+        missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
+        self._closing.callback(missions.close)
+        self._agent = agent
 
     def close(self) -> None:
         self._closing.close()
@@ -97,37 +98,34 @@ class Cooperation:
     def cooperate(self, icon: Icon) -> None:
         """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
         agent = self._agent
-        if agent is None or self._missions is None:
+        if agent is None:
             raise MissionFailed("the robot has no event channel; start it with --channel")
-        if type(icon) not in EXPANSIONS:
+        if type(icon) not in PLANNERS:
             raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
         here = Place(*agent.place[:3])
-        expansion = EXPANSIONS[type(icon)](icon, self._world, self._name, here)
+        planner = PLANNERS[type(icon)](icon, self._world, self._name, here)
         mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
-        course = agent.robot.course
+        execution = agent.robot.execution
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
             leader = Leader(
                 mission,
                 Transport(channel, self._name),
                 lambda: Place(*agent.place[:3]),
-                self._keep,
-                lambda: str(course.interruption or ""),
+                self._store_plan,
+                lambda: str(execution.interruption or ""),
             )
-            report = leader.lead(kind(icon).replace("_", " "), expansion)
-        self._finish(report)
+            report = leader.lead(kind(icon).replace("_", " "), planner)
+        report.save(self._reports)
+        for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
+            self._plans.remove(old)
         if report.result != "done":
             raise MissionFailed(report.reason)
 
-    def _keep(self, plan: CooperativePlan, phase: str) -> None:
+    def _store_plan(self, plan: CooperativePlan, phase: str) -> None:
         """Store the plan in the data pool, where other robots and clients can read it."""
-        content = encode_plan(plan, phase)
+        content = StoredPlan(plan, phase).encode()
         for _ in range(2):
             with contextlib.suppress(StalePlan):
-                known = {kept.name: kept.version for kept in self._plans.all()}
-                self._plans.put(plan.mission, content, known.get(plan.mission, 0))
+                versions = {stored.name: stored.version for stored in self._plans.all()}
+                self._plans.put(plan.mission, content, versions.get(plan.mission, 0))
                 return
-
-    def _finish(self, report: MissionReport) -> None:
-        save(report, self._reports)
-        for old in [kept.name for kept in self._plans.all()][:-20]:
-            self._plans.remove(old)

@@ -28,38 +28,37 @@ import msgspec
 from omniORB import CORBA
 from rich.console import Console
 
-from robocorba.clients.robot_processes import Running, robocorba, servers
+from robocorba.clients.robot_processes import ReadyProcess, robocorba, servers
 from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
-from robocorba.corba.calls import describe
+from robocorba.corba.calls import error_of
 from robocorba.corba.conversion import paths
-from robocorba.corba.conversion.errors import error_of
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.samples import sample_path
 from robocorba.missions import page, timeline
-from robocorba.missions.record import REPORT_FILE
+from robocorba.missions.report import REPORT_FILE
 from robocorba.missions.world import MovableObject
 from robocorba.names import MISSIONS
 from robocorba.planning.request import PathRequest, Place
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 
 BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
-#: Tolerance of the table at its goal.
-NEAR_M, NEAR_RAD = 0.05, math.radians(3.0)
-#: Time limit of the mission [s].
-LIMIT_S = 150.0
+#: Tolerance of the table's pose at its goal [m, rad].
+TOLERANCE_M, TOLERANCE_RAD = 0.05, math.radians(3.0)
+#: Timeout of the mission [s].
+MISSION_TIMEOUT_S = 150.0
 #: A start that takes longer than this is explained to the user [s].
 EXPLAIN_AFTER_S = 8.0
 FPS, WIDTH_PX = 10, 960
@@ -81,7 +80,7 @@ class Start(NamedTuple):
     channel: str
 
 
-class Scene(NamedTuple):
+class DemoScene(NamedTuple):
     """Robots by name, and the goal of the table."""
 
     robots: dict[str, Start]
@@ -89,9 +88,9 @@ class Scene(NamedTuple):
 
 
 A, B = Start(1.1, 3.3, 0.0, "lab"), Start(5.2, 1.2, 0.0, "lab")
-PAPER = Scene({"A": A, "B": B, "C": Start(11.3, 3.1, 0.0, "hall")}, Destination(FLOOR, 6.7, 3.1, 0.0))
-#: Shorter paths.
-QUICK = Scene({"A": A, "B": B, "C": Start(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
+PAPER = DemoScene({"A": A, "B": B, "C": Start(11.3, 3.1, 0.0, "hall")}, Destination(FLOOR, 6.7, 3.1, 0.0))
+#: The same with shorter paths.
+QUICK = DemoScene({"A": A, "B": B, "C": Start(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
 
 
 class GoalError(NamedTuple):
@@ -101,8 +100,8 @@ class GoalError(NamedTuple):
     off_rad: float
 
     @property
-    def is_there(self) -> bool:
-        return self.off_m <= NEAR_M and self.off_rad <= NEAR_RAD
+    def is_within_tolerance(self) -> bool:
+        return self.off_m <= TOLERANCE_M and self.off_rad <= TOLERANCE_RAD
 
     def __str__(self) -> str:
         return f"{1000 * self.off_m:.0f} mm and {math.degrees(self.off_rad):.1f} deg from its goal"
@@ -126,23 +125,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for file in (page.PAGE, REPORT_FILE, FILM, *PICTURES):
             (folder / file).unlink(missing_ok=True)
         with _state_folder(logs) as state:
-            is_there = play(scene, folder, state, logs, console, is_filmed=not given.quick)
-    except (RoboCorbaError, OSError) as error:
-        reason = str(error)
-    except CORBA.UserException as refused:
-        reason = error_of(refused)
-    except CORBA.SystemException as failed:
-        reason = f"a call failed ({describe(failed)})"
+            is_at_goal = play(scene, folder, state, logs, console, is_filmed=not given.quick)
+    except (RoboCorbaError, CORBA.Exception, OSError) as error:
+        reason = error_of(error)
     except KeyboardInterrupt as signalled:
         reason = f"ended by {str(signalled) or 'Ctrl-C'}"
     else:
         console.print(f"total {time.monotonic() - began:.0f} s; logs are in {logs}")
-        return 0 if is_there else 1
+        return 0 if is_at_goal else 1
     print(f"demo: {reason}; logs are in {logs}", file=sys.stderr)
     return 1
 
 
-def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, is_filmed: bool) -> bool:
+def play(scene: DemoScene, folder: Path, state: Path, logs: Path, console: Console, is_filmed: bool) -> bool:
     """Run the demo; return whether the table is at its goal. Raises RoboCorbaError, CORBA.Exception."""
     with contextlib.ExitStack() as stack:
         subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
@@ -164,7 +159,7 @@ def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, 
             end = _carry(orb, scene.goal, camera, folder, console)
         (folder / AFTER).write_bytes(camera.png())
         error = goal_error(RemoteWorld(orb).movable(TABLE), scene.goal)
-    is_good = end.result == "done" and error.is_there
+    is_good = end.result == "done" and error.is_within_tolerance
     console.print(f"  {end.result} after {end.seconds:.1f} s" + (f": {end.reason}" if end.reason else ""), markup=False)
     colour = "green" if is_good else "red"
     console.print(f"[{colour}]Simulation server: the {TABLE} is {error}[/]")
@@ -175,20 +170,20 @@ def play(scene: Scene, folder: Path, state: Path, logs: Path, console: Console, 
 # ---- before the mission ----
 
 
-def _start_robots(stack: contextlib.ExitStack, scene: Scene, naming: Address, state: Path, logs: Path) -> None:
+def _start_robots(stack: contextlib.ExitStack, scene: DemoScene, naming: Address, state: Path, logs: Path) -> None:
     """Start the leader first, so that on a new machine only one robot compiles the kernels. Raises StartFailed."""
     running = {}
     for name, robot in scene.robots.items():
         place = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
         command = (robocorba(), "robot", name, *place, "--naming", str(naming), "--state", str(state))
-        running[name] = stack.enter_context(Running(logs / f"robot-{name}.log", *command))
+        running[name] = stack.enter_context(ReadyProcess(logs / f"robot-{name}.log", *command))
         if name == LEADER:
             running[name].wait_ready()
     for name in running.keys() - {LEADER}:
         running[name].wait_ready()
 
 
-def _show_path(orb: Orb, scene: Scene, console: Console) -> None:
+def _show_path(orb: Orb, scene: DemoScene, console: Console) -> None:
     """Print the path from the robot of the other sub-network to the goal."""
     start = scene.robots["C"]
     request = PathRequest(Place(FLOOR, start.x, start.y), Place(FLOOR, scene.goal.x, scene.goal.y))
@@ -212,7 +207,7 @@ def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
         "--width",
         str(WIDTH_PX),
     )
-    with Running(logs / "film.log", *command, "--naming", str(naming)) as camera:
+    with ReadyProcess(logs / "film.log", *command, "--naming", str(naming)) as camera:
         camera.wait_file(file)
         yield
 
@@ -223,9 +218,9 @@ def _film(naming: Address, file: Path, logs: Path) -> Iterator[None]:
 def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: Console) -> MissionStatus:
     """Command the leader and follow the mission to its end; take a picture when the table is half way.
 
-    Raises MissionFailed if it does not end within LIMIT_S."""
+    Raises MissionFailed if it does not end within MISSION_TIMEOUT_S."""
     agent, pool, world = RemoteAgent(orb, LEADER), RemotePool.of_robot(orb, LEADER), RemoteWorld(orb)
-    whole_m = goal_error(world.movable(TABLE), goal).off_m
+    total_m = goal_error(world.movable(TABLE), goal).off_m
     place = f"{goal.floor}:{goal.x:g},{goal.y:g}"
     console.print(
         f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {place} --leader {LEADER}"
@@ -242,11 +237,11 @@ def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: C
                 print(f"  {now.seconds:5.1f} s  {printed:<14} {', '.join(now.robots)}", flush=True)
             bar(now.share, printed)
             picture = folder / CARRYING
-            if not picture.exists() and goal_error(world.movable(TABLE), goal).off_m < whole_m / 2:
+            if not picture.exists() and goal_error(world.movable(TABLE), goal).off_m < total_m / 2:
                 picture.write_bytes(camera.png())
-            if time.monotonic() - began > LIMIT_S:
+            if time.monotonic() - began > MISSION_TIMEOUT_S:
                 raise MissionFailed(
-                    f"the mission did not end within {LIMIT_S:g} s; it was at {printed or 'its beginning'}"
+                    f"the mission did not end within {MISSION_TIMEOUT_S:g} s; it was at {printed or 'its beginning'}"
                 )
     raise MissionFailed("the mission has no result")  # not reached: follow_mission ends with one
 
@@ -254,7 +249,7 @@ def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: C
 # ---- the report ----
 
 
-def _report(folder: Path, state: Path, error: GoalError, scene: Scene, console: Console) -> None:
+def _report(folder: Path, state: Path, error: GoalError, scene: DemoScene, console: Console) -> None:
     """Write report.html and report.json from the leader's report. Raises MissionFailed if there is none."""
     found = next(iter((state / MISSIONS).glob(f"*/{REPORT_FILE}")), None)
     if found is None:
@@ -264,7 +259,7 @@ def _report(folder: Path, state: Path, error: GoalError, scene: Scene, console: 
         "goal": msgspec.to_builtins(scene.goal),
         "off_mm": 1000 * error.off_m,
         "off_deg": math.degrees(error.off_rad),
-        "is_there": error.is_there,
+        "is_there": error.is_within_tolerance,
     }
     (folder / REPORT_FILE).write_text(json.dumps(content, indent=1))
     timeline.draw(content, folder / timeline.PICTURE)

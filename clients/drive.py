@@ -14,7 +14,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Settings
@@ -23,21 +23,21 @@ from robocorba.stubs import RoboCorba
 RADIUS_M, MASS_KG = 0.4, 127.0
 LIMITS = RoboCorba.MotionLimits(1.0, 1.75, 1.0, 1.75)
 #: Interval between commands [s].
-TICK_S = 0.05
+COMMAND_INTERVAL_S = 0.05
 #: Validity of each command [s of simulated time].
 VALID_S = 0.3
 #: Distance at which a point of the path counts as reached [m].
-NEAR_M = 0.05
+TOLERANCE_M = 0.05
 #: Timeouts for reaching a point, and for an elevator [s of simulated time].
-POINT_LIMIT_S, ELEVATOR_LIMIT_S = 60.0, 300.0
+POINT_TIMEOUT_S, ELEVATOR_TIMEOUT_S = 60.0, 300.0
 
 
-class Lost(RoboCorbaError):
+class NotArrived(RoboCorbaError):
     """The robot did not reach a point, or its elevator did not come."""
 
 
 def drive(robot: Any, path: Sequence[Any], report: Callable[[str], None] = lambda text: None) -> None:
-    """Drive a session's robot along a path. Raises Lost; InvalidRide and ElevatorFull if an elevator refuses it."""
+    """Drive a session's robot along a path. Raises NotArrived, InvalidRide, ElevatorFull."""
     for point, after in zip(path, [*path[1:], None], strict=True):
         if point.kind == RoboCorba.ELEVATOR_ENTRY:
             report(f"calls {point.elevator}")
@@ -51,14 +51,14 @@ def drive(robot: Any, path: Sequence[Any], report: Callable[[str], None] = lambd
 
 def _go_to(robot: Any, goal: Any) -> None:
     state = robot.state()
-    deadline = state.time + POINT_LIMIT_S
-    while math.dist((state.at.x, state.at.y), (goal.x, goal.y)) > NEAR_M:
+    deadline = state.time + POINT_TIMEOUT_S
+    while math.dist((state.at.x, state.at.y), (goal.x, goal.y)) > TOLERANCE_M:
         if state.time > deadline:
-            raise Lost(
+            raise NotArrived(
                 f"({goal.x:.2f}, {goal.y:.2f}) on {goal.floor} was not reached; touched {state.touched or 'a wall'}"
             )
         robot.command(_towards(state.at, goal), VALID_S)
-        time.sleep(TICK_S)
+        time.sleep(COMMAND_INTERVAL_S)
         state = robot.state()
     robot.command(RoboCorba.Velocity(0.0, 0.0, 0.0), VALID_S)
 
@@ -69,17 +69,17 @@ def _towards(at: Any, goal: Any) -> Any:
     distance = math.hypot(dx, dy)
     speed = min(LIMITS.speed, 2.0 * distance)
     bearing = math.remainder(math.atan2(dy, dx) - at.heading, math.tau)
-    turn = max(-LIMITS.turn, min(LIMITS.turn, 2.0 * bearing)) if distance > 4 * NEAR_M else 0.0
+    turn = max(-LIMITS.turn, min(LIMITS.turn, 2.0 * bearing)) if distance > 4 * TOLERANCE_M else 0.0
     return RoboCorba.Velocity(speed * math.cos(bearing), speed * math.sin(bearing), turn)
 
 
-def _wait(robot: Any, is_there: Callable[[Any], bool], otherwise: str) -> None:
+def _wait(robot: Any, condition: Callable[[Any], bool], failure: str) -> None:
     state = robot.state()
-    deadline = state.time + ELEVATOR_LIMIT_S
-    while not is_there(state):
+    deadline = state.time + ELEVATOR_TIMEOUT_S
+    while not condition(state):
         if state.time > deadline or state.riding.phase == RoboCorba.NO_RIDE:
-            raise Lost(otherwise)
-        time.sleep(TICK_S)
+            raise NotArrived(failure)
+        time.sleep(COMMAND_INTERVAL_S)
         state = robot.state()
 
 
@@ -109,7 +109,5 @@ def main(name: str, *places: str) -> None:
 if __name__ == "__main__":
     try:
         main(*sys.argv[1:])
-    except CORBA.UserException as refused:
-        sys.exit(f"drive: {error_of(refused)}")
-    except (RoboCorbaError, TypeError, ValueError) as error:
-        sys.exit(f"drive: {error}")
+    except (RoboCorbaError, CORBA.UserException, TypeError, ValueError) as error:
+        sys.exit(f"drive: {error_of(error)}")

@@ -1,6 +1,6 @@
 """Publish and consume events: python -m robocorba.clients.events publish|consume CHANNEL [COUNT]
 
-The naming service is at ROBOCORBA_NAMING, by default 127.0.0.1:2809."""
+COUNT is 10 by default. The naming service is at ROBOCORBA_NAMING, by default 127.0.0.1:2809."""
 
 import sys
 from queue import SimpleQueue
@@ -25,9 +25,9 @@ def consume(events: EventClient, count: int) -> None:
         print(event.type, event.source, event.payload)
 
 
-def main(what: str, channel: str, count: str = "10") -> None:
+def main(command: str, channel: str, count: str = "10") -> None:
     with Orb(Settings.read().naming) as orb, EventClient(orb, channel, source="A") as events:
-        {"publish": publish, "consume": consume}[what](events, int(count))
+        {"publish": publish, "consume": consume}[command](events, int(count))
 
 
 if __name__ == "__main__":

@@ -25,12 +25,12 @@ from omniORB import CORBA
 
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
 from robocorba.clients.robot_film import RobotShapes, Views, sheet
-from robocorba.clients.robot_processes import ActualRobot, Running, robocorba, servers
+from robocorba.clients.robot_processes import ActualRobot, ReadyProcess, robocorba, servers
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
-from robocorba.corba.conversion.errors import error_of
+from robocorba.control.runner import ProgramResult
+from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
 from robocorba.kinematics import tasks
@@ -38,28 +38,30 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.samples import sample_path
 from robocorba.programs import icons
-from robocorba.programs.builder import ProgramBuilder
-from robocorba.programs.program import Program, dumps, walk
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.program import Program, dumps, icons_with_paths
 from robocorba.settings import Address
 from robocorba.video import VideoFile
 
 BUILDING, CHANNEL, FLOOR = "paper-scene", "lab", "L1"
 GIVER, TAKER = "A", "B"
 #: Start poses and meeting poses [m, m, rad].
-STARTS = {GIVER: (4.9, 4.5, 0.0), TAKER: (7.6, 2.6, math.pi)}
-PLACES = {GIVER: (5.6, 3.6, 0.0), TAKER: (6.8, 3.6, math.pi)}
+START_POSES = {GIVER: (4.9, 4.5, 0.0), TAKER: (7.6, 2.6, math.pi)}
+MEETING_POSES = {GIVER: (5.6, 3.6, 0.0), TAKER: (6.8, 3.6, math.pi)}
 #: Height of the sheet, and its offset to the left of the giver [m].
-SHEET_HEIGHT_M, SHEET_ASIDE_M = 1.0, -0.15
+SHEET_HEIGHT_M, SHEET_LEFT_M = 1.0, -0.15
 #: Distances that a hand draws back and that a base backs off [m].
-HAND_BACK_M, BASE_BACK_M = 0.1, 0.3
+HAND_RETREAT_M, BASE_RETREAT_M = 0.1, 0.3
 SHEET_WIDTH_M = 0.21
 #: Timeout of waiting for an event of the other robot [s].
 EVENT_TIMEOUT_S = 30.0
 #: Time for which both robots hold the sheet [s].
-HOLD_TOGETHER_S = 0.5
+BOTH_HOLD_S = 0.5
 READY, GRIPPED, RELEASED = "hand_over.ready", "hand_over.gripped", "hand_over.released"
-#: Interval between samples of the robots' states, and time limit of the programs [s].
-SAMPLE_S, LIMIT_S = 0.05, 120.0
+#: Interval between samples of the robots' states [s].
+SAMPLE_INTERVAL_S = 0.05
+#: Timeout of the programs [s].
+PROGRAM_TIMEOUT_S = 120.0
 #: Frame rate of the film [1/s].
 FPS = 10
 
@@ -69,8 +71,8 @@ FPS = 10
 
 def programs() -> dict[str, Program]:
     """The programs of giver and taker, for the poses of the sheet's ends."""
-    between_m = math.dist(PLACES[GIVER][:2], PLACES[TAKER][:2])
-    ends = tasks.hand_over(between_m, SHEET_HEIGHT_M, SHEET_ASIDE_M)
+    distance_m = math.dist(MEETING_POSES[GIVER][:2], MEETING_POSES[TAKER][:2])
+    ends = tasks.hand_over(distance_m, SHEET_HEIGHT_M, SHEET_LEFT_M)
     return {GIVER: giving(ends.giver), TAKER: taking(ends.taker)}
 
 
@@ -79,12 +81,12 @@ def giving(end: HandPose) -> Program:
     hand: icons.Hand = GIVING.value
     giver = ProgramBuilder("hand-over-giver")
     giver.mhand_posture("both", "carry").gripper(hand, "close")
-    giver.mbase_path(FLOOR, *PLACES[GIVER])
+    giver.mbase_path(FLOOR, *MEETING_POSES[GIVER])
     giver.mhand_pose(hand, *_rounded(end)).say(READY)
     giver.wait_until(icons.Event(GRIPPED, TAKER), EVENT_TIMEOUT_S)
     with giver.branch(icons.Result("done")):
-        giver.wait(HOLD_TOGETHER_S).gripper(hand, "open").say(RELEASED)
-    giver.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M))).mbase_by(ahead=-BASE_BACK_M)
+        giver.wait(BOTH_HOLD_S).gripper(hand, "open").say(RELEASED)
+    giver.mhand_pose(hand, *_rounded(end.moved(-HAND_RETREAT_M))).mbase_by(ahead=-BASE_RETREAT_M)
     return giver.program()
 
 
@@ -93,15 +95,15 @@ def taking(end: HandPose) -> Program:
     hand: icons.Hand = TAKING.value
     taker = ProgramBuilder("hand-over-taker")
     taker.mhand_posture("both", "carry").gripper(hand, "open")
-    taker.mbase_path(FLOOR, *PLACES[TAKER])
-    taker.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M)))
+    taker.mbase_path(FLOOR, *MEETING_POSES[TAKER])
+    taker.mhand_pose(hand, *_rounded(end.moved(-HAND_RETREAT_M)))
     taker.wait_until(icons.Event(READY, GIVER), EVENT_TIMEOUT_S)
     with taker.branch(icons.Result("done")):
         taker.mhand_pose(hand, *_rounded(end)).gripper(hand, "close").say(GRIPPED)
         taker.wait_until(icons.Event(RELEASED, GIVER), EVENT_TIMEOUT_S)
     with taker.branch(icons.Result("timed_out")):
         taker.gripper(hand, "open")
-    taker.mhand_pose(hand, *_rounded(end.moved(-HAND_BACK_M))).mbase_by(ahead=-BASE_BACK_M)
+    taker.mhand_pose(hand, *_rounded(end.moved(-HAND_RETREAT_M))).mbase_by(ahead=-BASE_RETREAT_M)
     return taker.program()
 
 
@@ -138,32 +140,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             naming = stack.enter_context(servers(state / "system", *options))
         orb = stack.enter_context(Orb(naming))
         command = (robocorba(), "record", str(mcap), "--floor", FLOOR, "--naming", str(naming))
-        recorder = stack.enter_context(Running(state / "record.log", *command))
+        recorder = stack.enter_context(ReadyProcess(state / "record.log", *command))
         agents = _robots(stack, orb, state, given.channel, given.actual)
         recorder.wait_file(mcap)
         moments = play(agents, programs())
-    seen = facts(moments)
+    found = facts(moments)
     write_moments(folder / f"{name}.csv", moments)
     wrote = [mcap.name, f"{name}.csv"]
     if given.film:
-        film(folder / f"{name}.mp4", moments, seen.let_go_s)
+        film(folder / f"{name}.mp4", moments, found.released_s)
         wrote.append(f"{name}.mp4")
-    wrong = faults(seen)
+    found_faults = faults(found)
+    distance_mm, height_mm = 1000 * found.distance_error_m, 1000 * found.height_error_m
     print(
-        f"The taker's gripper was shut after {seen.gripped_s:.2f} s, the giver's opened after {seen.let_go_s:.2f} s. "
-        f"Largest errors in between: hands {1000 * seen.off_m:.1f} mm from the sheet's ends, "
-        f"height difference {1000 * seen.uneven_m:.1f} mm, misalignment {math.degrees(seen.crooked_rad):.2f} deg."
+        f"The taker's gripper was shut after {found.gripped_s:.2f} s, "
+        f"the giver's opened after {found.released_s:.2f} s. "
+        f"Largest errors in between: hands {distance_mm:.1f} mm from the sheet's ends, "
+        f"height difference {height_mm:.1f} mm, misalignment {math.degrees(found.angle_error_rad):.2f} deg."
     )
     print(f"wrote {', '.join(wrote)} in {folder}")
-    for fault in wrong:
+    for fault in found_faults:
         print(f"wrong: {fault}")
-    return 1 if wrong else 0
+    return 1 if found_faults else 0
 
 
 def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> list[Moment]:
     """Run both programs, the taker's first: it must receive the giver's `ready`. Prints each icon that begins.
 
-    Raises MotionFailed if a program fails or does not end within LIMIT_S."""
+    Raises MotionFailed if a program fails or does not end within PROGRAM_TIMEOUT_S."""
     for name, agent in agents.items():
         agent.load(dumps(wanted[name]))
     began = time.monotonic()
@@ -185,9 +189,9 @@ def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> li
                     printed[name] = icon.number + 1
             if _have_ended(states):
                 return moments
-            if moments[-1].seconds > LIMIT_S:
-                raise MotionFailed(f"the programs did not end within {LIMIT_S:g} s")
-            time.sleep(max(0.0, began + len(moments) * SAMPLE_S - time.monotonic()))
+            if moments[-1].seconds > PROGRAM_TIMEOUT_S:
+                raise MotionFailed(f"the programs did not end within {PROGRAM_TIMEOUT_S:g} s")
+            time.sleep(max(0.0, began + len(moments) * SAMPLE_INTERVAL_S - time.monotonic()))
     finally:
         for agent in agents.values():
             agent.abort()  # no effect on a program that has ended
@@ -197,32 +201,32 @@ def _robots(
     stack: contextlib.ExitStack, orb: Orb, state: Path, channel: str, are_actual: bool
 ) -> dict[str, RemoteAgent]:
     """Start the robots simultaneously; they run until the end of the `stack`."""
-    actual = {name: stack.enter_context(ActualRobot(state / name)) for name in STARTS if are_actual}
+    actual = {name: stack.enter_context(ActualRobot(state / name)) for name in START_POSES if are_actual}
     for robot in actual.values():
         robot.wait_ready(orb)
     running = []
-    for name, at in STARTS.items():
+    for name, at in START_POSES.items():
         place = ("--floor", FLOOR, "--at", ",".join(map(str, at)), "--channel", channel)
         command = (robocorba(), "robot", name, *place, "--naming", str(orb.naming), "--state", str(state))
         adaptor = ("--adaptor", "smartpal", "--", "--naming", str(actual[name].naming)) if are_actual else ()
-        running.append(stack.enter_context(Running(state / f"robot-{name}.log", *command, *adaptor)))
+        running.append(stack.enter_context(ReadyProcess(state / f"robot-{name}.log", *command, *adaptor)))
     for process in running:
         process.wait_ready()
-    return {name: RemoteAgent(orb, name) for name in STARTS}
+    return {name: RemoteAgent(orb, name) for name in START_POSES}
 
 
 def _have_ended(states: Mapping[str, AgentState]) -> bool:
     """Whether all programs are done. Raises MotionFailed if one has failed."""
     for name, state in states.items():
         report = state.program
-        if report.result not in (Result.NO_RESULT, Result.DONE):
+        if report.result not in (ProgramResult.NO_RESULT, ProgramResult.DONE):
             raise MotionFailed(f"{name}: {report.icon} {report.kind}: {report.reason}")
-    return all(state.program.result is Result.DONE for state in states.values())
+    return all(state.program.result is ProgramResult.DONE for state in states.values())
 
 
 def _describe(program: Program, path: str) -> str:
     """An icon in words, such as: gripper right close."""
-    icon = dict(walk(program))[path]
+    icon = dict(icons_with_paths(program))[path]
     about = getattr(icon, "condition", icon)
     parts = (getattr(about, name, None) for name in ("hand", "action", "posture", "type", "result"))
     return " ".join([icons.kind(icon), *filter(None, parts)])
@@ -242,13 +246,13 @@ def write_moments(file: Path, moments: Sequence[Moment]) -> None:
                 rows.writerow((f"{moment.seconds:.3f}", name, *(f"{value:.6f}" for value in values)))
 
 
-def film(file: Path, moments: Sequence[Moment], let_go_s: float) -> None:
+def film(file: Path, moments: Sequence[Moment], released_s: float) -> None:
     """Write a film in real time. The sheet moves with the giver's hand until the giver lets go."""
     shapes, views = RobotShapes(), Views(4.3, 1.9, 8.3, 5.1)
-    every = round(1 / FPS / SAMPLE_S)
+    every = round(1 / FPS / SAMPLE_INTERVAL_S)
     with VideoFile(file, *views.size, FPS) as video:
         for moment in moments[::every]:
-            state, side = (moment.giver, GIVING) if moment.seconds < let_go_s else (moment.taker, TAKING)
+            state, side = (moment.giver, GIVING) if moment.seconds < released_s else (moment.taker, TAKING)
             paper = sheet(shapes.body.hand(side, state.joints), state, tasks.SHEET_M, SHEET_WIDTH_M, tasks.GRIP_DEPTH_M)
             drawn = [*shapes.at(moment.giver), *shapes.at(moment.taker), paper]
             holds = f"{GIVER}, on the left," if state is moment.giver else f"{TAKER}, on the right,"
@@ -271,7 +275,5 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except RoboCorbaError as error:
-        sys.exit(f"hand_over: {error}")
-    except CORBA.UserException as refused:
-        sys.exit(f"hand_over: {error_of(refused)}")
+    except (RoboCorbaError, CORBA.Exception) as error:
+        sys.exit(f"hand_over: {error_of(error)}")

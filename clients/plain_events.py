@@ -1,6 +1,8 @@
 """Publish and consume events with OMG's interfaces only, as any CORBA client of an event channel can:
 
-python -m robocorba.clients.plain_events publish|consume CHANNEL [COUNT [HOST:PORT]] [-ORB...]"""
+python -m robocorba.clients.plain_events publish|consume CHANNEL [COUNT [NAMING_HOST:PORT]] [-ORB...]
+
+COUNT is 10 and the naming service 127.0.0.1:2809 by default."""
 
 import sys
 from queue import SimpleQueue
@@ -33,8 +35,8 @@ def publish(channel: Any, count: int) -> None:
 
 
 def consume(channel: Any, count: int, orb: Any) -> None:
-    adapter = orb.resolve_initial_references("RootPOA")
-    adapter._get_the_POAManager().activate()
+    poa = orb.resolve_initial_references("RootPOA")
+    poa._get_the_POAManager().activate()
     consumer = PrintingConsumer()
     proxy = channel.for_consumers().obtain_push_supplier()
     proxy.connect_push_consumer(consumer._this())
@@ -46,11 +48,11 @@ def consume(channel: Any, count: int, orb: Any) -> None:
 
 def main(arguments: list[str]) -> None:
     orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)  # removes the -ORB arguments
-    what, name, *more = arguments[1:]
-    count, naming = [*more, *["10", "127.0.0.1:2809"][len(more) :]]
-    found = orb.string_to_object(f"corbaname::{naming}#RoboCorba/EventChannels/{name}")
+    command, channel_name, *options = arguments[1:]
+    count, naming = [*options, *["10", "127.0.0.1:2809"][len(options) :]]
+    found = orb.string_to_object(f"corbaname::{naming}#RoboCorba/EventChannels/{channel_name}")
     channel = found._narrow(CosEventChannelAdmin.EventChannel)
-    if what == "publish":
+    if command == "publish":
         publish(channel, int(count))
     else:
         consume(channel, int(count), orb)

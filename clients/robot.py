@@ -12,28 +12,27 @@ from robocorba import logs
 from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion.errors import error_of
+from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.data_pool import PoolFollower
-from robocorba.corba.remote.paths import RemotePlanner
-from robocorba.corba.remote.places import path_node_positions
+from robocorba.corba.remote.map_editor import path_node_positions
+from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.corba.remote.session import RemoteSession
+from robocorba.corba.servants.control_agent import RobotAgentServant
 from robocorba.corba.servants.data_pool import DataPoolServant
-from robocorba.corba.servants.robot import RobotAgentServant
 from robocorba.data_pool.plans import Plans
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, MASS_KG, RADIUS_M
-from robocorba.missions import carry
+from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
+from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.programs import program
-from robocorba.programs.checker import Start, require
+from robocorba.programs.checker import Start, check
 from robocorba.programs.program import Program
 from robocorba.repeating import Repeating
 from robocorba.settings import RobotSettings
@@ -52,7 +51,7 @@ class Checker:
     def __call__(self, wanted: Program, state: AgentState) -> None:
         at = state.at
         start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
-        require(wanted, self._kinematics, self._planner, start)
+        check(wanted, self._kinematics, self._planner, start).require_valid()
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
@@ -78,24 +77,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.
         checker = Checker(planner)
         if settings.channel:
-            carry.warm_up()
-        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE))
+            carry_planning.warm_up()
+        session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE_LIMITS))
         log_on(session, orb, settings)
         plans = Plans()
         reports = settings.common.state / MISSIONS
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
-        ticks = stack.enter_context(TickFile(settings.record)) if settings.record else None
+        ticks = stack.enter_context(TickFile(settings.tick_file)) if settings.tick_file else None
         follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
         stack.callback(follower.close)
         nearby = PoolNearby(follower.pool, settings.name)
-        agent = ControlAgent(Surroundings(settings.name, session, orb), planner, others, checker, ticks, nearby)
+        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, checker, ticks, nearby)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
 
         def follow_floor() -> None:
             if (floor := session.latest.at.floor) != follower.pool.floor:
-                follower.pool.go_to(floor)
+                follower.pool.change_floor(floor)
 
         stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
         path = f"{ROBOTS}/{settings.name}"
@@ -112,9 +111,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 if __name__ == "__main__":
     try:
         main()
-    except RoboCorbaError as error:
-        sys.exit(f"robot: {error}")
-    except CORBA.UserException as refused:
-        sys.exit(f"robot: {error_of(refused)}")
-    except CORBA.SystemException as failed:
-        sys.exit(f"robot: a call failed ({describe(failed)})")
+    except (RoboCorbaError, CORBA.Exception) as error:
+        sys.exit(f"robot: {error_of(error)}")

@@ -12,7 +12,7 @@ import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.pose import HandPose
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.grids import Floats
@@ -20,8 +20,9 @@ from robocorba.spatial.grids import Floats
 GROUND, FLOOR, INK, EDGE = "#ffffff", "#eef0f3", "#1f2430", "#5a6270"
 #: Pictures are drawn larger by this factor and then reduced, for smooth edges.
 SUPERSAMPLING = 2
+#: Height of the line of text, size of its font, and gap between the two views [pixels].
 HEAD_PX, FONT_PX, GAP_PX = 26, 12, 6
-#: Height of the side view.
+#: Height of the side view [m].
 HEIGHT_M = 1.5
 Colour = tuple[int, int, int]
 
@@ -37,7 +38,7 @@ class RobotShapes:
     """The shapes of a robot's links."""
 
     def __init__(self) -> None:
-        self.body = Body()
+        self.body = SmartPalBody()
         model = self.body.model
         self._links = [
             (model.body(int(model.geom_bodyid[geom])).name, _shape(model, geom)) for geom in range(model.ngeom)

@@ -10,30 +10,30 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 
+from robocorba.backoff import Backoff
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.smartpal_units import RemoteSmartPalUnits
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.services import StartFailed
 from robocorba.settings import Address
-from robocorba.supervision.launch import ChildProcess, module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.launch import LoggedProcess, module_command
+from robocorba.supervision.system import naming_service_command
 
-#: Time for a process to get ready, even if it has to compile kernels on a busy machine [s].
-START_LIMIT_S = 600.0
-#: Time for a process to create its output file [s].
-FILE_LIMIT_S = 60.0
-#: Interval of polling [s].
-POLL_INTERVAL_S = 0.05
+#: Timeout for a process to get ready [s]; it may have to compile kernels on a busy machine.
+START_TIMEOUT_S = 600.0
+#: Timeout for a process to create its output file [s].
+FILE_TIMEOUT_S = 60.0
+#: Pauses between checks.
+POLLING = Backoff(0.05, 0.05)
 #: Ports for naming services, below the ephemeral ports that the system gives to clients.
 NAMING_PORTS = range(12000, 20000, 20)
 
 
-class Running(ChildProcess):
+class ReadyProcess(LoggedProcess):
     """A program that prints `ready`, or creates a file, when it is ready."""
 
-    def wait_ready(self, limit_s: float = START_LIMIT_S) -> None:
+    def wait_ready(self, limit_s: float = START_TIMEOUT_S) -> None:
         """Wait until it prints `ready`. Raises StartFailed."""
         deadline = time.monotonic() + limit_s
         line = ""
@@ -47,11 +47,9 @@ class Running(ChildProcess):
 
     def wait_file(self, file: Path) -> None:
         """Wait until it has created `file`. Raises StartFailed."""
-        deadline = time.monotonic() + FILE_LIMIT_S
-        while not file.exists():
-            if not self.is_running or time.monotonic() > deadline:
-                raise StartFailed(f"{self.log.stem} did not create {file}: {self.last_message}")
-            time.sleep(POLL_INTERVAL_S)
+        POLLING.poll(lambda: file.exists() or not self.is_running, FILE_TIMEOUT_S)
+        if not file.exists():
+            raise StartFailed(f"{self.log.stem} did not create {file}: {self.last_message}")
 
     @property
     def last_message(self) -> str:
@@ -67,36 +65,34 @@ class ActualRobot:
         naming, endpoint = (Address("127.0.0.1", port) for port in free_ports(2))
         self.naming = naming
         self._stack = contextlib.ExitStack()
-        names = ("-start", str(naming.port), "-always", "-nohostname", "-datadir", str(folder))
         units = ("--state", str(folder), "--endpoint", str(endpoint), "--naming", str(naming))
         self._commands = {
-            "omniNames": (find_omninames(), *names, "-ORBendPoint", f"giop:tcp:{naming}"),
+            "omniNames": naming_service_command(naming, folder),
             "smartpal": module_command("robocorba.servers.smartpal", *units),
         }
         self._folder = folder
 
     def wait_ready(self, orb: Orb) -> None:
         """Wait until all units answer. Raises StartFailed."""
-        deadline = time.monotonic() + START_LIMIT_S
-        while True:
-            try:
-                RemoteSmartPalUnits(orb, self.naming)
-                return
-            except AdaptorFailed as error:
-                if not self._units.is_running or time.monotonic() > deadline:
-                    raise StartFailed(f"the stand-in did not start: {error}; {self._units.last_message}") from None
-            time.sleep(POLL_INTERVAL_S)
+
+        def connect() -> None:
+            if not self._units.is_running:
+                raise StartFailed(f"the stand-in has ended: {self._units.last_message}")
+            RemoteSmartPalUnits(orb, self.naming)
+
+        try:
+            POLLING.call(connect, START_TIMEOUT_S, AdaptorFailed)
+        except AdaptorFailed as error:
+            raise StartFailed(f"the stand-in did not answer within {START_TIMEOUT_S:g} s: {error}") from None
 
     def __enter__(self) -> ActualRobot:
         with contextlib.ExitStack() as stack:
             for name, command in self._commands.items():
-                self._units = stack.enter_context(Running(self._folder / f"{name}.log", *command))
+                self._units = stack.enter_context(ReadyProcess(self._folder / f"{name}.log", *command))
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._stack.close()
 
 
@@ -108,7 +104,7 @@ def servers(state: Path, *options: str) -> Iterator[Address]:
     )
     state.mkdir(parents=True, exist_ok=True)
     command = (robocorba(), "up", "--state", str(state), "--naming-port", str(naming.port))
-    with Running(state / "servers.log", *command, "--start-limit", str(START_LIMIT_S), *options) as up:
+    with ReadyProcess(state / "servers.log", *command, "--start-limit", str(START_TIMEOUT_S), *options) as up:
         up.wait_ready()
         yield naming
 

@@ -20,7 +20,7 @@ from robocorba.errors.services import ServiceError
 
 #: Size of a log file [bytes].
 MAX_BYTES = 5 * 1024 * 1024
-#: Rotated files kept per process.
+#: Number of rotated files kept for each process.
 OLD_FILES = 3
 
 #: All characters that some reader treats as a line break, and the other ASCII control characters.
@@ -40,7 +40,7 @@ def setup(name: str, folder: Path) -> None:
     root.addHandler(_file(name, folder))
     stderr = logging.StreamHandler()
     stderr.setLevel(logging.WARNING)
-    stderr.setFormatter(_Short())
+    stderr.setFormatter(_StderrFormatter())
     root.addHandler(stderr)
     logging.captureWarnings(True)
     sys.excepthook = _log_uncaught
@@ -48,7 +48,7 @@ def setup(name: str, folder: Path) -> None:
 
 
 def open_log(name: str, folder: Path) -> logging.Logger:
-    """A log file for another process that writes none, such as omniNames. Raises ServiceError."""
+    """A log file on behalf of a process that writes none, such as omniNames. Raises ServiceError."""
     log = logging.getLogger(f"process.{name}")
     for old in log.handlers[:]:
         log.removeHandler(old)
@@ -75,11 +75,11 @@ def _file(name: str, folder: Path) -> logging.Handler:
         )
     except OSError as error:
         raise ServiceError(f"can't write {folder / name}.log: {error.strerror}") from None
-    handler.setFormatter(_OneLine(name))
+    handler.setFormatter(_FileFormatter(name))
     return handler
 
 
-class _OneLine(logging.Formatter):
+class _FileFormatter(logging.Formatter):
     def __init__(self, process: str) -> None:
         super().__init__("%(message)s")
         self.process = process
@@ -89,7 +89,7 @@ class _OneLine(logging.Formatter):
         return f"{time} {record.levelname} {self.process} {one_line(super().format(record))}"
 
 
-class _Short(logging.Formatter):
+class _StderrFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         return f"{record.levelname} {one_line(record.getMessage())}"
 

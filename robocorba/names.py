@@ -5,7 +5,7 @@ CHANNELS = "EventChannels"
 SENSORS = "VirtualSensors"
 ROBOTS = "Robots"
 ADAPTORS = "Adaptors"
-#: Folder in the state folder with the records of missions that a robot led.
+#: Subfolder of the state folder with the reports of missions that a robot led.
 MISSIONS = "missions"
 #: File in the state folder with the object reference of the simulation's administrator.
 ADMINISTRATOR = "administrator.ior"

@@ -1,4 +1,4 @@
-"""Records that survive a kill -9: msgpack values by kind and key in one SQLite file."""
+"""A store of records that survives a kill -9: msgpack values by kind and key in one SQLite file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RECORDS = "CREATE TABLE records (kind TEXT NOT NULL, key TEXT NOT NULL, value B
 
 
 class RecordFile:
-    """A store opened by one process at a time, used by any of its threads. What a call has written survives a kill -9.
+    """One process at a time opens the store; any of its threads may use it. What a call has written survives a kill -9.
 
     application_id, schema_version: identify the program and release that wrote the file. tables: SQL statements that
     create further tables and their first rows. All methods raise AlreadyRunning while another process uses the file,
@@ -30,7 +30,7 @@ class RecordFile:
     def __init__(self, file: Path, application_id: int, schema_version: int, tables: Sequence[str] = ()) -> None:
         self.file = file
         self._lock = threading.Lock()
-        self._marks = {"application_id": application_id, "user_version": schema_version}
+        self._identity = {"application_id": application_id, "user_version": schema_version}
         with self._guarded():
             file.parent.mkdir(parents=True, exist_ok=True)
             self._db = sqlite3.connect(file, isolation_level=None, check_same_thread=False, timeout=0.5)
@@ -46,13 +46,13 @@ class RecordFile:
         self._db.execute("PRAGMA synchronous = NORMAL")
         self._db.execute("BEGIN EXCLUSIVE")
         if not self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-            marks = (f"PRAGMA {what} = {value}" for what, value in self._marks.items())
-            for statement in (_RECORDS, *tables, *marks):
+            identity = (f"PRAGMA {what} = {value}" for what, value in self._identity.items())
+            for statement in (_RECORDS, *tables, *identity):
                 self._db.execute(statement)
         self._db.execute("COMMIT")
-        found = {what: self._db.execute(f"PRAGMA {what}").fetchone()[0] for what in self._marks}
-        if found != self._marks:
-            raise ServiceError(f"{self.file} was not written by this release; move it away")
+        found = {what: self._db.execute(f"PRAGMA {what}").fetchone()[0] for what in self._identity}
+        if found != self._identity:
+            raise ServiceError(f"{self.file} was not written by this release; move it to another folder")
 
     def __enter__(self: S) -> S:
         return self
@@ -76,7 +76,7 @@ class RecordFile:
             if not done.rowcount:
                 self._db.execute("INSERT INTO records VALUES (?, ?, ?)", (kind, key, value))
 
-    def forget(self, kind: str, key: str) -> None:
+    def delete(self, kind: str, key: str) -> None:
         with self._guarded():
             self._db.execute("DELETE FROM records WHERE kind = ? AND key = ?", (kind, key))
 
@@ -100,7 +100,8 @@ class RecordFile:
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
-        """Serialise access: the threads share a connection, so their transactions must not interleave."""
+        """Serialise access, because threads share the connection and transactions must not interleave. Translates
+        errors."""
         try:
             with self._lock:
                 yield

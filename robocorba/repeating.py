@@ -10,7 +10,7 @@ _log = logging.getLogger(__name__)
 
 
 class Repeating:
-    """Calls `task` with a pause of `every_s` between calls; exceptions are logged and the calls continue."""
+    """Calls `task` again and again, every_s [s] after the end of the previous call; logs exceptions and continues."""
 
     def __init__(self, name: str, task: Callable[[], None], every_s: float) -> None:
         self._name, self._task, self._every_s = name, task, every_s

@@ -5,7 +5,7 @@ Arguments override the environment, which overrides the defaults.
 | variable | meaning | default |
 |---|---|---|
 | ROBOCORBA_NAMING | the naming service as HOST:PORT | 127.0.0.1:2809 |
-| ROBOCORBA_STATE | the state folder | the user's state folder, ~/.local/state/robocorba |
+| ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ class SimulationSettings:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """Settings of a virtual sensor process: those of every server, and its name."""
+    """Settings of a virtual sensor server: those of every server, and its name."""
 
     server: ServerSettings
     name: str
@@ -214,7 +214,7 @@ class SensorSettings:
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SensorSettings:
         """From the arguments of ServerSettings and `--name NAME`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
-        parser.add_argument("--name", required=True, metavar="NAME", help="name of the virtual sensor")
+        parser.add_argument("--name", required=True, metavar="NAME", help="name of the virtual sensor server")
         given = parser.parse_args(arguments)
         if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
             raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
@@ -225,8 +225,9 @@ class SensorSettings:
 class RobotSettings:
     """Settings of a robot process.
 
-    endpoint: None for any port. floor: empty for the first. at: its start pose, None for a free node on `floor`.
-    channel: of its sub-network, empty for none. record: CSV file for every tick of its programs, None for no file."""
+    endpoint: None for any port. floor: empty for the first. at: its start pose, None for a free path node on
+    `floor`. channel: of its sub-network, empty for none. tick_file: CSV file with one row for each control cycle of its
+    programs, None for no file."""
 
     common: Settings
     name: str
@@ -237,7 +238,7 @@ class RobotSettings:
     floor: str
     at: Pose | None
     channel: str
-    record: Path | None
+    tick_file: Path | None
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
@@ -259,7 +260,12 @@ class RobotSettings:
         parser.add_argument("--floor", default="", metavar="F", help="the floor on which to start")
         parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
         parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
-        parser.add_argument("--record", type=Path, metavar="FILE", help="a CSV file for every tick of its programs")
+        parser.add_argument(
+            "--record",
+            type=Path,
+            metavar="FILE",
+            help="log the control cycles (ticks) to this CSV file; to record floors, see `robocorba record`",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -294,7 +300,8 @@ def _pose(floor: str, text: str) -> Pose | None:
 
 @dataclass(frozen=True)
 class SmartPalSettings:
-    """Settings of the stand-in for the actual SmartPal: those of every server, with the robot's own naming service.
+    """Settings of the stand-in for the actual SmartPal: those of every server. `naming` is the robot's own naming
+    service, not that of `robocorba up`.
 
     seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad]."""
 
@@ -308,14 +315,16 @@ class SmartPalSettings:
         ServerSettings.read does."""
         parser = ServerSettings.parser(description)
         parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
-        for place in ("x", "y", "heading"):
-            parser.add_argument(f"--{place}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]")
+        for coordinate in ("x", "y", "heading"):
+            parser.add_argument(
+                f"--{coordinate}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]"
+            )
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")
-        for place in ("x", "y", "heading"):
-            if not math.isfinite(getattr(given, place)):
-                raise InvalidSetting(f"--{place}", str(getattr(given, place)), "not a finite number")
+        for coordinate in ("x", "y", "heading"):
+            if not math.isfinite(getattr(given, coordinate)):
+                raise InvalidSetting(f"--{coordinate}", str(getattr(given, coordinate)), "not a finite number")
         return cls(ServerSettings.from_arguments(given), given.seed, (given.x, given.y, given.heading))
 
 

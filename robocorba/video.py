@@ -16,7 +16,7 @@ from robocorba.errors.simulation import VideoError
 SUFFIXES = (".mp4", ".m4v", ".mov")
 #: Bounds of the sides of a picture [px].
 MIN_PX, MAX_PX = 2, 8192
-#: Highest frame rate [pictures/s].
+#: Maximum frame rate [pictures/s].
 MAX_FPS = 240
 #: Colour around a picture that is smaller than the video.
 GROUND = "white"
@@ -34,7 +34,7 @@ class VideoFile:
         if not all(MIN_PX <= side <= MAX_PX for side in (width, height)):
             raise VideoError(path, f"{width} x {height} is not {MIN_PX} to {MAX_PX} pixels")
         if not 1 <= fps <= MAX_FPS:
-            raise VideoError(path, f"{fps} is not 1 to {MAX_FPS} pictures a second")
+            raise VideoError(path, f"{fps} is not 1 to {MAX_FPS} pictures per second")
         self.path, self.fps = path, fps
         self.size = (width + width % 2, height + height % 2)
         self.count = 0
@@ -90,5 +90,5 @@ class VideoFile:
             raise VideoError(self.path, _reason(error)) from None
 
 
-def _reason(wrong: OSError | ValueError) -> str:
-    return str(getattr(wrong, "strerror", None) or wrong)
+def _reason(error: OSError | ValueError) -> str:
+    return str(getattr(error, "strerror", None) or error)

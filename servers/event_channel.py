@@ -11,7 +11,7 @@ from typing import Any
 from robocorba import logs
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.event_clients import RemoteClients
-from robocorba.corba.remote.event_peers import PeerJoiner, RemoteGateway
+from robocorba.corba.remote.event_gateway import PeerJoiner, RemoteGateway
 from robocorba.corba.remote.foreign_channel import ForeignChannel
 from robocorba.corba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
 from robocorba.corba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
@@ -22,14 +22,16 @@ from robocorba.corba.servants.event_proxies import (
     PushSupplierServant,
 )
 from robocorba.events.channel import Channel
+from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.federation import Federation, check_name
-from robocorba.events.inlet import PolledInlet
 from robocorba.events.links import Links
-from robocorba.events.outlet import Outlet, PullOutlet
-from robocorba.events.proxies import Proxies, Proxy
-from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.policies import LinkPolicy, ProxyPolicy
+from robocorba.events.proxies import Proxies
+from robocorba.events.proxy import Proxy
+from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.store import ChannelStore, PeerRecord
 from robocorba.events.watermarks import Watermarks
 from robocorba.names import CHANNELS
 from robocorba.settings import ChannelSettings
@@ -39,15 +41,15 @@ class ChannelServer:
     """A channel and its CORBA objects. Their object keys begin with the name that the channel is bound to and do not
     change, so references to them stay valid after a restart."""
 
-    def __init__(self, name: str, orb: Orb, store: ChannelStore, watermarks: Watermarks) -> None:
+    def __init__(self, name: str, orb: Orb, store: ChannelStore, watermarks: Watermarks, policy: ProxyPolicy) -> None:
         self.path = f"{CHANNELS}/{check_name(name)}"
         self._orb, self._store = orb, store
         self._lock = threading.Lock()
         self._active: dict[str, Any] = {}
         self.clients = RemoteClients(orb)
         channel = Channel(Federation(name, store.advertisements()), watermarks, store.first_number())
-        self.proxies = Proxies(channel, store, QueuePolicy(), self._interest_changed, self._deactivate)
-        self.links = Links(channel, store, self._join, self._attach)
+        self.proxies = Proxies(channel, store, QueuePolicy(), self._send_advertisements, self._deactivate, policy)
+        self.links = Links(channel, store, self._join, self._attach, LinkPolicy())
         self.servant = EventChannelServant(channel, self.proxies, self.links, self, self._destroyed)
         reference = orb.activate(self.servant, self.path)
         self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self), "consumers")
@@ -56,7 +58,7 @@ class ChannelServer:
         gateway = self._activate(EventGatewayServant(self.links), "gateway")
         self._joiner = PeerJoiner(orb, name, reference, gateway)
 
-    def start(self, peers: Sequence[PeerRecord]) -> None:
+    def start(self, peers: Sequence[Peer]) -> None:
         """Restore proxies and links from the store, link with `peers`, and accept calls."""
         for proxy in self.proxies.restore(self.clients):
             self.of(proxy)
@@ -86,12 +88,12 @@ class ChannelServer:
     # ---- inside ----
 
     def _servant(self, proxy: Proxy) -> Any:
-        if isinstance(proxy, PushOutlet):
+        if isinstance(proxy, ProxyPushSupplier):
             return PushSupplierServant(proxy, self.proxies, self.clients, self.links.is_in_force)
-        if isinstance(proxy, PullOutlet):
+        if isinstance(proxy, ProxyPullSupplier):
             return PullSupplierServant(proxy, self.proxies, self.clients)
-        assert not isinstance(proxy, Outlet)
-        servant = PullConsumerServant if isinstance(proxy, PolledInlet) else PushConsumerServant
+        assert isinstance(proxy, ProxyConsumer)
+        servant = PullConsumerServant if isinstance(proxy, ProxyPullConsumer) else PushConsumerServant
         return servant(proxy, self.proxies, self.clients)
 
     def _activate(self, servant: Any, key: str) -> Any:
@@ -102,14 +104,14 @@ class ChannelServer:
             self._active.pop(id, None)
         self._orb.deactivate_key(f"{self.path}/proxies/{id}")
 
-    def _join(self, record: PeerRecord) -> Any:
+    def _join(self, record: Peer) -> Any:
         return self._joiner(record)
 
-    def _attach(self, record: PeerRecord) -> Any:
+    def _attach(self, record: Peer) -> Any:
         return functools.partial(ForeignChannel, self._orb, record.address)
 
-    def _interest_changed(self) -> None:
-        self.links.interest_changed()
+    def _send_advertisements(self) -> None:
+        self.links.send_advertisements()
 
     def _destroyed(self) -> None:
         """Peers keep their links, and find an empty channel when this process is started again."""
@@ -120,18 +122,18 @@ class ChannelServer:
         self._orb.withdraw(self.path)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None, policy: ProxyPolicy | None = None) -> None:
     settings = ChannelSettings.read(arguments, __doc__ or "")
     process, folder = f"events_{check_name(settings.name)}", settings.server.state / "channels"
     logs.setup(process, settings.server.state / "logs")
-    peers = [PeerRecord(name, address) for name, address in settings.peers]
-    peers += [PeerRecord(name, uri, foreign=True) for name, uri in settings.foreign]
+    peers = [Peer(name, address) for name, address in settings.peers]
+    peers += [Peer(name, uri, foreign=True) for name, uri in settings.foreign]
     with (
         ChannelStore(folder / f"{settings.name}.sqlite") as store,
         Watermarks(folder / f"{settings.name}.seen") as watermarks,
         Orb(settings.server.naming, settings.server.endpoint) as orb,
     ):
-        server = ChannelServer(settings.name, orb, store, watermarks)
+        server = ChannelServer(settings.name, orb, store, watermarks, policy or ProxyPolicy())
         with contextlib.closing(server.links), contextlib.closing(server.proxies):
             server.start(peers)
             orb.run()

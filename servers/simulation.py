@@ -13,8 +13,8 @@ from typing import Any
 from robocorba import logs
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.announcer import Announcer
-from robocorba.corba.remote.maps import RemoteMap
-from robocorba.corba.remote.sensors import RemoteSensors
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.virtual_sensor import RemoteSensors
 from robocorba.corba.servants.omni_database import OmniDatabaseServant
 from robocorba.corba.servants.simulation_server import (
     RobotSessionServant,
@@ -34,8 +34,8 @@ from robocorba.simulation.store import SimulationStore
 
 #: Interval between requests for map edits [s].
 MAP_CHECK_INTERVAL_S = 0.25
-#: A small thread pool serves all connections; one thread for each robot would starve the simulation.
-THREADS = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
+#: Options of the ORB: a small thread pool serves all connections; a thread per robot would starve the simulation.
+THREAD_POOL = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
 
 
 class SimulationServer:
@@ -47,7 +47,7 @@ class SimulationServer:
         self._orb, self._store, self._map = orb, store, remote_map
         self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._publish, self._session_ended)
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
-        self._sensors = RemoteSensors(self.agent.sensors)
+        self._sensors = RemoteSensors(self.agent.load_balance)
         self._monitor = Monitor(self.agent, remote_map.building)
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
 
@@ -78,17 +78,17 @@ class SimulationServer:
 
     def _reference_of(self, session: Session) -> Any:
         sensor = RobotSensorServant(functools.partial(self._sensors.find, session.name))
-        senses = self._orb.activate(sensor, _sensor_key(session))
-        servant = RobotSessionServant(session, self.agent.registry.lease_s, senses)
+        sensor_reference = self._orb.activate(sensor, _sensor_key(session))
+        servant = RobotSessionServant(session, self.agent.registry.lease_s, sensor_reference)
         return self._orb.activate(servant, f"sessions/{session.client.key}")
 
     def _session_ended(self, session: Session) -> None:
         self._orb.deactivate_key(f"sessions/{session.client.key}")
         self._orb.deactivate_key(_sensor_key(session))
 
-    def _publish(self, happening: SimulationEvent) -> None:
+    def _publish(self, event: SimulationEvent) -> None:
         if self._announcer:
-            self._announcer.happened(happening)
+            self._announcer.announce(event)
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.setup("simulation", state / "logs")
     with (
         SimulationStore(state / "simulation.sqlite") as store,
-        Orb(settings.server.naming, settings.server.endpoint, options=THREADS) as orb,
+        Orb(settings.server.naming, settings.server.endpoint, options=THREAD_POOL) as orb,
         contextlib.closing(SimulationServer(orb, store, RemoteMap(orb), settings.channel)) as server,
     ):
         server.start(state / ADMINISTRATOR)

@@ -8,10 +8,16 @@ from collections.abc import Sequence
 from robocorba import logs
 from robocorba.control.realtime import raise_process_priority, use_realtime_scheduling
 from robocorba.corba.orb import Orb
-from robocorba.corba.servants.smartpal import ArmServant, FaultsServant, GripperServant, LumbarServant, MobilityServant
+from robocorba.corba.servants.smartpal_units import (
+    ArmServant,
+    FaultsServant,
+    GripperServant,
+    LumbarServant,
+    MobilityServant,
+)
 from robocorba.kinematics.smartpal import Side
 from robocorba.settings import SmartPalSettings
-from robocorba.smartpal.robot import RealTime, SmartPal
+from robocorba.smartpal_stand_in.robot import RealTime, SmartPal
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

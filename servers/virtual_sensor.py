@@ -10,8 +10,8 @@ from typing import Any
 
 from robocorba import logs
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.maps import RemoteMap
-from robocorba.corba.remote.simulation import RemoteSimulation
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
@@ -27,18 +27,18 @@ FOLLOW_INTERVAL_S = 0.03
 MAP_CHECK_INTERVAL_S = 0.25
 #: Interval between reports to the simulation server [s].
 REPORT_INTERVAL_S = 0.5
-#: Robots with a sensor of their own at most; beyond, the oldest sensors are deactivated.
+#: Maximum number of robots with a sensor of their own; beyond that the oldest sensors are deactivated.
 MAX_ROBOTS = 10_000
 
 
 class SensorServer:
-    """A virtual sensor and its CORBA objects."""
+    """A virtual sensor for all robots, and a CORBA object for each robot that is assigned to this server."""
 
     def __init__(self, orb: Orb, name: str) -> None:
         self._orb, self._name, self._path = orb, name, f"{SENSORS}/{name}"
         self._map, self._simulation = RemoteMap(orb), RemoteSimulation(orb)
         self._sensor = VirtualSensor()
-        self._sensor.know(self._map.building)
+        self._sensor.set_map(self._map.building)
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
         self._lock = threading.Lock()
@@ -95,10 +95,10 @@ class SensorServer:
     def _follow(self) -> None:
         for floor in self._sensor.floors:
             with contextlib.suppress(NotReachable, UnknownFloor):
-                asked_at = time.monotonic()
+                requested_at = time.monotonic()
                 update = self._simulation.changes(floor, self._sensor.version(floor))
                 with self._update_lock:
-                    self._sensor.follow(update, asked_at)
+                    self._sensor.follow(update, requested_at)
         robots = self._sensor.robots
         for name in self._last_robots - robots:
             self.dismiss(name)
@@ -108,7 +108,7 @@ class SensorServer:
         with contextlib.suppress(NotReachable):
             if self._map.follow():
                 with self._update_lock:
-                    self._sensor.know(self._map.building)
+                    self._sensor.set_map(self._map.building)
 
     def _report(self) -> None:
         latest = self._reports.collect()

@@ -15,7 +15,7 @@ import pytest
 
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.model import Building
-from robocorba.missions import carry
+from robocorba.missions import carry_planning
 from robocorba.planning.planner import PathPlanner
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation import omni_database, physics
@@ -42,7 +42,7 @@ def sigint() -> None:
 
 def compile_sensing() -> None:
     sensor = VirtualSensor()
-    sensor.know(two_floors())
+    sensor.set_map(two_floors())
     sensor.warm_up()
 
 
@@ -54,7 +54,7 @@ def compile_simulation() -> None:
 #: What compiles the kernels of a package, longest first.
 COMPILERS: dict[str, Callable[[], object]] = {
     "planning": lambda: PathPlanner(Building("none")).warm_up(),
-    "missions": carry.warm_up,
+    "missions": carry_planning.warm_up,
     "sensing": compile_sensing,
     "kinematics": InverseKinematics,
     "simulation": compile_simulation,

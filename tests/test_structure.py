@@ -20,7 +20,7 @@ DOMAIN = {
     "maps": "errors spatial",
     "motion": "errors spatial",
     "kinematics": "errors spatial",
-    "smartpal": "errors spatial kinematics",
+    "smartpal_stand_in": "errors spatial kinematics",
     "planning": "errors spatial maps",
     "data_pool": "errors spatial maps",
     "simulation": "errors spatial maps planning",
@@ -31,7 +31,13 @@ DOMAIN = {
     "missions": "errors spatial maps motion kinematics planning simulation programs control",
 }
 #: Modules of robocorba/ itself that every package may use.
-COMMON = {"robocorba.__version__", "robocorba.kernels", "robocorba.record_file", "robocorba.repeating"}
+COMMON = {
+    "robocorba.__version__",
+    "robocorba.backoff",
+    "robocorba.kernels",
+    "robocorba.record_file",
+    "robocorba.repeating",
+}
 #: What may know the ORB and the classes that omniidl made.
 ORB_LAYER = ("robocorba/corba/", "robocorba/commands/", "robocorba/supervision/", "robocorba/testing/")
 SERVANTS = "robocorba/corba/servants/"

@@ -1,1 +1,1 @@
-"""What several benches share: processes, network namespaces, buildings, places."""
+"""What several benches share: the command line, processes, network namespaces, buildings, places."""

@@ -7,20 +7,18 @@ under traffic and restarted. Times are from the restart to the first answer, and
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import sys
 import tempfile
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from robocorba.testing import report
+from bench.common.harness import progress, run
 from robocorba.testing.federation import channels
 from robocorba.testing.federation_chaos import NAMING, Chaos, Outcome
+from robocorba.testing.report import at_most, distribution, summarize
 
 VICTIMS = ("B", "A", NAMING, "C")
-TITLE = "kills under traffic: chain A - B - C"
 #: Maximum time from the first answer of the restarted channel until all its links are up [s].
 MARK_S = 2.0
 
@@ -45,33 +43,27 @@ def row(victim: str, outcomes: list[Outcome]) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=20, help="total number of kills (default: %(default)s)")
-    parser.add_argument(
-        "--seed", type=int, default=1, help="random seed of the times of the kills (default: %(default)s)"
-    )
-    options = parser.parse_args()
-    outcomes: list[Outcome] = []
+def main(rounds: int = 20, seed: int = 1) -> bool:
+    victims = list(itertools.islice(itertools.cycle(VICTIMS), rounds))
     with tempfile.TemporaryDirectory() as folder, channels(Path(folder), *"ABC") as started:
-        chaos = Chaos(started, options.seed)
-        for number, victim in enumerate(itertools.islice(itertools.cycle(VICTIMS), options.rounds), 1):
-            with report.PROGRESS.status(f"round {number} of {options.rounds}: kill {victim}"):
-                outcomes.append(chaos.round(victim))
-    by_victim = {victim: [o for o in outcomes if o.victim == victim] for victim in VICTIMS}
-    by_victim = {victim: of_it for victim, of_it in by_victim.items() if of_it}
-    samples = {f"after kill of {victim}": [o.to_links_s for o in of_it] for victim, of_it in by_victim.items()}
-    report.write("event_chaos", TITLE, [row(*of_one) for of_one in by_victim.items()], samples, "s to links up")
-
-    wrong = [outcome for outcome in outcomes if not outcome.is_right or outcome.links_after_ready_s > MARK_S]
+        chaos = Chaos(started, seed)
+        outcomes = [chaos.round(victim) for victim in progress(victims, "kills")]
+    of = {victim: [one for one in outcomes if one.victim == victim] for victim in dict.fromkeys(victims)}
+    wrong = [outcome for outcome in outcomes if not outcome.is_right]
     for outcome in wrong:
         print(f"MISSED: {outcome}")
-    print(
-        f"links are up within {MARK_S:g} s of the first answer, nothing came twice, and what was lost is named: "
-        f"{'no, see above' if wrong else f'yes, in {len(outcomes)} rounds'}"
+    marks = [
+        at_most(
+            "longest time from the first answer to links up, s", max(o.links_after_ready_s for o in outcomes), MARK_S
+        ),
+        at_most("rounds with events that came twice or out of order, or were lost and not named", len(wrong), 0),
+    ]
+    samples = {f"after kill of {victim}": [one.to_links_s for one in found] for victim, found in of.items()}
+    draw = distribution(samples, "s to links up", "share of kills that took less")
+    return summarize(
+        "event_chaos", "kills under traffic: chain A - B - C", list(itertools.starmap(row, of.items())), marks, draw
     )
-    return int(bool(wrong))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, rounds="total number of kills", seed="random seed of the times of the kills")

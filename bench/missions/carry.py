@@ -10,34 +10,31 @@ measured."""
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import math
 import random
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from matplotlib.axes import Axes
-
-from bench.common.places import random_places
-from bench.common.processes import Process
+from bench.common.harness import run
 from robocorba.corba.event_client import EventClient
 from robocorba.errors.robots import InvalidProgram
 from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.model import Building
 from robocorba.maps.samples import load_sample, sample_path
 from robocorba.planning.request import Place
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.testing.actual_robot import running_stand_in
+from robocorba.testing.generated_buildings import random_places
+from robocorba.testing.json_process import busy_process
 from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions
 from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, summarize
+from robocorba.testing.report import PROGRESS, Draw, Mark, at_least, at_most, curves, quantile, summarize
 
 NAME = "missions"
 BUILDING, TABLE, LEADER = "paper-scene", "table", "A"
@@ -49,55 +46,40 @@ CREW = {
 GOAL = (6.7, 3.1, 0.0)
 #: Range of the table's start poses: middle and half width of x, y [m] and heading [rad].
 STARTS = ((2.9, 0.35), (3.2, 0.3), (0.0, math.pi / 6))
-#: Least distances of robots from the middle of the table and from each other at the start [m].
+#: Minimum distances of robots from the middle of the table and from each other at the start [m].
 ASIDE_M, APART_M = 1.9, 0.9
 MISSION_LIMIT_S, DRIVE_LIMIT_S = 240.0, 120.0
 #: Limits of the marks: table at its goal, grips, and time skew at barriers and between control cycles.
 TABLE_M, TABLE_DEG, GRIP_M, SKEW_MS = 0.05, 3.0, 0.02, 20.0
 
 
-class Outcome(NamedTuple):
-    """The outcome of a mission. skews_ms: at each barrier."""
+class Carried(NamedTuple):
+    """A mission: its row of the table, the time skew at each barrier, and the leader's report, empty if there is
+    none. before, after: what was looked up then."""
 
-    seed: int
-    way: str
-    result: str
-    reason: str
-    seconds: float
-    off_m: float
-    off_deg: float
-    grip_m: float
-    collisions: int
-    touched: str
-    nearest_m: float
+    row: dict[str, Any]
     skews_ms: list[float]
-    tick_ms: float
-    latency_ms: float
-
-    @property
-    def is_right(self) -> bool:
-        return self.result == "done" and self.off_m <= TABLE_M and self.off_deg <= TABLE_DEG
-
-    def row(self) -> dict[str, Any]:
-        return {
-            "seed": self.seed,
-            "way": self.way,
-            "result": self.result,
-            "seconds": self.seconds,
-            "table off, mm": 1000 * self.off_m,
-            "deg": self.off_deg,
-            "grips off, mm": 1000 * self.grip_m,
-            "collisions": self.collisions,
-            "barrier skew, ms": max(self.skews_ms, default=None),
-            "tick skew p99, ms": self.tick_ms,
-            "latency p99, ms": self.latency_ms,
-            "touched": self.touched,
-            "nearest robots, mm": 1000 * self.nearest_m,
-            "why": self.reason,
-        }
+    report: dict[str, Any]
+    before: Any = None
+    after: Any = None
 
 
-def carry(place: MissionSystem, seed: int, way: str, to: tuple[float, float, float]) -> Outcome:
+def carries(place: MissionSystem, seeds: Sequence[int], look: Callable[[], Any] = lambda: None) -> Iterator[Carried]:
+    """Both missions of each seed. look: called before and after each."""
+    for number, seed in enumerate(seeds, 1):
+        rng = random.Random(seed)
+        x, y, heading = (middle + rng.uniform(-half, half) for middle, half in STARTS)
+        for way, to in (("to its start", (x, y, heading)), ("to its goal", GOAL)):
+            with PROGRESS.status(f"seed {number} of {len(seeds)}: {way}"):
+                before = look()
+                carried = _carry(place, seed, way, to)._replace(before=before, after=look())
+            print(*carried.row.values(), sep="\t", flush=True)
+            yield carried
+            with PROGRESS.status("driving aside"):
+                _spread_out(place, seed)
+
+
+def _carry(place: MissionSystem, seed: int, way: str, to: tuple[float, float, float]) -> Carried:
     """Run a mission and measure it through the simulation server."""
     before = place.collisions
     began = time.monotonic()
@@ -109,34 +91,35 @@ def carry(place: MissionSystem, seed: int, way: str, to: tuple[float, float, flo
     seconds = time.monotonic() - began
     eventually(lambda: all(map(place.is_free, CREW)), 60.0, "all are free")
     last = (out.strip().splitlines() or [err.strip()])[-1].split("\t")
-    at = place.body(TABLE)
+    at, is_done = place.body(TABLE), user.returncode == 0
     found = place.report(LEADER) if user.returncode in (0, 1) and len(last) > 1 else {}
     skews = [phase["skew_ms"] for phase in found.get("phases", ()) if phase["skew_ms"] is not None]
-    ticks = found.get("tick_skew_ms") or {}
-    latency = max((each["p99"] for each in found.get("latency_ms", {}).values() if each), default=math.nan)
-    return Outcome(
-        seed,
-        way,
-        "done" if user.returncode == 0 else "ended",
-        "" if user.returncode == 0 else last[-1],
-        found.get("seconds", seconds),
-        math.dist(at[:2], to[:2]),
-        abs(math.degrees(math.remainder(at.heading - to[2], math.tau))),
-        watch.farthest_m(tuple(CREW)),
-        place.collisions - before,
-        ", ".join(dict.fromkeys(touched)),
-        watch.nearest_m(RADIUS_M),
-        skews,
-        ticks.get("p99", math.nan),
-        latency,
-    )
+    row = {
+        "seed": seed,
+        "way": way,
+        "result": "done" if is_done else "ended",
+        "seconds": found.get("seconds", seconds),
+        "table off, mm": 1000 * math.dist(at[:2], to[:2]),
+        "deg": abs(math.degrees(math.remainder(at.heading - to[2], math.tau))),
+        "grips off, mm": 1000 * watch.farthest_m(tuple(CREW)),
+        "collisions": place.collisions - before,
+        "barrier skew, ms": max(skews, default=None),
+        "tick skew p99, ms": (found.get("tick_skew_ms") or {}).get("p99", math.nan),
+        "latency p99, ms": max(
+            (each["p99"] for each in found.get("latency_ms", {}).values() if each), default=math.nan
+        ),
+        "touched": ", ".join(dict.fromkeys(touched)),
+        "nearest robots, mm": 1000 * watch.nearest_m(RADIUS_M),
+        "why": "" if is_done else last[-1],
+    }
+    return Carried(row, skews, found)
 
 
-def spread_out(place: MissionSystem, building: Building, seed: int) -> None:
+def _spread_out(place: MissionSystem, seed: int) -> None:
     """Drive the robots to free places away from the table."""
     table = place.body(TABLE)
     chosen: list[Place] = []
-    for spot in random_places(building, RADIUS_M + 0.1, 400, seed):
+    for spot in random_places(load_sample(BUILDING), RADIUS_M + 0.1, 400, seed):
         others = [math.dist((spot.x, spot.y), (one.x, one.y)) for one in chosen]
         if math.dist((spot.x, spot.y), table[:2]) > ASIDE_M and min(others, default=9.0) > APART_M and spot.y < 6.0:
             chosen.append(spot)
@@ -154,87 +137,52 @@ def spread_out(place: MissionSystem, building: Building, seed: int) -> None:
         eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is there")
 
 
-@contextlib.contextmanager
-def another_load(is_wanted: bool, folder: Path) -> Iterator[None]:
-    """A process that keeps one core busy."""
-    if not is_wanted:
-        yield
-        return
-    with Process((sys.executable, "-c", "while True: pass"), folder / "load.log"):
-        yield
+def marks(carried: Sequence[Carried]) -> list[Mark]:
+    rows, skews = [one.row for one in carried], [skew for one in carried for skew in one.skews_ms]
 
+    def most(column: str) -> float:
+        return float(max(row[column] for row in rows))
 
-@contextlib.contextmanager
-def stand_ins(place: MissionSystem, names: Sequence[str]) -> Iterator[dict[str, tuple[str, ...]]]:
-    """A simulated actual robot for each name; yields their adaptors with arguments."""
-    with contextlib.ExitStack() as stack:
-        found = {}
-        for seed, name in enumerate(names, 1):
-            folder = place.folder / f"actual-{name}"
-            folder.mkdir()
-            robot = stack.enter_context(running_stand_in(folder, "--seed", str(seed), orb=place.orb))
-            found[name] = ("smartpal", "--naming", str(robot.naming))
-        yield found
-
-
-def marks(outcomes: Sequence[Outcome]) -> list[Mark]:
-    skews = [skew for one in outcomes for skew in one.skews_ms]
+    right = [
+        row["result"] == "done" and row["table off, mm"] <= 1000 * TABLE_M and row["deg"] <= TABLE_DEG for row in rows
+    ]
     return [
-        at_least("missions done with the table at its goal", sum(o.is_right for o in outcomes), len(outcomes)),
-        at_most("table, largest distance from its goal, m", max(one.off_m for one in outcomes), TABLE_M),
-        at_most("table, largest turn from its goal, deg", max(one.off_deg for one in outcomes), TABLE_DEG),
-        at_most("grips, largest distance from the hands, m", max(one.grip_m for one in outcomes), GRIP_M),
-        at_most("collisions", sum(one.collisions for one in outcomes), 0),
+        at_least("missions done with the table at its goal", sum(right), len(rows)),
+        at_most("table, largest distance from its goal, m", most("table off, mm") / 1000, TABLE_M),
+        at_most("table, largest turn from its goal, deg", most("deg"), TABLE_DEG),
+        at_most("grips, largest distance from the hands, m", most("grips off, mm") / 1000, GRIP_M),
+        at_most("collisions", sum(row["collisions"] for row in rows), 0),
         at_most("p99 of the skew at barriers, ms", quantile(skews, 0.99) if skews else math.nan, SKEW_MS),
-        at_most("worst p99 of the skew of ticks, ms", max(one.tick_ms for one in outcomes), SKEW_MS),
+        at_most("worst p99 of the skew of ticks, ms", most("tick skew p99, ms"), SKEW_MS),
     ]
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5, help="default: %(default)s")
-    parser.add_argument("--first", type=int, default=1, help="the first seed (default: %(default)s)")
-    parser.add_argument("--loaded", action="store_true", help="keep a core busy")
-    parser.add_argument("--actual", default="", metavar="ROBOT,...", help="robots that are actual ones")
-    options = parser.parse_args()
-    building = load_sample(BUILDING)
-    actual = [name for name in options.actual.split(",") if name]
-    if unknown := sorted(set(actual) - CREW.keys()):
-        parser.error(f"--actual: unknown robot {', '.join(unknown)}; known: {', '.join(CREW)}")
-    outcomes: list[Outcome] = []
-    with tempfile.TemporaryDirectory() as temporary:
+def draw(carried: Sequence[Carried]) -> Draw:
+    columns = ("table off, mm", "grips off, mm", "tick skew p99, ms")
+    values = {column: [one.row[column] for one in carried] for column in columns}
+    return curves(range(1, len(carried) + 1), values, "mission")
+
+
+def main(seeds: int = 5, first: int = 1, loaded: bool = False, actual: str = "") -> bool:
+    names = [name for name in actual.split(",") if name]
+    if unknown := sorted(set(names) - CREW.keys()):
+        sys.exit(f"--actual: unknown robot {', '.join(unknown)}; known: {', '.join(CREW)}")
+    with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
         folder = Path(temporary)
-        with (
-            missions(folder, sample_path(BUILDING)) as place,
-            another_load(options.loaded, folder),
-            stand_ins(place, actual) as adaptors,
-        ):
-            place.start({name: at._replace(adaptor=adaptors.get(name, ())) for name, at in CREW.items()})
-            for seed in range(options.first, options.first + options.seeds):
-                rng = random.Random(seed)
-                x, y, heading = (middle + rng.uniform(-half, half) for middle, half in STARTS)
-                for way, to in (("to its start", (x, y, heading)), ("to its goal", GOAL)):
-                    with PROGRESS.status(f"seed {seed} of {options.seeds}: {way}"):
-                        outcomes.append(carry(place, seed, way, to))
-                        print(*outcomes[-1].row().values(), sep="\t", flush=True)
-                        spread_out(place, building, seed)
-    title = f"the paper's scene, {options.seeds} seeds, {len(outcomes)} missions{', a core busy' * options.loaded}"
-    title += f", actual: {', '.join(actual)}" if actual else ""
-    name = f"{NAME}_actual" if actual else NAME
-    is_reached = summarize(
-        name, title, [one.row() for one in outcomes], marks(outcomes), lambda axes: draw(axes, outcomes)
-    )
-    return 0 if is_reached else 1
-
-
-def draw(axes: Axes, outcomes: Sequence[Outcome]) -> None:
-    axes.plot([1000 * one.off_m for one in outcomes], "o-", label="table from its goal, mm")
-    axes.plot([1000 * one.grip_m for one in outcomes], "s-", label="grips from their hands, mm")
-    axes.plot([one.tick_ms for one in outcomes], "^-", label="p99 of the skew of ticks, ms")
-    axes.set(xlabel="mission")
-    axes.legend()
+        place = stack.enter_context(missions(folder, sample_path(BUILDING)))
+        if loaded:
+            stack.enter_context(busy_process(folder))
+        crew = dict(CREW)
+        for seed, name in enumerate(names, 1):
+            robot = stack.enter_context(running_stand_in(folder / f"actual-{name}", "--seed", str(seed), orb=place.orb))
+            crew[name] = CREW[name]._replace(adaptor=("smartpal", "--naming", str(robot.naming)))
+        place.start(crew)
+        carried = list(carries(place, range(first, first + seeds)))
+    title = f"the paper's scene, {seeds} seeds, {len(carried)} missions{', a core busy' * loaded}"
+    title += f", actual: {', '.join(names)}" if names else ""
+    name = f"{NAME}_actual" if names else NAME
+    return summarize(name, title, [one.row for one in carried], marks(carried), draw(carried))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, first="the first seed", loaded="keep a core busy", actual="robots that are actual ones: NAME,...")

@@ -10,40 +10,36 @@ namespaces it prints so and measures nothing."""
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import itertools
 import json
 import math
 import os
-import random
 import sys
 import tempfile
-import threading
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.common.namespaces import Namespace
-from bench.common.processes import Process
-from bench.missions.carry import BUILDING, CREW, GOAL, LEADER, SKEW_MS, STARTS, Outcome, carry, draw, marks, spread_out
-from robocorba.corba.event_client import Event, EventClient
+from bench.common.harness import run
+from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
+from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
-from robocorba.maps.samples import load_sample, sample_path
+from robocorba.maps.samples import sample_path
 from robocorba.names import CHANNELS
 from robocorba.repeating import Repeating
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
+from robocorba.testing.json_process import Process
 from robocorba.testing.missions import MissionSystem
-from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
+from robocorba.testing.namespaces import Namespace, start_router
+from robocorba.testing.processes import Launcher, Running, claimed_ports, drain, eventually, real_system
+from robocorba.testing.report import Mark, at_least, at_most, summarize
 
 NAME = "missions_network"
 HERE, THERE = "192.168.0.2", "192.168.8.2"
-#: One-way delay.
-DELAY_MS = 5.0
 #: Size [bytes] and interval [s] of the flood's events.
 FLOOD_BYTES, FLOOD_S = 4000, 0.02
 #: Duration of a measurement without a mission [s].
@@ -73,38 +69,42 @@ class TwoNetworks:
     def __init__(self, place: MissionSystem, within: tuple[str, ...], router: Process) -> None:
         self.place, self.within, self._router = place, within, router
         self._published = self._received = 0
-        self._frame = os.urandom(FLOOD_BYTES)
 
     @contextlib.contextmanager
     def flood(self) -> Iterator[None]:
         """A camera publishes events in lab, and a consumer in lab receives them."""
+        frame, received = os.urandom(FLOOD_BYTES), itertools.count(1)
 
-        def receive(event: Event) -> None:
-            self._received += 1
+        def receive(_: object) -> None:
+            self._received = next(received)
+
+        def publish() -> None:
+            camera.push("camera.frame", frame)
+            self._published += 1
 
         with EventClient(self.place.orb, "lab", "camera") as camera, EventClient(self.place.orb, "lab") as viewer:
             viewer.subscribe(receive, "camera.*")
-
-            def publish() -> None:
-                camera.push("camera.frame", self._frame)
-                self._published += 1
-
-            publishing = Repeating("camera", publish, FLOOD_S).start()
-            try:
+            with contextlib.closing(Repeating("camera", publish, FLOOD_S).start()):
                 yield
-            finally:
-                publishing.close()
 
     def crossed(self) -> Crossed:
         counts = self._router.ask({})
         forth, back = (self._passed_on(channel, peer) for channel, peer in (("lab", "hall"), ("hall", "lab")))
         return Crossed(sum(counts["bytes"]), forth, back, self._published, self._received)
 
+    def watched(self) -> Crossed:
+        """What crosses in WATCH_S."""
+        before = self.crossed()
+        time.sleep(WATCH_S)
+        return self.crossed().since(before)
+
     def _passed_on(self, channel: str, peer: str) -> int:
         """Number of events that `peer` has received from `channel`."""
-        other = self.place.orb.resolve(f"{CHANNELS}/{peer}", RoboCorba.EventChannel, call_timeout_s=5.0)
-        links = [link for link in other.state().links if link.direction == RoboCorba.INCOMING]
-        (link,) = [link for link in links if link.peer == channel]
+        (link,) = [
+            link
+            for link in _links(self.place.orb, peer)
+            if (link.peer, link.direction) == (channel, RoboCorba.INCOMING)
+        ]
         return int(link.events.received)
 
 
@@ -113,14 +113,8 @@ def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
     """Two namespaces with a running system; this process enters lab. Raises OSError if namespaces are not permitted."""
     with contextlib.ExitStack() as stack:
         lab, hall = (stack.enter_context(Namespace()) for _ in range(2))
-        devices = []
-        for computer, own, other in ((lab, HERE, THERE), (hall, THERE, HERE)):
-            devices.append(computer.add_tun(f"{other}/32"))
-            stack.callback(os.close, devices[-1])
-            computer.ip("address", "add", f"{own}/32", "dev", "line")
-        command = (sys.executable, "-m", "bench.events.network.router", *map(str, devices))
-        router = stack.enter_context(Process(command, folder / "router.log", pass_fds=devices))
-        router.receive(START_LIMIT_S)
+        devices = [host.add_tun(f"{other}/32", own) for host, own, other in ((lab, HERE, THERE), (hall, THERE, HERE))]
+        router = stack.enter_context(start_router(devices, folder))
         router.ask({"delay_us": 1000 * delay_ms})
         lab.enter()
         port = stack.enter_context(claimed_ports())
@@ -128,117 +122,91 @@ def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
         naming = Address(HERE, port)
         building = ("--host", HERE, "--building", str(sample_path(BUILDING)), "--subnets", "lab")
         up = real_system(launch, folder / "state", port, *building).wait_ready()
-        threading.Thread(target=deque, args=(up.process.stderr, 0), daemon=True).start()
+        drain(up.process)
         channel = (*module_command("robocorba.servers.event_channel"), "--name", "hall", "--peer", "lab")
         where = ("--endpoint", f"{THERE}:{port}", "--naming", str(naming), "--state", str(folder / "hall"))
         stack.enter_context(Process((*hall.command(*channel), *where), folder / "hall.log"))
         orb = stack.enter_context(Orb(naming, call_timeout_s=5.0))
         eventually(lambda: _is_linked(orb), START_LIMIT_S, "the link between the channels")
         place = MissionSystem(folder, Running(up.process, folder / "state", naming), orb, launch)
-        try:
+        with place:
             yield TwoNetworks(place, hall.command(), router)
-        finally:
-            place.end()
+
+
+def _links(orb: Orb, channel: str) -> list[Any]:
+    return list(orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, call_timeout_s=5.0).state().links)
 
 
 def _is_linked(orb: Orb) -> bool:
     if set(orb.names(CHANNELS)) != {"lab", "hall"}:
         return False
-    states = [orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel).state() for name in ("lab", "hall")]
-    return all(
-        len(state.links) == 2 and all(link.condition == RoboCorba.UP for link in state.links) for state in states
-    )
-
-
-class ClockOffsets(NamedTuple):
-    """From the leader's report. number: messages received from hall's channel. clocks_ms: largest error of a robot's
-    estimate of the leader's clock; all processes share one clock."""
-
-    number: int
-    clocks_ms: float
-
-    @classmethod
-    def of(cls, report: dict[str, Any]) -> ClockOffsets:
-        offsets = [abs(clock["offset_ms"]) for clock in report["clocks"].values()]
-        return cls(sum(event["origin"] == "hall" for event in report["events"]), max(offsets, default=math.nan))
+    links = [link for name in ("lab", "hall") for link in _links(orb, name)]
+    return len(links) == 4 and all(link.condition == RoboCorba.UP for link in links)
 
 
 def crossing_marks(
-    quiet: Crossed, flooded: Crossed, missions: Sequence[Crossed], received: Sequence[ClockOffsets]
+    quiet: Crossed, flooded: Crossed, missions: Sequence[Crossed], carried: Sequence[Carried]
 ) -> list[Mark]:
     flood_bytes = flooded.published * FLOOD_BYTES
-    more = max(0, flooded.bytes - quiet.bytes)
-    unwanted = [abs(over.back - one.number) / max(1, one.number) for over, one in zip(missions, received, strict=True)]
+    unwanted = []
+    for over, one in zip(missions, carried, strict=True):  # by the messages from hall's channel in the leader's report
+        received = sum(event["origin"] == "hall" for event in one.report["events"])
+        unwanted.append(abs(over.back - received) / max(1, received))
     return [
         at_least(
             "share of the flood received in its own sub-network", flooded.received / max(1, flooded.published), 0.9
         ),
         at_most("events that crossed during the flood without a mission", flooded.forth + flooded.back, 0),
-        at_most("additional bytes on the link, as a share of the flood", more / flood_bytes, CROSSING_SHARE),
+        at_most(
+            "additional bytes on the link, as a share of the flood",
+            max(0, flooded.bytes - quiet.bytes) / flood_bytes,
+            CROSSING_SHARE,
+        ),
         at_most("share of events from hall to lab that were not for the leader", max(unwanted), 0.02),
-        at_most("error of the clock estimates, ms", max(one.clocks_ms for one in received), SKEW_MS),
+        at_most("error of the clock estimates, ms", max(map(clock_error_ms, carried)), SKEW_MS),
     ]
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached, or if network namespaces are not available."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=1, help="default: %(default)s")
-    parser.add_argument(
-        "--delay", type=float, default=DELAY_MS, metavar="MS", help="one-way delay (default: %(default)s)"
-    )
-    options = parser.parse_args()
-    outcomes: list[Outcome] = []
-    crossed: list[Crossed] = []
-    received: list[ClockOffsets] = []
+def clock_error_ms(one: Carried) -> float:
+    """Largest error of a robot's estimate of the leader's clock [ms]; all processes share one clock."""
+    return max((abs(clock["offset_ms"]) for clock in one.report["clocks"].values()), default=math.nan)
+
+
+def main(seeds: int = 1, delay: float = 5.0) -> bool:
+    """Without network namespaces it measures nothing, and counts as reached."""
     with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
         try:
-            both = stack.enter_context(two_networks(Path(temporary), options.delay))
+            both = stack.enter_context(two_networks(Path(temporary), delay))
         except OSError as error:
             print(f"{NAME}: skipped: network namespaces are not available ({error}); run it as root", file=sys.stderr)
-            return 0
+            return True
         place = both.place
         place.start({name: at._replace(within=both.within) if name == "C" else at for name, at in CREW.items()})
         time.sleep(WATCH_S)
-        quiet = watched(both)
+        quiet = both.watched()
         with both.flood():
             time.sleep(1.0)
-            flooded = watched(both)
-            for seed in range(1, options.seeds + 1):
-                rng = random.Random(seed)
-                x, y, heading = (middle + rng.uniform(-half, half) for middle, half in STARTS)
-                for way, to in (("to its start", (x, y, heading)), ("to its goal", GOAL)):
-                    with PROGRESS.status(f"seed {seed} of {options.seeds}: {way}"):
-                        before = both.crossed()
-                        outcomes.append(carry(place, seed, way, to))
-                        crossed.append(both.crossed().since(before))
-                        received.append(ClockOffsets.of(place.report(LEADER)))
-                        print(*outcomes[-1].row().values(), *crossed[-1], *received[-1], sep="\t", flush=True)
-                        spread_out(place, load_sample(BUILDING), seed)
-    rows = [_row(*each) for each in zip(outcomes, crossed, received, strict=True)]
+            flooded = both.watched()
+            carried = list(carries(place, range(1, seeds + 1), both.crossed))
+    crossed = [one.after.since(one.before) for one in carried]
+    rows = [_row(*each) for each in zip(carried, crossed, strict=True)]
     print(json.dumps({"quiet": quiet._asdict(), "flooded": flooded._asdict()}))
-    title = f"the paper's scene over links of {options.delay:g} ms one way, {len(outcomes)} missions"
-    reached = [*marks(outcomes), *crossing_marks(quiet, flooded, crossed, received)]
-    return 0 if summarize(NAME, title, rows, reached, lambda axes: draw(axes, outcomes)) else 1
+    title = f"the paper's scene over links of {delay:g} ms one way, {len(carried)} missions"
+    reached = [*marks(carried), *crossing_marks(quiet, flooded, crossed, carried)]
+    return summarize(NAME, title, rows, reached, draw(carried))
 
 
-def watched(both: TwoNetworks) -> Crossed:
-    before = both.crossed()
-    time.sleep(WATCH_S)
-    return both.crossed().since(before)
-
-
-def _row(one: Outcome, over: Crossed, received: ClockOffsets) -> dict[str, Any]:
-    seconds = one.seconds if math.isfinite(one.seconds) else 1.0
+def _row(one: Carried, over: Crossed) -> dict[str, Any]:
+    seconds = one.row["seconds"]
     return {
-        **one.row(),
+        **one.row,
         "lab to hall, events": over.forth,
         "hall to lab": over.back,
         "flood": over.published,
-        "link, kB/s": over.bytes / seconds / 1e3,
-        "clocks, ms": received.clocks_ms,
+        "link, kB/s": over.bytes / (seconds if math.isfinite(seconds) else 1.0) / 1e3,
+        "clocks, ms": clock_error_ms(one),
     }
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, delay="one-way delay [ms]")

@@ -1,15 +1,13 @@
 """Robot processes forked from one that has loaded all modules and kernels: thirty start in seconds.
 
-python -m bench.missions.nursery prints "loaded". For each line of JSON on stdin, [FILE, ARGUMENT, ...], it forks a
-process that runs `robocorba robot ARGUMENT ...` with its output in FILE, and prints the process id. It ends with its
-stdin, and the robots end with it."""
+python -m bench.missions.nursery prints a line when it is ready. For each line of JSON on stdin, [FILE, ARGUMENT, ...],
+it forks a process that runs `robocorba robot ARGUMENT ...` with its output in FILE, and prints the process id. It ends
+with its stdin, and the robots end with it."""
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import gc
-import json
 import os
 import random
 import signal
@@ -19,35 +17,21 @@ from pathlib import Path
 
 from robocorba.clients import robot
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.missions import carry
-from robocorba.supervision.child import PR_SET_PDEATHSIG
-
-_libc = ctypes.CDLL(None)
-
-
-def main() -> None:
-    carry.warm_up()
-    InverseKinematics()
-    gc.freeze()
-    if len(list(Path("/proc/self/task").iterdir())) > 1:
-        sys.exit("robot_nursery: a fork would lose the threads that run already; set OPENBLAS_NUM_THREADS=1")
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children are reaped automatically
-    print(json.dumps("loaded"), flush=True)
-    for line in sys.stdin:
-        out, *arguments = json.loads(line)
-        pid = os.fork()
-        if not pid:
-            _be_robot(out, arguments)
-        print(pid, flush=True)
+from robocorba.missions import carry_planning
+from robocorba.supervision.child import bind_to_parent
+from robocorba.testing.json_process import answer_lines
 
 
-def _be_robot(out: str, arguments: Sequence[str]) -> None:
-    """Run a robot in the forked process. Does not return."""
+def fork(command: Sequence[str]) -> int:
+    """Fork a robot; returns its process id."""
+    if pid := os.fork():
+        return pid
     code = 1
     try:
-        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        bind_to_parent(signal.SIGTERM)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         random.seed()
+        out, *arguments = command
         for descriptor, file, flags in ((0, os.devnull, os.O_RDONLY), (1, out, os.O_CREAT | os.O_WRONLY)):
             os.dup2(os.open(file, flags, 0o600), descriptor)
         os.dup2(1, 2)
@@ -63,4 +47,10 @@ def _be_robot(out: str, arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_planning.warm_up()
+    InverseKinematics()
+    gc.freeze()
+    if len(list(Path("/proc/self/task").iterdir())) > 1:
+        sys.exit("nursery: a fork would lose the threads that run already; set OPENBLAS_NUM_THREADS=1")
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children are reaped automatically
+    answer_lines(fork)

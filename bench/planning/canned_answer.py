@@ -28,12 +28,8 @@ class CannedPlanner(RoboCorba__POA.PathPlanner):
         ]
 
 
-def main(endpoint: str, points: str) -> None:
-    address = Address.parse(endpoint)
-    with Orb(Address(address.host, 1), address) as orb:  # port 1 is unused: clients use corbaloc, no naming service
-        orb.serve({"PathPlanner": CannedPlanner(int(points))})
-        orb.run()
-
-
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    address = Address.parse(sys.argv[1])
+    with Orb(Address(address.host, 1), address) as orb:  # port 1 is unused: clients use corbaloc, no naming service
+        orb.serve({"PathPlanner": CannedPlanner(int(sys.argv[2]))})
+        orb.run()

@@ -1,15 +1,12 @@
 """1,000 edits by two client processes while four others query paths without pause, all over CORBA to one server.
 
 Before the edits begin, the four query for a while on their own: the difference is the cost of editing. An accepted
-edit that is missing in the building fails the bench, as does any error of any client.
-"""
+edit that is missing in the building fails the bench, as does any error of any client."""
 
 from __future__ import annotations
 
 import itertools
 import multiprocessing
-import statistics
-import sys
 import tempfile
 import threading
 import time
@@ -18,41 +15,40 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
-from omniORB import CORBA
 
-from bench.common.places import random_trips
+from bench.common.harness import progress, run
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
 from robocorba.corba.conversion import maps, paths
 from robocorba.corba.orb import Orb
 from robocorba.maps import native
-from robocorba.maps.changes import Key, elements_of, key_of
+from robocorba.maps.changes import ElementKey, elements_of, key_of
 from robocorba.maps.model import Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
 from robocorba.maps.samples import load_sample
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
 from robocorba.settings import Address
-from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import PROGRESS, quantile, timed_ms, write
+from robocorba.testing.generated_buildings import random_trips
+from robocorba.testing.json_process import checked_call
+from robocorba.testing.report import at_most, distribution, summarize, summary, timed_ms
 
-ROUNDS, EDITS, EDITORS, PLANNERS = 3, 1000, 2, 4
+EDITORS, PLANNERS = 2, 4
 #: Duration of the queries without edits, and of the warm-up before them [s].
 QUIET_S, WARM_UP_S = 3.0, 0.5
-#: Greatest time that a planner may wait for its next answer [ms].
+#: Maximum time that a planner may wait for its next answer [ms].
 MAX_GAP_MS = 100.0
 
 #: A counter of all editors, in the name of its sub-network: an overwritten edit is missing in the sum.
 TALLY = Area(name="bench-tally", polygon=((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)), subnet="0")
 TALLY_FLOOR = "L1"
 
-T = TypeVar("T")
 #: Changed elements; None for removed ones.
-Elements = dict[Key, Element | None]
+Elements = dict[ElementKey, Element | None]
 Trip = tuple[Place, Place]
+#: Arrivals of paths [s of the clock that all processes share], and their durations [ms].
+Answers = list[tuple[float, float]]
 
 
 class Accepted(NamedTuple):
@@ -72,52 +68,41 @@ class Edited(NamedTuple):
     repeated: int
 
 
-class Answer(NamedTuple):
-    """Arrival of a path [s of the clock that all processes share], and its duration [ms]."""
-
-    at: float
-    took_ms: float
-
-
 # ---- the bench ----
 
 
-def main() -> None:
-    rows, missed = [], []
-    samples: dict[str, list[float]] = {}
+def main(rounds: int = 3, edits: int = 1000) -> bool:
+    rows, lost, samples = [], [], {}
     with tempfile.TemporaryDirectory() as state, servers(Path(state)) as naming, Orb(naming) as orb:
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
         editor.create(TALLY_FLOOR, maps.element(TALLY))
         trips = _reachable(orb.resolve("PathPlanner", RoboCorba.PathPlanner))
-        for round_ in range(1, ROUNDS + 1):
+        for round_ in progress(range(1, rounds + 1), f"rounds of {edits} edits beside {PLANNERS} planners"):
             before, version = _elements(editor), editor._get_currentVersion()
-            with PROGRESS.status(f"round {round_} of {ROUNDS}: {EDITS} edits beside {PLANNERS} planners"):
-                answers, edited = _round(naming, trips)
-            edits = [edit for each in edited for edit in each.edits]
-            lost = _lost(editor, before, version, edits)
+            answers, edited = _round(naming, trips, edits)
+            made = [edit for each in edited for edit in each.edits]
+            errors = _errors(editor, before, version, made)
             began, ended = min(each.began for each in edited), max(each.ended for each in edited)
-            quiet, quiet_gap = _within(answers, began - QUIET_S, began)
-            busy, gap = _within(answers, began, ended)
-            took = [edit.took_ms for edit in edits]
-            rows += [
-                {**_row(f"{round_}, nobody edits"), **_paths(quiet, quiet_gap, QUIET_S)},
-                {
-                    **_row(f"{round_}, edits"),
-                    "edits/s": len(edits) / (ended - began),
-                    "edit, median ms": statistics.median(took),
-                    "edit, p99 ms": quantile(took, 0.99),
-                    "stale": sum(each.repeated for each in edited),
-                    "lost": len(lost),
-                    **_paths(busy, gap, ended - began),
-                },
-            ]
+            took = [edit.took_ms for edit in made]
+            quiet, quiet_columns = _paths(answers, began - QUIET_S, began)
+            busy, busy_columns = _paths(answers, began, ended)
+            edit_columns: dict[str, Any] = {
+                "edits/s": len(made) / (ended - began),
+                **summary(took, "edit, median ms", "edit, p99 ms"),
+                "stale": sum(each.repeated for each in edited),
+                "lost": len(errors),
+            }
+            rows.append({"round": f"{round_}, nobody edits", **dict.fromkeys(edit_columns), **quiet_columns})
+            rows.append({"round": f"{round_}, edits", **edit_columns, **busy_columns})
             samples = {"edit": took, "getPath during edits": busy, "getPath, nobody edits": quiet}
-            missed += [f"round {round_}: {what}" for what in lost]
-            if gap > MAX_GAP_MS:
-                missed.append(f"round {round_}: a planner waited {gap:.0f} ms, {MAX_GAP_MS:g} ms are allowed")
-    write("editing", f"{EDITS} edits by {EDITORS} clients beside {PLANNERS} planners", rows, samples, "milliseconds")
-    if missed:
-        sys.exit("editing: " + "; ".join(missed[:10]))
+            lost += [f"round {round_}: {error}" for error in errors]
+    print("\n".join(lost[:10]))
+    marks = [
+        at_most("lost edits, errors", len(lost), 0),
+        at_most("longest gap during edits, ms", max(row["longest gap ms"] for row in rows[1::2]), MAX_GAP_MS),
+    ]
+    title = f"{edits} edits by {EDITORS} clients beside {PLANNERS} planners"
+    return summarize("editing", title, rows, marks, distribution(samples, "milliseconds"))
 
 
 def _reachable(planner: Any) -> list[Trip]:
@@ -132,16 +117,15 @@ def _reachable(planner: Any) -> list[Trip]:
     return found
 
 
-def _round(naming: Address, trips: Sequence[Trip]) -> tuple[list[list[Answer]], list[Edited]]:
+def _round(naming: Address, trips: Sequence[Trip], edits: int) -> tuple[list[Answers], list[Edited]]:
     """Answers of each planner and results of each editor; each is a process with its own ORB."""
     context, clients = multiprocessing.get_context("spawn"), EDITORS + PLANNERS
     start, done = context.Barrier(clients, timeout=60), context.Event()
     with ProcessPoolExecutor(clients, context, initializer=_remember, initargs=(start, done)) as pool:
         planners = [pool.submit(plan, naming, trips[i::PLANNERS]) for i in range(PLANNERS)]
-        editors = [pool.submit(edit, naming, f"editor{i + 1}", EDITS // EDITORS) for i in range(EDITORS)]
+        editors = [pool.submit(edit, naming, f"editor{i + 1}", edits // EDITORS) for i in range(EDITORS)]
         wait(editors)
         done.set()
-        wait(planners)
     futures: list[Future[Any]] = [*editors, *planners]
     errors = [error for error in (future.exception() for future in futures) if error]
     # If a client fails early, the others fail at the start barrier: those errors come last.
@@ -150,32 +134,17 @@ def _round(naming: Address, trips: Sequence[Trip]) -> tuple[list[list[Answer]], 
     return [future.result() for future in planners], [future.result() for future in editors]
 
 
-def _within(answers: list[list[Answer]], began: float, ended: float) -> tuple[list[float], float]:
-    """The ms of all answers in an interval, and the longest gap between two answers of one client."""
-    took = [answer.took_ms for each in answers for answer in each if began <= answer.at <= ended]
+def _paths(answers: list[Answers], began: float, ended: float) -> tuple[list[float], dict[str, Any]]:
+    """The ms of all answers in an interval, and the columns about them; a gap is between two answers of one client."""
+    took = [ms for each in answers for at, ms in each if began <= at <= ended]
     gaps = [
-        (after.at - before.at) * 1e3
+        (after - before) * 1e3
         for each in answers
-        for before, after in pairwise(each)
-        if before.at < ended and after.at > began
+        for (before, _), (after, _) in pairwise(each)
+        if before < ended and after > began
     ]
-    return took, max(gaps)
-
-
-def _row(round_: str) -> dict[str, Any]:
-    """A row of the table without edits."""
-    edits = ("edits/s", "edit, median ms", "edit, p99 ms", "stale", "lost")
-    return {"round": round_, **dict.fromkeys(edits)}
-
-
-def _paths(took: Sequence[float], gap: float, seconds: float) -> dict[str, float]:
-    """The columns of a row about paths."""
-    return {
-        "paths/s": len(took) / seconds,
-        "getPath, median ms": statistics.median(took),
-        "getPath, p99 ms": quantile(took, 0.99),
-        "longest gap ms": gap,
-    }
+    times = summary(took, "getPath, median ms", "getPath, p99 ms")
+    return took, {"paths/s": len(took) / (ended - began), **times, "longest gap ms": max(gaps)}
 
 
 def _elements(editor: Any) -> Elements:
@@ -183,7 +152,7 @@ def _elements(editor: Any) -> Elements:
     return dict(elements_of(native.loads(editor.exportMap())))
 
 
-def _lost(editor: Any, before: Elements, version: int, edits: Sequence[Accepted]) -> list[str]:
+def _errors(editor: Any, before: Elements, version: int, edits: Sequence[Accepted]) -> list[str]:
     """Errors of the building after `edits`, if it was `before` at `version`."""
     made: dict[int, Elements] = {}
     replayed = dict(before)
@@ -223,16 +192,16 @@ def _remember(start: Any, done: Any) -> None:
     _start, _done = start, done
 
 
-def plan(naming: Address, trips: Sequence[Trip]) -> list[Answer]:
+def plan(naming: Address, trips: Sequence[Trip]) -> Answers:
     """Query one path after another until the editors are done."""
-    answers = []
+    answers: Answers = []
     points = [(paths.point(start), paths.point(goal)) for start, goal in trips]
     with Orb(naming) as orb:
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
         _start.wait()
         for start, goal in itertools.cycle(points):
-            _, took_ms = timed_ms(_with_picklable_errors, planner.getPath, start, goal)
-            answers.append(Answer(time.monotonic(), took_ms))
+            _, took_ms = timed_ms(checked_call, planner.getPath, start, goal)
+            answers.append((time.monotonic(), took_ms))
             if _done.is_set():
                 break
     return answers
@@ -247,19 +216,9 @@ def edit(naming: Address, name: str, count: int) -> Edited:
         time.sleep(WARM_UP_S + QUIET_S)
         began = time.monotonic()
         for step in itertools.islice(editor.steps(), count):
-            (version, after), took_ms = timed_ms(_with_picklable_errors, step)
+            (version, after), took_ms = timed_ms(checked_call, step)
             edits.append(Accepted(version, after, took_ms))
         return Edited(edits, began, time.monotonic(), editor.repeated)
-
-
-def _with_picklable_errors(call: Callable[..., T], *arguments: object) -> T:
-    """Make a call; its CORBA exceptions become one that can be pickled."""
-    try:
-        return call(*arguments)
-    except CORBA.UserException as error:
-        raise RuntimeError(idl_errors.error_of(error)) from None
-    except CORBA.SystemException as error:
-        raise RuntimeError(describe(error)) from None
 
 
 Step = Callable[[], tuple[int, Elements]]
@@ -273,14 +232,16 @@ class Editor:
     def __init__(self, editor: Any, name: str) -> None:
         self.editor, self.name, self.repeated = editor, name, 0
         self.floors = load_sample("five-floors").floors
-        self.versions: dict[Key, int] = {}
+        self.versions: dict[ElementKey, int] = {}
 
     def steps(self) -> Iterator[Step]:
         """Endless edits: ten on a floor, which leave nothing behind, then on the next floor."""
         return itertools.chain.from_iterable(self._ten(entry) for entry in itertools.cycle(self.floors.values()))
 
     def _ten(self, entry: FloorMap) -> list[Step]:
-        floor, (x, y), node = entry.floor.name, _table(entry), _plain_node(entry)
+        floor, objects = entry.floor.name, entry.geometrical.objects.values()
+        x, y = next(item.at for item in objects if isinstance(item.shape, BoxShape) and min(item.shape.size) >= 0.5)
+        node = next(node for node in entry.topological.nodes.values() if not node.elevator)
         lamp = MapObject(name=f"{self.name}-lamp", shape=CircleShape(radius=0.1), at=(x, y))
         spur = PathNode(name=f"{self.name}-spur", at=(node.at[0] + 0.05, node.at[1]))
         edge = PathEdge(name=f"{self.name}-edge", a=node.name, b=spur.name)
@@ -326,30 +287,18 @@ class Editor:
         key = key_of(TALLY_FLOOR, TALLY)
         while True:
             record = self.editor.read(maps.element_id(*key.words))
-            read = maps.element_of(record.value)
-            higher = msgspec.structs.replace(TALLY, subnet=str(_count_of(read) + 1))
+            higher = msgspec.structs.replace(TALLY, subnet=str(_count_of(maps.element_of(record.value)) + 1))
             try:
-                version = self.editor.change(TALLY_FLOOR, maps.element(higher), record.changedAt)
+                return self._made(
+                    self.editor.change(TALLY_FLOOR, maps.element(higher), record.changedAt), {key: higher}
+                )
             except RoboCorba.StaleEdit:
                 self.repeated += 1
-                continue
-            return self._made(version, {key: higher})
 
     def _made(self, version: int, after: Elements) -> tuple[int, Elements]:
         self.versions.update(dict.fromkeys(after, version))
         return version, after
 
 
-def _table(entry: FloorMap) -> XY:
-    """The centre of a piece of furniture that a lamp fits on."""
-    objects = entry.geometrical.objects.values()
-    return next(item.at for item in objects if isinstance(item.shape, BoxShape) and min(item.shape.size) >= 0.5)
-
-
-def _plain_node(entry: FloorMap) -> PathNode:
-    """A node outside the elevators."""
-    return next(node for node in entry.topological.nodes.values() if not node.elevator)
-
-
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -10,27 +10,26 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import statistics
 import sys
 import time
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
-from matplotlib.axes import Axes
-from rich.progress import track
 from scipy import ndimage
 
+from bench.common.harness import progress, run
 from robocorba.errors.paths import PathError
 from robocorba.maps.model import Building, Wall
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import Path, PathRequest, Place, RouteMode
+from robocorba.planning.request import PathRequest, Place, RouteMode
 from robocorba.testing.fine_grid import FloorGeometry
 from robocorba.testing.grid_maps import FLOOR, KINDS, Cell, Cells, OctileGraph, building_of, place_of, random_cells
-from robocorba.testing.report import PROGRESS, at_least, at_most, quantile, summarize, timed_ms
+from robocorba.testing.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
 SIZE, SEED = 512, 1
 #: Sides of a cell and radii of the robot [m].
@@ -46,6 +45,10 @@ PREPARATION_S = 120.0
 #: Tolerance of the ratio to the octile path.
 ROUNDING = 1e-9
 
+#: What a process reports about a map, in the order of measurement: times [ms] by their name; "ready" (number of walls),
+#: "octile" and "straight" (ratios of lengths), "failure", "touch", and at the end "done" (memory [MB]).
+Found = Mapping[str, Sequence[Any]]
+
 
 class Trip(NamedTuple):
     """A query and the length of the shortest octile path [m]."""
@@ -55,51 +58,45 @@ class Trip(NamedTuple):
     octile_m: float
 
 
-class Found:
-    """Results that a process reported about one map until it ended."""
-
-    def __init__(self, kind: str, cell_m: float) -> None:
-        self.kind, self.cell_m = kind, cell_m
-        self.walls = self.failures = self.touches = 0
-        self.times: dict[str, list[float]] = {"planner": [], "first": [], "update": [], "after": [], "query": []}
-        self.to_octile: list[float] = []
-        self.to_straight: list[float] = []
-        self.memory_mb = 0.0
-        self.is_finished = False
-
-    def row(self) -> dict[str, Any]:
-        def median(name: str) -> float | None:
-            return statistics.median(self.times[name]) if self.times[name] else None
-
-        queries = self.times["query"]
-        return {
-            "map": self.kind,
-            "cell m": self.cell_m,
-            "walls": self.walls,
-            "planner ms": median("planner"),
-            "first path ms": median("first"),
-            "update ms": median("update"),
-            "path after it ms": median("after"),
-            "queries": len(queries),
-            "median ms": median("query"),
-            "p99 ms": quantile(queries, 0.99) if queries else None,
-            "to octile, max": max(self.to_octile, default=None),
-            "to straight, median": statistics.median(self.to_straight) if self.to_straight else None,
-            "wrong": self.failures + self.touches,
-            "MB": self.memory_mb or None,
-            "finished": "yes" if self.is_finished else "limit",
-        }
-
-
-def main(kinds: Sequence[str]) -> None:
+def main(*kinds: str) -> bool:
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         sys.exit(f"geometric: there is no kind {', '.join(unknown)}; there are {', '.join(KINDS)}")
     PathPlanner(Building("warm-up")).warm_up()  # the processes load the compiled kernels from disk
     asked = [(kind, *scale) for scale in SCALES for kind in kinds or KINDS]
-    found = [in_a_process(*one) for one in track(asked, "maps", console=PROGRESS, transient=True)]
-    if not show(found):
-        sys.exit("geometric: a mark was missed")
+    maps = [(kind, cell_m, in_a_process(kind, cell_m, radius_m)) for kind, cell_m, radius_m in progress(asked, "maps")]
+    ratios = [ratio for _, _, found in maps for ratio in found["octile"]]
+    marks = [
+        at_most("paths to the shortest octile way", max(ratios, default=math.nan), 1.0 + ROUNDING),
+        at_most("paths that touch something", sum(len(found["touch"]) for _, _, found in maps), 0),
+        at_most("queries refused", sum(len(found["failure"]) for _, _, found in maps), 0),
+        at_least("maps measured within the time limit", sum(bool(found["done"]) for _, _, found in maps), len(maps)),
+    ]
+    median = summary([took for _, _, found in maps for took in found["query"]], "ms")["ms"]
+    words = "no query answered in time" if median is None else f"{median:.1f} ms at the median"
+    title = f"geometric paths on {SIZE} x {SIZE} cells: {words}"
+    times = {f"{kind}, {cell_m:g} m": found["query"] for kind, cell_m, found in maps if found["query"]}
+    draw = distribution(times, "milliseconds", "share of queries that took less")
+    return summarize("geometric", title, [row(*one) for one in maps], marks, draw)
+
+
+def row(kind: str, cell_m: float, found: Found) -> dict[str, Any]:
+    return {
+        "map": kind,
+        "cell m": cell_m,
+        "walls": sum(found["ready"]),
+        **summary(found["planner"], "planner ms"),
+        **summary(found["first"], "first path ms"),
+        **summary(found["update"], "update ms"),
+        **summary(found["after"], "path after it ms"),
+        "queries": len(found["query"]),
+        **summary(found["query"], "median ms", "p99 ms"),
+        "to octile, max": max(found["octile"], default=None),
+        **summary(found["straight"], "to straight, median"),
+        "wrong": len(found["failure"]) + len(found["touch"]),
+        "MB": sum(found["done"]) or None,
+        "finished": "yes" if found["done"] else "limit",
+    }
 
 
 def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
@@ -109,27 +106,16 @@ def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
     process = context.Process(target=measure, args=(theirs, kind, SIZE, cell_m, radius_m), daemon=True)
     process.start()
     theirs.close()
-    found = Found(kind, cell_m)
+    found: dict[str, list[Any]] = defaultdict(list)
     deadline = time.monotonic() + PREPARATION_S
     try:
-        while (left_s := deadline - time.monotonic()) > 0.0 and ours.poll(left_s):
+        while not found["done"] and (left_s := deadline - time.monotonic()) > 0.0 and ours.poll(left_s):
             what, value = ours.recv()
+            found[what].append(value)
             if what == "ready":
-                found.walls, deadline = value, time.monotonic() + LIMIT_S
-            elif what == "length":
-                found.to_octile.append(value[0])
-                found.to_straight.append(value[1])
-            elif what == "failure":
-                found.failures += 1
-            elif what == "touch":
-                found.touches += 1
-            elif what == "done":
-                found.is_finished, found.memory_mb = True, value
-                break
-            else:
-                found.times[what].append(value)
+                deadline = time.monotonic() + LIMIT_S
     except EOFError:  # the process crashed, with its error on stderr
-        found.failures += 1
+        found["failure"].append("crashed")
     process.terminate()
     process.join()
     return found
@@ -150,11 +136,10 @@ def measure(report: Connection, kind: str, size: int, cell_m: float, radius_m: f
     ask(report, planner, judge, trips[0], radius_m, "first")
     for number, wall in enumerate(walls, start=1):
         edited = building.with_element(FLOOR, wall)
-        _, took_ms = timed_ms(planner.update, edited, number)
-        report.send(("update", took_ms))
+        report.send(("update", timed_ms(planner.update, edited, number)[1]))
         ask(report, planner, judge, trips[number], radius_m, "after")
         planner.update(building, number)
-    ask(report, planner, judge, trips[0], radius_m, "")
+    ask(report, planner, judge, trips[0], radius_m, "again")
     for trip in trips:
         ask(report, planner, judge, trip, radius_m, "query")
     report.send(("done", psutil.Process().memory_info().rss / 1e6))
@@ -163,21 +148,19 @@ def measure(report: Connection, kind: str, size: int, cell_m: float, radius_m: f
 def ask(report: Connection, planner: PathPlanner, judge: FloorGeometry, trip: Trip, radius_m: float, name: str) -> None:
     """One query. Its time is reported under `name`, its lengths only under the name "query"."""
     request = PathRequest(trip.start, trip.goal, radius=radius_m, mode=RouteMode.GEOMETRIC)
-    path: Path | None = None
     began = time.perf_counter()
     try:
         path = planner.paths(request)[0]
     except PathError as error:
         report.send(("failure", str(error)[:200]))
-    took_ms = (time.perf_counter() - began) * 1e3
-    if name:
-        report.send((name, took_ms))
+        path = None
+    report.send((name, (time.perf_counter() - began) * 1e3))
     if path is not None and name == "query":
         at = [(point.x, point.y) for point in path.points]
         if judge.touching(list(pairwise(at)), radius_m):
             report.send(("touch", None))
-        straight_m = math.dist(trip.start[1:], trip.goal[1:])
-        report.send(("length", (path.distance / trip.octile_m, path.distance / straight_m)))
+        report.send(("octile", path.distance / trip.octile_m))
+        report.send(("straight", path.distance / math.dist(trip.start[1:], trip.goal[1:])))
 
 
 def trips_on(cells: Cells, cell_m: float) -> list[Trip]:
@@ -210,31 +193,5 @@ def _cell(at: np.ndarray) -> Cell:
     return int(at[0]), int(at[1])
 
 
-def show(found: Sequence[Found]) -> bool:
-    """Print and write the results; returns whether every mark was reached."""
-    ratios = [ratio for one in found for ratio in one.to_octile]
-    marks = [
-        at_most("paths to the shortest octile way", max(ratios, default=math.nan), 1.0 + ROUNDING),
-        at_most("paths that touch something", sum(one.touches for one in found), 0),
-        at_most("queries refused", sum(one.failures for one in found), 0),
-        at_least("maps measured within the time limit", sum(one.is_finished for one in found), len(found)),
-    ]
-
-    def draw(axes: Axes) -> None:
-        for one in found:
-            times = sorted(one.times["query"])
-            if times:
-                shares = [i / len(times) for i in range(len(times))]
-                axes.plot(times, shares, label=f"{one.kind}, {one.cell_m:g} m", linewidth=1)
-        axes.set(xscale="log", xlabel="milliseconds", ylabel="share of queries that took less")
-        axes.legend(fontsize=6, ncols=2)
-
-    times = [took for one in found for took in one.times["query"]]
-    median = f"{statistics.median(times):.1f} ms at the median" if times else "no query answered in time"
-    return summarize(
-        "geometric", f"geometric paths on {SIZE} x {SIZE} cells: {median}", [one.row() for one in found], marks, draw
-    )
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(main, kinds=f"kinds of maps: {', '.join(KINDS)}")

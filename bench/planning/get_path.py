@@ -1,102 +1,91 @@
 """getPath over IIOP on the sample buildings, compared to a null call to the same object and to an answer of the same
-size without any planning. The three alternate in the same run.
-"""
+size without any planning. The three alternate in the same run."""
 
 from __future__ import annotations
 
 import contextlib
-import socket
 import statistics
-import subprocess
-import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from omniORB import CORBA
 
-from bench.common.places import random_places
-from robocorba.clients.robot_processes import servers
+from bench.common.harness import run
+from robocorba.clients.robot_processes import free_ports, servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 from robocorba.planning.request import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import quantile, write
+from robocorba.testing.generated_buildings import random_places
+from robocorba.testing.json_process import Process, checkout_command
+from robocorba.testing.processes import eventually
+from robocorba.testing.report import distribution, quantile, summarize, timed_ms
 
-CALLS, ROUNDS = 2200, 5
 
-
-def main() -> None:
+def main(calls: int = 2200, rounds: int = 5) -> bool:
+    """There are no marks: the results are judged by their ratios."""
     for name in SAMPLES:
-        measure(name)
+        measure(name, calls, rounds)
+    return True
 
 
-def measure(name: str) -> None:
-    """Time the three calls on one sample building, in ROUNDS rounds of CALLS queries at random places."""
-    places = random_places(load_sample(name), SMARTPAL_RADIUS_M, 2 * CALLS, seed=7)
-    points = [RoboCorba.Point(*place) for place in places]
+def measure(name: str, calls: int, rounds: int) -> None:
+    """Time the three calls on one sample building, in rounds of queries at random places."""
+    points = [
+        RoboCorba.Point(*place) for place in random_places(load_sample(name), SMARTPAL_RADIUS_M, 2 * calls, seed=7)
+    ]
     pairs = list(zip(points[::2], points[1::2], strict=True))
     rows = []
     with (
-        tempfile.TemporaryDirectory() as state,
-        servers(Path(state), "--building", str(sample_path(name))) as naming,
+        tempfile.TemporaryDirectory() as folder,
+        servers(Path(folder), "--building", str(sample_path(name))) as naming,
         Orb(naming) as orb,
     ):
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
         pairs = [pair for pair in pairs if _is_reachable(planner, *pair)]
         length = round(statistics.mean(len(planner.getPath(*pair)) for pair in pairs))
-        with canned(length) as canned_planner:
-            for round_ in range(1, ROUNDS + 1):
-                null: list[float] = []
-                canned_: list[float] = []
-                path: list[float] = []
-                for start, goal in pairs:  # alternating, so that a busy moment of the machine affects all three
-                    null.append(_timed(planner._non_existent))
-                    canned_.append(_timed(canned_planner.getPath, start, goal))
-                    path.append(_timed(planner.getPath, start, goal))
-                medians = [statistics.median(values) for values in (null, canned_, path)]
+        with canned(Path(folder), length) as canned_planner:
+            for round_ in range(1, rounds + 1):
+                us: dict[str, list[float]] = {"null call": [], "canned answer": [], "getPath": []}
+                for pair in pairs:  # alternating, so that a busy moment of the machine affects all three
+                    us["null call"].append(1e3 * timed_ms(planner._non_existent)[1])
+                    us["canned answer"].append(1e3 * timed_ms(canned_planner.getPath, *pair)[1])
+                    us["getPath"].append(1e3 * timed_ms(planner.getPath, *pair)[1])
+                null, answer, path = map(statistics.median, us.values())
                 rows.append(
                     {
                         "round": round_,
-                        "null call, us": medians[0],
-                        f"canned answer of {length} points, us": medians[1],
-                        "getPath, us": medians[2],
-                        "getPath p99, us": quantile(path, 0.99),
-                        "getPath / null call": medians[2] / medians[0],
-                        "getPath / canned answer": medians[2] / medians[1],
+                        "null call, us": null,
+                        f"canned answer of {length} points, us": answer,
+                        "getPath, us": path,
+                        "getPath p99, us": quantile(us["getPath"], 0.99),
+                        "getPath / null call": path / null,
+                        "getPath / canned answer": path / answer,
                     }
                 )
     ratio = statistics.median(row["getPath / null call"] for row in rows)
     title = f"getPath over IIOP, {name}, medians of {len(pairs)} random queries: {ratio:.2f} null calls"
-    write(f"get_path_{name}", title, rows, {"null call": null, "canned answer": canned_, "getPath": path}, "us")
+    summarize(f"get_path_{name}", title, rows, [], distribution(us, "us"))
 
 
 @contextlib.contextmanager
-def canned(points: int) -> Iterator[Any]:
+def canned(folder: Path, points: int) -> Iterator[Any]:
     """The object of bench.planning.canned_answer in its own process."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"127.0.0.1:{probe.getsockname()[1]}"
-    command = [sys.executable, "-m", "bench.planning.canned_answer", endpoint, str(points)]
-    server = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    try:
-        orb = CORBA.ORB_init([], CORBA.ORB_ID)
-        planner = orb.string_to_object(f"corbaloc:iiop:{endpoint}/PathPlanner")._unchecked_narrow(RoboCorba.PathPlanner)
-        deadline = time.monotonic() + 20
-        while True:
-            try:
-                planner._non_existent()
-                break
-            except CORBA.TRANSIENT:
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(0.1)
+    endpoint = f"127.0.0.1:{free_ports(1)[0]}"
+    orb = CORBA.ORB_init([], CORBA.ORB_ID)
+    planner = orb.string_to_object(f"corbaloc:iiop:{endpoint}/PathPlanner")._unchecked_narrow(RoboCorba.PathPlanner)
+
+    def answers() -> bool:
+        try:
+            return not planner._non_existent()
+        except CORBA.TRANSIENT:
+            return False
+
+    with Process(checkout_command("bench.planning.canned_answer", endpoint, str(points)), folder / "canned.log"):
+        eventually(answers, 20.0, "the canned answer")
         yield planner
-    finally:
-        server.terminate()
-        server.wait(timeout=20)
 
 
 def _is_reachable(planner: Any, start: Any, goal: Any) -> bool:
@@ -108,11 +97,5 @@ def _is_reachable(planner: Any, start: Any, goal: Any) -> bool:
     return True
 
 
-def _timed(call: Callable[..., object], *arguments: object) -> float:
-    began = time.perf_counter()
-    call(*arguments)
-    return (time.perf_counter() - began) * 1e6
-
-
 if __name__ == "__main__":
-    main()
+    run(main, calls="queries in a round")

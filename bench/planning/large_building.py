@@ -14,7 +14,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,11 +23,9 @@ import networkx as nx
 import numpy as np
 import psutil
 import shapely
-from rich.progress import track
 from shapely import LineString, STRtree
 
-from bench.common.buildings import grid_building
-from bench.common.places import random_trips
+from bench.common.harness import progress, run
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import NoPath
@@ -38,13 +36,13 @@ from robocorba.planning.elevators import ride
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest, Place, RouteMode
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.folder import StateFolder
-from robocorba.testing.report import PROGRESS, quantile, timed_ms, write
+from robocorba.testing.generated_buildings import grid_building, random_trips
+from robocorba.testing.json_process import pids_of
+from robocorba.testing.report import PROGRESS, at_least, at_most, distribution, summarize, summary, timed_ms
 
-ROUNDS, TRIPS = 5, 300
 #: networkx is slow: it gets one in this many trips.
 PEER_EVERY = 3
-#: Least ratio of the medians, and greatest median [ms].
+#: Minimum ratio of the medians, and maximum median [ms].
 MIN_RATIO, MAX_MEDIAN_MS = 10.0, 5.0
 #: Time limit for the start of the server [s]: a map of 16 MB takes long on a slow machine.
 START_LIMIT_S = "600"
@@ -55,75 +53,62 @@ MAX_CONNECTIONS, CONNECTION_REACH_M, MAX_CANDIDATES, ON_NODE_M = 8, 6.0, 256, 0.
 Trip = tuple[Place, Place]
 Node = tuple[str, str]
 START, GOAL = ("", "start"), ("", "goal")
+OURS, STRAIGHT, INFORMED = "RoboCorba", "networkx A*", "networkx A* with our estimate"
 
 
-def main() -> None:
+def main(rounds: int = 5, trips: int = 300) -> bool:
     with PROGRESS.status("making the building, its planner and the graph for networkx"):
         building = grid_building()
-        trips = random_trips(building, SMARTPAL_RADIUS_M, ROUNDS * TRIPS, seed=3)
+        all_trips = random_trips(building, SMARTPAL_RADIUS_M, rounds * trips, seed=3)
         planner = PathPlanner(building)
         planner.warm_up()
         peer = Peer(building, SMARTPAL_RADIUS_M)
         # Otherwise the garbage collector visits millions of objects during a query.
         gc.collect()
         gc.freeze()
-    missed = in_process(planner, peer, trips)
+    is_reached = in_process(planner, peer, [all_trips[i * trips : (i + 1) * trips] for i in range(rounds)])
     del planner, peer
-    missed += over_iiop(building, trips)
-    if missed:
-        sys.exit("large_building: " + "; ".join(missed))
+    return over_iiop(building, all_trips) and is_reached
 
 
-def in_process(planner: PathPlanner, peer: Peer, trips: Sequence[Trip]) -> list[str]:
-    """The planner and networkx alternately, on the shortest path along the topological map. Returns the missed
-    marks."""
-    rows = []
-    fast: list[float] = []
-    slow: list[float] = []
-    informed: list[float] = []
-    ratios = []
-    for round_ in range(ROUNDS):
-        ours: list[float] = []
+def in_process(planner: PathPlanner, peer: Peer, rounds: Sequence[Sequence[Trip]]) -> bool:
+    """The planner and networkx alternately, on the shortest path along the topological map."""
+    rows: list[dict[str, Any]] = []
+    samples: dict[str, list[float]] = {OURS: [], STRAIGHT: [], INFORMED: []}
+    for round_, trips in enumerate(rounds, 1):
+        took: dict[str, list[float]] = {name: [] for name in samples}
         both: list[float] = []
-        theirs: list[float] = []
-        best_theirs: list[float] = []
-        of_round = trips[round_ * TRIPS : (round_ + 1) * TRIPS]
-        for i, trip in enumerate(track(of_round, f"round {round_ + 1} of {ROUNDS}", console=PROGRESS, transient=True)):
+        for i, trip in enumerate(progress(trips, f"round {round_} of {len(rounds)}")):
             cost, took_ms = timed_ms(_cost, planner, *trip)
-            ours.append(took_ms)
+            took[OURS].append(took_ms)
             if i % PEER_EVERY == 0:
                 both.append(took_ms)
-                for knows_elevators, times in ((False, theirs), (True, best_theirs)):
-                    expected, peer_ms = peer.cheapest(*trip, knows_elevators)
+                for name in (STRAIGHT, INFORMED):
+                    expected, peer_ms = peer.cheapest(*trip, name == INFORMED)
                     if not math.isclose(cost, expected, rel_tol=1e-9):
                         sys.exit(f"large_building: {trip} costs {cost} m, by networkx {expected} m")
-                    times.append(peer_ms)
-        ratios.append(statistics.median(theirs) / statistics.median(both))
-        fast += ours
-        slow += theirs
-        informed += best_theirs
+                    took[name].append(peer_ms)
         rows.append(
             {
-                "round": round_ + 1,
-                "trips": len(ours),
-                "planner median ms": statistics.median(ours),
-                "planner p99 ms": quantile(ours, 0.99),
-                "networkx's trips": len(theirs),
-                "networkx median ms": statistics.median(theirs),
-                "networkx p99 ms": quantile(theirs, 0.99),
-                "ratio of medians": ratios[-1],
-                "of totals": sum(theirs) / sum(both),
-                "with our estimate": statistics.median(best_theirs) / statistics.median(both),
+                "round": round_,
+                "trips": len(took[OURS]),
+                **summary(took[OURS], "planner median ms", "planner p99 ms"),
+                "networkx's trips": len(both),
+                **summary(took[STRAIGHT], "networkx median ms", "networkx p99 ms"),
+                "ratio of medians": statistics.median(took[STRAIGHT]) / statistics.median(both),
+                "of totals": sum(took[STRAIGHT]) / sum(both),
+                "with our estimate": statistics.median(took[INFORMED]) / statistics.median(both),
             }
         )
-    median, ratio = statistics.median(fast), statistics.median(ratios)
+        for name, times in took.items():
+            samples[name] += times
+    median, ratio = statistics.median(samples[OURS]), statistics.median(row["ratio of medians"] for row in rows)
     title = f"100,000 nodes, 10 floors: {median:.2f} ms at the median, networkx {ratio:.1f} x as long"
-    samples = {"RoboCorba": fast, "networkx A*": slow, "networkx A* with our estimate": informed}
-    write("large_building", title, rows, samples, "milliseconds")
-    return [
-        *([f"the planner's median is above {MAX_MEDIAN_MS:g} ms"] if median > MAX_MEDIAN_MS else []),
-        *([f"networkx takes less than {MIN_RATIO:g} x as long"] if ratio < MIN_RATIO else []),
+    marks = [
+        at_most("planner, median ms", median, MAX_MEDIAN_MS),
+        at_least("networkx's median to the planner's, median of rounds", ratio, MIN_RATIO),
     ]
+    return summarize("large_building", title, rows, marks, distribution(samples, "milliseconds"))
 
 
 def _cost(planner: PathPlanner, start: Place, goal: Place) -> float:
@@ -198,7 +183,7 @@ class Peer:
             graph.add_edge(START, node, length=length)
         for node, length in self.connections(goal, outbound=False):
             graph.add_edge(node, GOAL, length=length)
-        heuristic = self._estimate(goal) if knows_elevators else self._straight_line(goal)
+        heuristic = self._heuristic(goal, knows_elevators)
         began = time.perf_counter()
         try:
             path = nx.astar_path(graph, START, GOAL, heuristic=heuristic, weight="length")
@@ -209,23 +194,11 @@ class Peer:
         finally:
             graph.remove_nodes_from([START, GOAL])
 
-    def _straight_line(self, goal: Place) -> Callable[[Node, Node], float]:
-        """The straight line to the goal and the climb: admissible, because rides count their climb."""
-        at, hypot, (goal_floor, gx, gy) = self.at, math.hypot, goal
-        climbs = {floor: abs(height - self.heights[goal_floor]) for floor, height in self.heights.items()}
+    def _heuristic(self, goal: Place, knows_elevators: bool) -> Callable[[Node, Node], float]:
+        """The straight line to the goal and the climb: admissible, because rides count their climb.
 
-        def heuristic(node: Node, _: Node) -> float:
-            if node is GOAL:
-                return 0.0
-            x, y = at[node]
-            return hypot(x - gx, y - gy) + climbs.get(node[0], 0.0)
-
-        return heuristic
-
-    def _estimate(self, goal: Place) -> Callable[[Node, Node], float]:
-        """The straight line on the goal's floor; elsewhere over the best cabin of this floor, and the climb.
-
-        Admissible, because an elevator is at the same place on every floor."""
+        knows_elevators: on other floors, the way over the best cabin; admissible, because an elevator is at the same
+        place on every floor."""
         at, hypot, (goal_floor, gx, gy) = self.at, math.hypot, goal
         climbs = {floor: abs(height - self.heights[goal_floor]) for floor, height in self.heights.items()}
         onward = {
@@ -233,7 +206,13 @@ class Peer:
             for floor, cabins in self.cabins.items()
         }
 
-        def heuristic(node: Node, _: Node) -> float:
+        def straight(node: Node, _: Node) -> float:
+            if node is GOAL:
+                return 0.0
+            x, y = at[node]
+            return hypot(x - gx, y - gy) + climbs.get(node[0], 0.0)
+
+        def over_elevators(node: Node, _: Node) -> float:
             if node is GOAL:
                 return 0.0
             x, y = at[node]
@@ -241,7 +220,7 @@ class Peer:
                 return hypot(x - gx, y - gy)
             return min([hypot(x - cx, y - cy) + rest for cx, cy, rest in onward[node[0]]])
 
-        return heuristic
+        return over_elevators if knows_elevators else straight
 
     def connections(self, place: Place, outbound: bool) -> list[tuple[Node, float]]:
         """The nodes that a place is connected to, nearest first, and their distances [m]."""
@@ -272,13 +251,10 @@ class Peer:
         return False
 
 
-def over_iiop(building: Building, trips: Sequence[Trip]) -> list[str]:
-    """getPath of a real server, compared to a null call; start-up time and memory of the server.
-
-    Returns the missed marks."""
+def over_iiop(building: Building, trips: Sequence[Trip]) -> bool:
+    """getPath of a real server, compared to a null call; start-up time and memory of the server."""
     rows = []
-    null: list[float] = []
-    path: list[float] = []
+    samples: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder:
         file, state = Path(folder) / "grid.yaml", Path(folder) / "state"
         with PROGRESS.status("writing the map file"):
@@ -288,46 +264,40 @@ def over_iiop(building: Building, trips: Sequence[Trip]) -> list[str]:
             with servers(state, "--building", str(file), "--start-limit", START_LIMIT_S) as naming, Orb(naming) as orb:
                 start_s = time.monotonic() - began
                 planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
-                server = _map_editor(state)
+                (pid,) = pids_of(state, "map_editor")
+                server = psutil.Process(pid)
                 idle = server.memory_info().rss
-                null, path, lengths = _ask(planner, trips, f"getPath, started from the {origin}")
+                samples, lengths = _ask(planner, progress(trips, f"getPath, started from the {origin}"))
                 rows.append(
                     {
                         "started from": origin,
                         "s to ready": start_s,
                         "memory MB": idle / 1e6,
                         "MB after paths": server.memory_info().rss / 1e6,
-                        "paths": len(path),
+                        "paths": len(lengths),
                         "points, mean": statistics.mean(lengths),
-                        "null call, median ms": statistics.median(null),
-                        "getPath, median ms": statistics.median(path),
-                        "getPath, p99 ms": quantile(path, 0.99),
+                        **summary(samples["null call"], "null call, median ms"),
+                        **summary(samples["getPath"], "getPath, median ms", "getPath, p99 ms"),
                     }
                 )
-    median = statistics.median(path)
+    median = statistics.median(samples["getPath"])
     title = f"getPath over IIOP, 100,000 nodes, 10 floors: {median:.2f} ms at the median"
-    write("large_building_server", title, rows, {"null call": null, "getPath": path}, "milliseconds")
-    return [f"getPath's median over IIOP is above {MAX_MEDIAN_MS:g} ms"] if median > MAX_MEDIAN_MS else []
+    marks = [at_most("getPath over IIOP, median ms", median, MAX_MEDIAN_MS)]
+    return summarize("large_building_server", title, rows, marks, distribution(samples, "milliseconds"))
 
 
-def _ask(planner: Any, trips: Sequence[Trip], title: str) -> tuple[list[float], list[float], list[int]]:
+def _ask(planner: Any, trips: Iterable[Trip]) -> tuple[dict[str, list[float]], list[int]]:
     """The ms of a null call and of a getPath alternately, and the number of points of each path."""
-    null, path, lengths = [], [], []
-    for start, goal in track(trips, title, console=PROGRESS, transient=True):
-        null.append(timed_ms(planner._non_existent)[1])
+    samples: dict[str, list[float]] = {"null call": [], "getPath": []}
+    lengths = []
+    for start, goal in trips:
+        samples["null call"].append(timed_ms(planner._non_existent)[1])
         with contextlib.suppress(RoboCorba.NoPath):
             points, took_ms = timed_ms(planner.getPath, RoboCorba.Point(*start), RoboCorba.Point(*goal))
-            path.append(took_ms)
+            samples["getPath"].append(took_ms)
             lengths.append(len(points))
-    return null, path, lengths
-
-
-def _map_editor(state: Path) -> psutil.Process:
-    """The server's process."""
-    record = StateFolder(state).read_record()
-    assert record is not None
-    return psutil.Process(next(process.pid for process in record.processes if process.name == "map_editor"))
+    return samples, lengths
 
 
 if __name__ == "__main__":
-    main()
+    run(main, trips="of a round")

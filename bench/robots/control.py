@@ -8,36 +8,34 @@ a user; with --pin, on the other cores only."""
 
 from __future__ import annotations
 
-import argparse
-import contextlib
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from bench.common.processes import Process
-from bench.robots.place import RecordedRobot, servers, stand_in
+from bench.common.harness import run
+from bench.robots.recorded_robot import RecordedRobot, system_on_two_floors
 from robocorba.control.high_controller import SPEED_CAP, TICK_S
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.smartpal import ACCELERATION, BASE, JOINTS, LOWER, SPEED, UPPER
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize
+from robocorba.testing.actual_robot import running_stand_in
+from robocorba.testing.json_process import busy_process
+from robocorba.testing.report import PROGRESS, at_most, distribution, quantile, summarize
 
-NAME = "control"
 MAX_P99_MS = 5.0
 #: Time between the program's start and the first measured tick [s].
 WARM_UP_S = 3.0
 #: Tolerance of limits, for rounding.
 SLACK = 1e-6
-BUSY = "while True: pass"
 
 
 def program() -> Program:
@@ -47,13 +45,6 @@ def program() -> Program:
         builder.mhand_posture("both", "ready").mbase_by(ahead=1.0, turn=0.8).lumbar(-0.1, 0.3).mbase_by(ahead=-1.0)
         builder.mhand_posture("both", "tuck").mbase_by(left=0.5, turn=-0.8).lumbar(0.0, 0.0).mbase_by(left=-0.5)
     return builder.program()
-
-
-@contextlib.contextmanager
-def loaded(core: int, folder: Path) -> Iterator[None]:
-    """Keeps a core busy."""
-    with Process((sys.executable, "-c", BUSY), folder / "busy.log", [core]):
-        yield
 
 
 def lateness_s(begun: Floats) -> tuple[Floats, int]:
@@ -85,13 +76,13 @@ def broken_limits(ticks: Floats) -> dict[str, int]:
     more = 1.0 + SLACK
     found = {
         "base: speed": np.hypot(base[:, 0], base[:, 1]) > SPEED_CAP * more,
-        "base: turn": np.abs(base[:, 2]) > BASE.turn * more,
-        "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE.acceleration * TICK_S * more,
-        "base: turn acceleration": np.abs(np.diff(base[:, 2])) > BASE.turn_acceleration * TICK_S * more,
-        "joints: position": (joints < LOWER - SLACK) | (joints > UPPER + SLACK),
-        "joints: speed": np.abs(speeds) > SPEED * more,
-        "joints: acceleration": np.abs(np.diff(speeds, axis=0)) > ACCELERATION * passed * more + SLACK,
-        "joints: leaps": np.abs(np.diff(joints, axis=0)) > SPEED * passed * more + SLACK,
+        "base: turn": np.abs(base[:, 2]) > BASE_LIMITS.turn_speed * more,
+        "base: acceleration": np.hypot(*np.diff(velocity, axis=0).T) > BASE_LIMITS.acceleration * TICK_S * more,
+        "base: turn acceleration": np.abs(np.diff(base[:, 2])) > BASE_LIMITS.turn_acceleration * TICK_S * more,
+        "joints: position": (joints < JOINT_LOWER - SLACK) | (joints > JOINT_UPPER + SLACK),
+        "joints: speed": np.abs(speeds) > JOINT_SPEED * more,
+        "joints: acceleration": np.abs(np.diff(speeds, axis=0)) > JOINT_ACCELERATION * passed * more + SLACK,
+        "joints: leaps": np.abs(np.diff(joints, axis=0)) > JOINT_SPEED * passed * more + SLACK,
     }
     return {name: int(np.count_nonzero(is_beyond)) for name, is_beyond in found.items()}
 
@@ -113,78 +104,61 @@ def measure(folder: Path, orb: Orb, seconds: float, adaptor: Sequence[str]) -> F
     return ticks[(ticks[:, 0] >= began) & (ticks[:, 0] < ended)]
 
 
-def row(which: str, ticks: Floats, seconds: float) -> tuple[dict[str, Any], Floats]:
+def row(which: str, ticks: Floats, seconds: float) -> tuple[dict[str, Any], list[float]]:
     late_s, missed = lateness_s(ticks[:, 0])
-    late_ms = late_s * 1e3
-    between_ms = np.abs(np.diff(ticks[:, 2]) - TICK_S) * 1e3
-    work_ms = (ticks[:, 3] - ticks[:, 0]) * 1e3
+    late_ms = (late_s * 1e3).tolist()
+    between_ms = (np.abs(np.diff(ticks[:, 2]) - TICK_S) * 1e3).tolist()
+    work_ms = ((ticks[:, 3] - ticks[:, 0]) * 1e3).tolist()
     found = {
         "robot": which,
         "ticks": len(ticks),
         "due": round(seconds / TICK_S),
         "missed": missed,
-        "late p50, ms": quantile(late_ms.tolist(), 0.5),
-        "p99": quantile(late_ms.tolist(), 0.99),
-        "worst": float(late_ms.max()),
-        "between commands, off by p99, ms": quantile(between_ms.tolist(), 0.99),
-        "a tick's work p50, ms": quantile(work_ms.tolist(), 0.5),
-        "work p99, ms": quantile(work_ms.tolist(), 0.99),
+        "late p50, ms": quantile(late_ms, 0.5),
+        "p99": quantile(late_ms, 0.99),
+        "worst": max(late_ms),
+        "between commands, off by p99, ms": quantile(between_ms, 0.99),
+        "a tick's work p50, ms": quantile(work_ms, 0.5),
+        "work p99, ms": quantile(work_ms, 0.99),
         "top speed told, m/s": float(np.hypot(ticks[:, 6], ticks[:, 7]).max()),
         "beyond limits": sum(broken_limits(ticks).values()),
     }
     return found, late_ms
 
 
-def marks(found: dict[str, Any]) -> list[Mark]:
-    which = found["robot"]
-    return [
-        at_most(f"{which}: late, p99, ms", found["p99"], MAX_P99_MS),
-        at_most(f"{which}: ticks missed", found["missed"], 0),
-        at_most(f"{which}: commands beyond a limit", found["beyond limits"], 0),
-    ]
-
-
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="for each of the two robots (default: %(default)s)")
-    parser.add_argument("--pin", action="store_true", help="keep servers and robot off the busy core")
-    options = parser.parse_args()
+def main(seconds: float = 60.0, pin: bool = False) -> bool:
     *others, busy = sorted(os.sched_getaffinity(0))
-    if options.pin and others:
+    if pin and others:
         os.sched_setaffinity(0, others)
-    found: dict[str, tuple[dict[str, Any], Floats]] = {}
-    with (
-        tempfile.TemporaryDirectory() as name,
-        servers(Path(name)) as system,
-        Orb(system.naming) as orb,
-        loaded(busy, Path(name)),
-    ):
+    rows, late = [], {}
+    with tempfile.TemporaryDirectory() as name, system_on_two_floors(Path(name)) as (_, orb), ExitStack() as stack:
         folder = Path(name)
+        stack.enter_context(busy_process(folder, [busy]))
         for which in ("virtual", "actual"):
-            with contextlib.ExitStack() as stack, PROGRESS.status(f"{which}: {options.seconds:g} s"):
+            with PROGRESS.status(f"{which}: {seconds:g} s"):
                 adaptor: tuple[str, ...] = ()
                 if which == "actual":
-                    naming = stack.enter_context(stand_in(folder, orb))
-                    adaptor = ("--adaptor", "smartpal", "--", "--naming", str(naming))
-                ticks = measure(folder / which, orb, options.seconds, adaptor)
-            found[which] = row(which, ticks, options.seconds)
+                    robot = stack.enter_context(running_stand_in(folder / "robot", orb=orb))
+                    adaptor = ("smartpal", "--naming", str(robot.naming))
+                ticks = measure(folder / which, orb, seconds, adaptor)
+            found, late[which] = row(which, ticks, seconds)
+            rows.append(found)
             for limit, count in broken_limits(ticks).items():
                 if count:
                     print(f"{which}: {count} commands exceed the limit of {limit}")
-    rows = [one for one, _ in found.values()]
-
-    def draw(axes: Axes) -> None:
-        for which, (_, late_ms) in found.items():
-            axes.plot(np.sort(late_ms), np.linspace(0, 1, len(late_ms)), label=which)
-        axes.set(xscale="log", xlabel="late, ms", ylabel="share of ticks that were earlier", xlim=(0.01, None))
-        axes.axvline(MAX_P99_MS, color="grey", linestyle=":")
-        axes.legend()
-
-    bound = f"others on {others}" if options.pin else "others anywhere"
-    title = f"control loop at {1 / TICK_S:g} Hz, {options.seconds:g} s, core {busy} kept busy, {bound}"
-    return 0 if summarize(NAME, title, rows, [mark for one in rows for mark in marks(one)], draw) else 1
+    marks = [
+        at_most(f"{one['robot']}: {what}", one[column], limit)
+        for one in rows
+        for what, column, limit in (
+            ("late, p99, ms", "p99", MAX_P99_MS),
+            ("ticks missed", "missed", 0),
+            ("commands beyond a limit", "beyond limits", 0),
+        )
+    ]
+    bound = f"others on {others}" if pin else "others anywhere"
+    title = f"control loop at {1 / TICK_S:g} Hz, {seconds:g} s, core {busy} kept busy, {bound}"
+    return summarize("control", title, rows, marks, distribution(late, "late, ms", "share of ticks that were earlier"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, seconds="for each of the two robots", pin="keep servers and robot off the busy core")

@@ -9,24 +9,22 @@ python -m bench.robots.kinematics
 from __future__ import annotations
 
 import math
-import statistics
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import mink
 import mujoco
 import numpy as np
-from matplotlib.axes import Axes
 
+from bench.common.harness import run
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, JOINTS, LOWER, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import at_least, at_most, quantile, summarize, timed_ms
+from robocorba.testing.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
 POSES, QUESTIONS = 1000, 10_000
 NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)
@@ -37,13 +35,13 @@ HOME = np.zeros(len(JOINTS))
 Solve = Callable[[HandPose], Floats | None]
 
 
-def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats]:
+def postures(body: SmartPalBody, side: Side, count: int, are_clear: bool) -> list[Floats]:
     """Random joint angles of an arm, with the other arm hanging. are_clear: only postures without collisions."""
     chance = np.random.default_rng(17)
     found: list[Floats] = []
     while len(found) < count:
         joints = HOME.copy()
-        joints[ARM[side]] = chance.uniform(LOWER[ARM[side]], UPPER[ARM[side]])
+        joints[ARM[side]] = chance.uniform(JOINT_LOWER[ARM[side]], JOINT_UPPER[ARM[side]])
         if not are_clear or not body.collisions(joints):
             found.append(joints)
     return found
@@ -52,7 +50,7 @@ def postures(body: Body, side: Side, count: int, are_clear: bool) -> list[Floats
 def ours(inverse: InverseKinematics, side: Side, avoid_collisions: bool) -> Solve:
     def solve(target: HandPose) -> Floats | None:
         try:
-            return inverse.solve(side, target, HOME, avoid_collisions=avoid_collisions)
+            return inverse.solve({side: target}, HOME, avoid_collisions=avoid_collisions)
         except Unreachable:
             return None
 
@@ -99,7 +97,9 @@ def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
     return solve
 
 
-def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) -> tuple[dict[str, Any], list[float]]:
+def measure(
+    body: SmartPalBody, side: Side, by: str, solve: Solve, truth: list[Floats]
+) -> tuple[dict[str, Any], list[float]]:
     """A row, and the duration of each solve [ms]."""
     solved, times = 0, []
     solve(body.hand(side, truth[0]))
@@ -109,22 +109,17 @@ def measure(body: Body, side: Side, by: str, solve: Solve, truth: list[Floats]) 
         times.append(took)
         if found is not None:
             way, turn = body.hand(side, found).distance(target)
-            solved += way < NEAR_M and turn < NEAR_RAD and within_limits(found)
-    row = {
-        "arm": side.value,
-        "by": by,
-        "poses": len(truth),
-        "solved": solved / len(truth),
-        "median ms": statistics.median(times),
-        "p99 ms": quantile(times, 0.99),
-        "worst ms": max(times),
-    }
-    return row, times
+            solved += (
+                way < NEAR_M
+                and turn < NEAR_RAD
+                and bool(np.all((found >= JOINT_LOWER - 1e-9) & (found <= JOINT_UPPER + 1e-9)))
+            )
+    share = {"arm": side.value, "by": by, "poses": len(truth), "solved": solved / len(truth)}
+    return {**share, **summary(times, "median ms", "p99 ms", "worst ms")}, times
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    body, inverse = Body(), InverseKinematics()
+def main() -> bool:
+    body, inverse = SmartPalBody(), InverseKinematics()
     rows, times, marks = [], {}, []
     for side in Side:
         anywhere = postures(body, side, POSES, False)
@@ -133,40 +128,23 @@ def main() -> int:
             ("ours, clear of the body", ours(inverse, side, True), postures(body, side, POSES, True)),
             ("mink + daqp", by_mink(inverse, side), anywhere[:FEW]),
         ):
-            row, took = measure(body, side, by, solve, truth)
+            row, times[f"{side.value} arm, {by}"] = measure(body, side, by, solve, truth)
             rows.append(row)
-            times[f"{side.value} arm, {by}"] = took
             if by.startswith("ours"):
                 marks.append(at_least(f"{side.value} arm, {by}: share solved", row["solved"], 0.99))
                 marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
-    rows += forward(body)
-    title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
-    return 0 if summarize("kinematics", title, rows, marks, lambda axes: _draw(axes, times)) else 1
-
-
-def forward(body: Body) -> list[dict[str, Any]]:
-    """Rows for the durations of forward kinematics and collision queries."""
-    chance = np.random.default_rng(18)
-    everywhere = list(chance.uniform(LOWER, UPPER, (QUESTIONS, len(JOINTS))))
-    rows = []
+    everywhere = list(np.random.default_rng(18).uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))
     for what, ask in (
         ("one hand, forward", lambda joints: body.hand(Side.LEFT, joints)),
         ("all links, forward", body.links),
         ("collisions", body.collisions),
     ):
         took = [timed_ms(ask, joints)[1] for joints in everywhere]
-        row = dict.fromkeys(("arm", "by", "poses", "solved"), None) | {"by": what, "poses": QUESTIONS}
-        figures = {"median ms": statistics.median(took), "p99 ms": quantile(took, 0.99), "worst ms": max(took)}
-        rows.append(row | figures)
-    return rows
-
-
-def _draw(axes: Axes, times: dict[str, list[float]]) -> None:
-    for label, took in times.items():
-        axes.plot(sorted(took), np.arange(len(took)) / len(took), label=label)
-    axes.set(xscale="log", xlabel="ms", ylabel="share of solves that took less")
-    axes.legend()
+        share = {"arm": None, "by": what, "poses": QUESTIONS, "solved": None}
+        rows.append({**share, **summary(took, "median ms", "p99 ms", "worst ms")})
+    title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
+    return summarize("kinematics", title, rows, marks, distribution(times, "ms", "share of solves that took less"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -9,63 +9,130 @@ processes of a machine share."""
 from __future__ import annotations
 
 import atexit
-import itertools
+import contextlib
 import json
 import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from robocorba.clients import robot
 from robocorba.control import model_switcher
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.errors.services import NotReachable
+from robocorba.maps import native
 from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.spatial.grids import Floats
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.json_process import Process, checkout_command
+from robocorba.testing.processes import Running, eventually, running_system
 
-#: Most ticks that are recorded: one hour.
+START_LIMIT_S = 300.0
+NAME, FLOOR = "A", "L1"
+
+
+@contextlib.contextmanager
+def system_on_two_floors(folder: Path) -> Iterator[tuple[Running, Orb]]:
+    """`robocorba up` on two floors of 20 x 10 m, and an ORB."""
+    native.save(two_floors(), folder / "two-floors.yaml")
+    with (
+        running_system(folder, "--building", "two-floors.yaml", "--subnets", "main") as (running, _),
+        Orb(running.naming) as orb,
+    ):
+        yield running, orb
+
+
+class RecordedRobot:
+    """A recorded robot process; `agent` is the client of its agent. adaptor: its name and arguments, empty for a
+    virtual robot."""
+
+    def __init__(self, folder: Path, orb: Orb, at: str, adaptor: Sequence[str] = ()) -> None:
+        self._folder = folder
+        folder.mkdir(exist_ok=True)
+        where = ("--floor", FLOOR, "--at", at, "--channel", "main", "--naming", str(orb.naming), "--state", str(folder))
+        more = ("--adaptor", adaptor[0], "--", *adaptor[1:]) if adaptor else ()
+        command = checkout_command("bench.robots.recorded_robot", str(folder), NAME, *where, *more)
+        with contextlib.ExitStack() as stack:
+            self.process = stack.enter_context(Process(command, folder / "robot.log"))
+            self.agent = eventually(lambda: self._find(orb), START_LIMIT_S, "the robot")
+            self._stack = stack.pop_all()
+
+    def __enter__(self) -> RecordedRobot:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process, which writes its ticks."""
+        self._stack.close()
+
+    def stops(self, since: float) -> list[dict[str, Any]]:
+        """Stops and hangs of its adaptor since a time."""
+        lines = (self._folder / "stops.jsonl").read_text().splitlines()
+        return [one for one in map(json.loads, lines) if one["at"] >= since]
+
+    def ticks(self) -> Floats:
+        """Ticks (n, 45), after `close`: start and end of the read and of the write; time and heading of the state;
+        velocity, joints and joint velocities of the command."""
+        found: Floats = np.load(self._folder / "ticks.npy")
+        return found
+
+    @staticmethod
+    def _find(orb: Orb) -> RemoteAgent | None:
+        try:
+            agent = RemoteAgent(orb, NAME, 0.2)
+            agent.state()
+        except NotReachable:
+            time.sleep(0.05)
+            return None
+        return agent
+
+
+# ---- the process ----
+
+
+#: Maximum number of recorded ticks: one hour.
 MAX_TICKS = 180_000
 #: Duration of a hang [s].
 HANG_S = 2.5
 
 
 class Recorder:
-    """Records one process."""
+    """Records one process; its adaptors can be made again and in any thread."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stops = (folder / "stops.jsonl").open("w", buffering=1)
-        self._ticks: deque[tuple[float, ...]] = deque(maxlen=MAX_TICKS)
-        self._hangs = 0
-        signal.signal(signal.SIGUSR1, lambda *_: self._let_hang())
+        self.ticks: deque[tuple[float, ...]] = deque(maxlen=MAX_TICKS)
+        self._hangs = False
+        signal.signal(signal.SIGUSR1, self._let_hang)
+        atexit.register(self._save)
 
-    def tick(
-        self, read: tuple[float, float], state: RobotState, write: tuple[float, float], command: ActorCommand
-    ) -> None:
-        """Record a read and the write after it, with their start and end times."""
-        joints = itertools.chain(command.joints.tolist(), command.joint_velocities.tolist())
-        self._ticks.append((*read, *write, state.time, state.heading, *command.velocity, *joints))
-
-    def stopped(self, began: float, event: str = "stop") -> None:
-        line = {"event": event, "at": began, "done": time.monotonic()}
-        self._stops.write(json.dumps(line) + "\n")
+    def note(self, event: str, began: float) -> None:
+        self._stops.write(json.dumps({"event": event, "at": began, "done": time.monotonic()}) + "\n")
 
     def may_hang(self) -> None:
         """Called before each write."""
         if self._hangs:
-            self._hangs = 0
-            self.stopped(time.monotonic(), "hang")
+            self._hangs = False
+            self.note("hang", time.monotonic())
             time.sleep(HANG_S)
 
-    def close(self) -> None:
-        ticks = list(self._ticks)
-        np.save(self._folder / "ticks.npy", np.array([tick for tick in ticks if len(tick) == len(ticks[-1])]))
+    def _let_hang(self, *_: object) -> None:
+        self._hangs = True
 
-    def _let_hang(self) -> None:
-        self._hangs = 1
+    def _save(self) -> None:
+        ticks = list(self.ticks)
+        np.save(self._folder / "ticks.npy", np.array([tick for tick in ticks if len(tick) == len(ticks[-1])]))
 
 
 class RecordedAdaptor(RobotAdaptor):
@@ -85,7 +152,7 @@ class RecordedAdaptor(RobotAdaptor):
         try:
             return self._adaptor.stop()
         finally:
-            self._recorder.stopped(began)
+            self._recorder.note("stop", began)
 
     def read(self, state: RobotState) -> bool:
         began = time.monotonic()
@@ -97,16 +164,16 @@ class RecordedAdaptor(RobotAdaptor):
         self._recorder.may_hang()
         began = time.monotonic()
         answer = self._adaptor.write(command)
-        self._recorder.tick(self._read, self._state, (began, time.monotonic()), command)
+        times = (*self._read, began, time.monotonic(), self._state.time, self._state.heading)
+        joints = (*command.joints.tolist(), *command.joint_velocities.tolist())
+        self._recorder.ticks.append((*times, *command.velocity, *joints))
         return answer
 
 
-def main(folder: str, arguments: Sequence[str]) -> None:
-    recorder = Recorder(Path(folder))
-    atexit.register(recorder.close)
-    make = model_switcher.make
+def main(folder: str, *arguments: str) -> None:
+    make, recorder = model_switcher.make, Recorder(Path(folder))
 
-    def recorded(name: str, surroundings: Surroundings) -> RobotAdaptor:
+    def recorded(name: str, surroundings: AdaptorContext) -> RobotAdaptor:
         return RecordedAdaptor(make(name, surroundings), recorder)
 
     model_switcher.make = recorded
@@ -114,4 +181,4 @@ def main(folder: str, arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])
+    main(*sys.argv[1:])

@@ -11,40 +11,37 @@ outside when the robot is stationary. All rounds use the same robot; one that do
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import ctypes
 import math
 import os
 import random
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
-from bench.common.namespaces import CLONE_NEWNET, Namespace
-from bench.common.processes import Process
-from bench.robots.place import FLOOR, NAME, RecordedRobot, faults, servers, stand_in
-from bench.robots.recorded_robot import HANG_S
-from robocorba.control.agent import Condition
+from bench.common.harness import progress, run
+from bench.robots.recorded_robot import FLOOR, HANG_S, NAME, RecordedRobot, system_on_two_floors
+from robocorba.control.agent import AgentCondition
 from robocorba.control.high_controller import SPEED_CAP
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
-from robocorba.settings import Address
 from robocorba.stubs import _GlobalIDL
+from robocorba.testing.actual_robot import StandIn, running_stand_in
+from robocorba.testing.json_process import Process, checkout_command
+from robocorba.testing.namespaces import Namespace, ip, own_network
 from robocorba.testing.processes import ROBOCORBA, Running, eventually
-from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
+from robocorba.testing.report import at_most, quantile, summarize
 
-BENCH = "stops"
 MAX_MS = 100.0
 PATIENCE_S = 60.0
 #: Velocity on a circle with a radius of 1.5 m [m/s] and [rad/s].
@@ -71,43 +68,40 @@ class Stop(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A kind of fault. happens: causes it, and returns its time. over: ends it. has_mark: the robot must be stationary
-    within MAX_MS after the notice."""
+    """A kind of fault. happens: causes it, and may return its time if that is not the time of the call. over: ends it.
+    is_silent: no process is left to notice it; then there is no mark."""
 
     what: str
-    happens: Callable[[], float]
-    over: Callable[[], None] = lambda: None
+    happens: Callable[[], float | None]
+    over: Callable[[], object] = lambda: None
     moves: str = "base"
     is_silent: bool = False
-    has_mark: bool = True
 
 
 class Stage:
-    """One robot, which is restarted after its process was killed. naming: that of an actual robot."""
+    """One robot, which is restarted after its process was killed. actual: the stand-in of an actual robot, cable: the
+    network namespace that it is in."""
 
     def __init__(
-        self, folder: Path, orb: Orb, system: Running, naming: Address | None, cable: Namespace | None
+        self, folder: Path, orb: Orb, system: Running, actual: StandIn | None, cable: Namespace | None
     ) -> None:
-        self._folder, self._orb, self._system, self._naming, self._cable = folder, orb, system, naming, cable
+        self._folder, self._orb, self._system, self._actual, self._cable = folder, orb, system, actual, cable
         self._starts = 0
-        self._stack = contextlib.ExitStack()
         self.robot = self._start()
-        within = cable.command() if cable else ()
-        what = ("units", str(naming)) if naming else ("building", str(orb.naming), FLOOR, NAME)
-        command = (*within, sys.executable, "-m", "bench.robots.watcher", *what)
-        self._watcher = self._stack.enter_context(Process(command, folder / f"watcher-{what[0]}.log"))
+        what = ("units", str(actual.naming)) if actual else ("building", str(orb.naming), FLOOR, NAME)
+        command = (*(cable.command() if cable else ()), *checkout_command("bench.robots.watcher", *what))
+        self._watcher = Process(command, folder / f"watcher-{what[0]}.log")
         self._watcher.receive(PATIENCE_S)
 
     def close(self) -> None:
-        self.robot.close()
-        self._stack.close()
+        with self._watcher:
+            self.robot.close()
 
     def _start(self) -> RecordedRobot:
         self._starts += 1
-        adaptor = ("--adaptor", "smartpal", "--", "--naming", str(self._naming)) if self._naming else ()
-        return RecordedRobot(
-            self._folder / f"{'actual' if adaptor else 'virtual'}-{self._starts}", self._orb, "5,2,0", adaptor
-        )
+        which = "actual" if self._actual else "virtual"
+        adaptor = ("smartpal", "--naming", str(self._actual.naming)) if self._actual else ()
+        return RecordedRobot(self._folder / f"{which}-{self._starts}", self._orb, "5,2,0", adaptor)
 
     # ---- a round ----
 
@@ -115,22 +109,20 @@ class Stage:
         self._set_off(case.moves)
         time.sleep(random.uniform(0.0, 0.1))
         self._watcher.ask("so far", PATIENCE_S)
-        began = case.happens()
+        called = time.monotonic()
+        began = case.happens() or called
         reported_s, reason = (None, "") if case.is_silent else self._reported()
         time.sleep(max(0.0, began + WATCH_S - time.monotonic()))
         looks = [look for look in self._watcher.ask("since then", PATIENCE_S) if look[0] >= began]
         stands_s = self._stands(looks, case.moves)
         case.over()
         over = time.monotonic()
-        stops = [one for one in self.robot.stops(began) if one["event"] == "stop"]
-        self._come_back()
-        return Stop(
-            (stops[0]["at"] - began) * 1e3 if stops and not case.is_silent else None,
-            (stands_s - began) * 1e3 if stands_s else None,
-            (reported_s - began) * 1e3 if reported_s else None,
-            (time.monotonic() - over) * 1e3,
-            reason,
+        noticed = [one["at"] for one in self.robot.stops(began) if one["event"] == "stop" and not case.is_silent]
+        eventually(self._is_back, PATIENCE_S, "that the robot is back")
+        notice_ms, stands_ms, reported_ms = (
+            None if at is None else (at - began) * 1e3 for at in (next(iter(noticed), None), stands_s, reported_s)
         )
+        return Stop(notice_ms, stands_ms, reported_ms, (time.monotonic() - over) * 1e3, reason)
 
     def _set_off(self, moves: str) -> None:
         builder = ProgramBuilder("stop me")
@@ -139,21 +131,21 @@ class Stage:
                 builder.mhand_posture("both", "ready").mhand_posture("both", "tuck")
         else:
             builder.mbase_velocity(*CIRCLE, 600.0)
-        agent = self.robot.agent
-        agent.load(dumps(builder.program()))
-        agent.run()
-        eventually(lambda: self._moves(moves), PATIENCE_S, f"{moves} that move")
+        self.robot.agent.load(dumps(builder.program()))
+        self.robot.agent.run()
 
-    def _moves(self, moves: str) -> bool:
-        actor = self.robot.agent.state().actor
-        if moves == "arms":
-            return bool(abs(actor.joint_velocities).max() > ARM_SPEED_RAD_S)
-        return math.hypot(*actor.velocity[:2]) > FULL_SPEED_M_S
+        def is_moving() -> bool:
+            actor = self.robot.agent.state().actor
+            if moves == "arms":
+                return bool(abs(actor.joint_velocities).max() > ARM_SPEED_RAD_S)
+            return math.hypot(*actor.velocity[:2]) > FULL_SPEED_M_S
+
+        eventually(is_moving, PATIENCE_S, f"{moves} that move")
 
     def _reported(self) -> tuple[float, str]:
         def stop_reason() -> str:
             state = self.robot.agent.state()
-            return state.reason if state.condition is Condition.STOPPED else ""
+            return state.reason if state.condition is AgentCondition.STOPPED else ""
 
         reason = eventually(stop_reason, PATIENCE_S, "that the agent reports the stop")
         return time.monotonic(), str(reason)
@@ -169,28 +161,19 @@ class Stage:
                 return None if look is last else look[0]
         return looks[0][0] if looks else None
 
-    def _come_back(self) -> None:
-        """Wait until the robot can run a program again."""
-
-        def is_back() -> bool:
-            try:
-                state = self.robot.agent.state()
-                if state.condition is Condition.STOPPED:
-                    self.robot.agent.reset_stop()
-                elif state.condition is not Condition.IDLE:
-                    self.robot.agent.abort()
-                return self.robot.agent.state().condition is Condition.IDLE
-            except (NotReachable, RobotError):
-                return False
-
-        eventually(is_back, PATIENCE_S, "that the robot is back")
+    def _is_back(self) -> bool:
+        """Whether the robot can run a program again."""
+        try:
+            state = self.robot.agent.state()
+            if state.condition is AgentCondition.STOPPED:
+                self.robot.agent.reset_stop()
+            elif state.condition is not AgentCondition.IDLE:
+                self.robot.agent.abort()
+            return self.robot.agent.state().condition is AgentCondition.IDLE
+        except (NotReachable, RobotError):
+            return False
 
     # ---- what happens ----
-
-    def stop(self) -> float:
-        began = time.monotonic()
-        self.robot.agent.stop()
-        return began
 
     def stop_by_command(self) -> float:
         """Returns the time at which the agent got the call, since the command's Python takes longer to start than the
@@ -203,87 +186,53 @@ class Stage:
     def hang_adaptor(self) -> float:
         """Returns the time at which the hanging write began."""
         asked = time.monotonic()
-        os.kill(self.robot.process.pid, signal.SIGUSR1)
+        self._signal(signal.SIGUSR1)
         hangs = eventually(lambda: self.robot.stops(asked), PATIENCE_S, "an adaptor that hangs")
         return float(hangs[0]["at"])
 
     def stop_while_it_hangs(self) -> float:
         self.hang_adaptor()
         time.sleep(0.03)  # its last command is still valid
-        return self.stop()
-
-    def wait_for_adaptor(self) -> None:
-        time.sleep(HANG_S)
-
-    def hang_process(self) -> float:
         began = time.monotonic()
-        os.kill(self.robot.process.pid, signal.SIGSTOP)
+        self.robot.agent.stop()
         return began
 
-    def let_process_go_on(self) -> None:
+    def continue_process(self) -> None:
         time.sleep(PAUSE_S)
-        os.kill(self.robot.process.pid, signal.SIGCONT)
-
-    def kill_process(self) -> float:
-        began = time.monotonic()
-        os.kill(self.robot.process.pid, signal.SIGKILL)
-        return began
+        self._signal(signal.SIGCONT)
 
     def start_process(self) -> None:
         self.robot.close()
         time.sleep(3.0)  # its lease
         self.robot = self._start()
 
-    def kill_server(self) -> float:
-        began = time.monotonic()
-        os.kill(self._system.pid("simulation"), signal.SIGKILL)
-        return began
-
-    def lose_unit(self) -> float:
-        began = time.monotonic()
-        self._faults.lost("MnpR", True)
-        return began
-
-    def alarm(self) -> float:
-        began = time.monotonic()
-        self._faults.alarm("MnpR", 0x99, _GlobalIDL.FAULT, "too hot")
-        return began
-
-    def no_faults(self) -> None:
-        self._faults.none()
-
-    def pull_cable(self) -> float:
-        assert self._cable
-        began = time.monotonic()
-        self._cable.ip("link", "set", CABLE, "down")
-        return began
-
-    def plug_cable(self) -> None:
-        assert self._cable
-        self._cable.ip("link", "set", CABLE, "up")
-
-    @property
-    def _faults(self) -> Any:
-        assert self._naming
-        return faults(self._orb, self._naming)
-
-    # ---- all of it ----
+    def _signal(self, number: signal.Signals) -> None:
+        os.kill(self.robot.process.pid, number)
 
     def cases(self) -> Iterator[Case]:
-        yield Case("emergency stop over CORBA", self.stop)
-        if self._naming:
-            yield Case("emergency stop, arms move", self.stop, moves="arms")
+        def stop() -> None:
+            self.robot.agent.stop()
+
+        yield Case("emergency stop over CORBA", stop)
+        if self._actual:
+            yield Case("emergency stop, arms move", stop, moves="arms")
         yield Case("`robocorba stop`", self.stop_by_command)
-        yield Case("emergency stop, adaptor hangs", self.stop_while_it_hangs, self.wait_for_adaptor)
-        yield Case("adaptor hangs", self.hang_adaptor, self.wait_for_adaptor)
-        yield Case("simulation server is killed", self.kill_server)
-        if self._naming:
-            yield Case("a unit is lost", self.lose_unit, self.no_faults)
-            yield Case("a unit has an alarm", self.alarm, self.no_faults)
-        if self._cable:
-            yield Case("network is cut", self.pull_cable, self.plug_cable)
-        yield Case("robot process hangs", self.hang_process, self.let_process_go_on, is_silent=True, has_mark=False)
-        yield Case("robot process is killed", self.kill_process, self.start_process, is_silent=True, has_mark=False)
+        wait = partial(time.sleep, HANG_S)
+        yield Case("emergency stop, adaptor hangs", self.stop_while_it_hangs, wait)
+        yield Case("adaptor hangs", self.hang_adaptor, wait)
+        yield Case("simulation server is killed", lambda: os.kill(self._system.pid("simulation"), signal.SIGKILL))
+        if self._actual:
+            faults = self._actual.faults
+            yield Case("a unit is lost", lambda: faults.lost("MnpR", True), faults.none)
+            yield Case(
+                "a unit has an alarm", lambda: faults.alarm("MnpR", 0x99, _GlobalIDL.FAULT, "too hot"), faults.none
+            )
+        if cable := self._cable:
+            pull, plug = (partial(cable.ip, "link", "set", CABLE, state) for state in ("down", "up"))
+            yield Case("network is cut", pull, plug)
+        hang, kill = (partial(self._signal, number) for number in (signal.SIGSTOP, signal.SIGKILL))
+        yield Case("robot process hangs", hang, self.continue_process, is_silent=True)
+        yield Case("robot process is killed", kill, self.start_process, is_silent=True)
 
 
 def row(which: str, case: Case, stops: list[Stop]) -> dict[str, Any]:
@@ -291,14 +240,15 @@ def row(which: str, case: Case, stops: list[Stop]) -> dict[str, Any]:
         known = [value for value in values if value is not None]
         return quantile(known, share) if known else None
 
-    after = [one.stands_ms - (one.notice_ms or 0.0) if one.stands_ms is not None else None for one in stops]
+    stands = [one.stands_ms for one in stops]
+    after = [None if one.stands_ms is None else one.stands_ms - (one.notice_ms or 0.0) for one in stops]
     return {
         "robot": which,
         "what happens": case.what,
         "rounds": len(stops),
         "noticed after, ms": of([one.notice_ms for one in stops], 0.5),
-        "stands after, ms": of([one.stands_ms for one in stops], 0.5),
-        "worst": of([one.stands_ms for one in stops], 1.0),
+        "stands after, ms": of(stands, 0.5),
+        "worst": of(stands, 1.0),
         "after notice, ms": of(after, 0.5),
         "worst after notice": of(after, 1.0),
         "reported after, ms": of([one.reported_ms for one in stops], 0.5),
@@ -307,77 +257,60 @@ def row(which: str, case: Case, stops: list[Stop]) -> dict[str, Any]:
     }
 
 
-def own_network() -> bool:
-    """Move this process and its children into a network namespace of their own; returns whether that is allowed."""
-    if ctypes.CDLL(None).unshare(CLONE_NEWNET):
-        return False
-    subprocess.run(("ip", "link", "set", "lo", "up"), check=True)
-    return True
-
-
 @contextlib.contextmanager
 def own_computer() -> Iterator[tuple[Namespace, str]]:
     """A network namespace that a cable connects to ours, and its address."""
     with Namespace() as robot:
-        here, there = "10.77.0.1/24", "10.77.0.2/24"
-        command = ("ip", "link", "add", "toward", "type", "veth", "peer", "name", CABLE, "netns", robot.path)
-        subprocess.run(command, check=True)
-        subprocess.run(("ip", "address", "add", here, "dev", "toward"), check=True)
-        subprocess.run(("ip", "link", "set", "toward", "up"), check=True)
-        robot.ip("address", "add", there, "dev", CABLE)
+        ip("link", "add", "toward", "type", "veth", "peer", "name", CABLE, "netns", robot.path)
+        ip("address", "add", "10.77.0.1/24", "dev", "toward")
+        ip("link", "set", "toward", "up")
+        robot.ip("address", "add", "10.77.0.2/24", "dev", CABLE)
         robot.ip("link", "set", CABLE, "up")
-        yield robot, there.split("/")[0]
+        yield robot, "10.77.0.2"
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=20, help="of each case (default: %(default)s)")
-    parser.add_argument("--only", default="", metavar="WORDS", help="only cases with these words in their name")
-    parser.add_argument("--robot", choices=("virtual", "actual"), help="only this one")
-    options = parser.parse_args()
-    has_networks = own_network()
+def main(rounds: int = 20, only: str = "", robot: str = "both") -> bool:
+    has_networks = True
+    try:
+        own_network()
+    except OSError:
+        has_networks = False
     found: list[tuple[str, Case, list[Stop]]] = []
-    with tempfile.TemporaryDirectory() as name, servers(Path(name)) as system, Orb(system.naming) as orb:
+    with tempfile.TemporaryDirectory() as name, system_on_two_floors(Path(name)) as (system, orb):
         folder = Path(name)
-        for which in (options.robot,) if options.robot else ("virtual", "actual"):
+        for which in ("virtual", "actual") if robot == "both" else (robot,):
             with contextlib.ExitStack() as stack:
-                naming, cable = None, None
+                actual, cable, host = None, None, "127.0.0.1"
                 if which == "actual":
-                    host = "127.0.0.1"
                     if has_networks:
                         cable, host = stack.enter_context(own_computer())
-                    naming = stack.enter_context(stand_in(folder, orb, host, cable.command() if cable else ()))
-                stage = stack.enter_context(contextlib.closing(Stage(folder, orb, system, naming, cable)))
+                    within = cable.command() if cable else ()
+                    actual = stack.enter_context(running_stand_in(folder / "robot", orb=orb, host=host, within=within))
+                stage = stack.enter_context(contextlib.closing(Stage(folder, orb, system, actual, cable)))
                 for case in stage.cases():
-                    if options.only not in case.what:
-                        continue
-                    rounds = max(1, options.rounds // (KILLS_SHARE if "killed" in case.what else 1))
-                    with PROGRESS.status(f"{which}: {case.what}"):
-                        found.append((which, case, [stage.round(case) for _ in range(rounds)]))
+                    if only in case.what:
+                        count = max(1, rounds // (KILLS_SHARE if "killed" in case.what else 1))
+                        stops = [stage.round(case) for _ in progress(range(count), f"{which}: {case.what}")]
+                        found.append((which, case, stops))
     rows = [row(*one) for one in found]
+    labels = [f"{which}: {case.what}" for which, case, _ in found]
     marks = [
-        at_most(
-            f"{one['robot']}: {one['what happens']}: stands after notice, worst, ms", one["worst after notice"], MAX_MS
-        )
-        for one, (_, case, _) in zip(rows, found, strict=True)
-        if case.has_mark and one["worst after notice"] is not None
+        at_most(f"{label}: stands after notice, worst, ms", one["worst after notice"], MAX_MS)
+        for label, one, (_, case, _) in zip(labels, rows, found, strict=True)
+        if not case.is_silent and one["worst after notice"] is not None
     ]
 
     def draw(axes: Axes) -> None:
-        labels = [f"{one['robot']}: {one['what happens']}" for one in rows]
         for number, (_, _, stops) in enumerate(found):
-            stands = [one.stands_ms for one in stops if one.stands_ms is not None]
-            axes.plot(stands, [number] * len(stands), "|", color="tab:blue")
-            noticed = [one.notice_ms for one in stops if one.notice_ms is not None]
-            axes.plot(noticed, [number] * len(noticed), ".", color="tab:orange", markersize=4)
+            for column, style in (("stands_ms", "|b"), ("notice_ms", ".r")):
+                values = [getattr(one, column) for one in stops if getattr(one, column) is not None]
+                axes.plot(values, [number] * len(values), style)
         axes.set(xscale="symlog", xlabel="ms after it happened: noticed (dots), stationary (bars)")
         axes.set_yticks(range(len(labels)), labels, fontsize=7)
         axes.invert_yaxis()
 
-    title = f"a robot at {SPEED_CAP:g} m/s that has to stop"
-    return 0 if summarize(BENCH, title, rows, marks, draw) else 1
+    return summarize("stops", f"a robot at {SPEED_CAP:g} m/s that has to stop", rows, marks, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, rounds="of each case", only="only cases with these words in their name", robot="virtual|actual|both")

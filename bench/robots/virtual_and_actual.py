@@ -9,15 +9,12 @@ that ends an icon first counts as staying there. A program that does not end don
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import csv
 import itertools
 import math
-import sys
 import tempfile
-import threading
-from collections import deque
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,19 +22,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench.common.harness import run
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.programs import program
 from robocorba.programs.icons import kind
 from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
 from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.processes import Launcher, claimed_ports, real_system
+from robocorba.testing.processes import Launcher, claimed_ports, drain, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, apart, robot_process
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
 
 NAME, ROBOT = "virtual_and_actual", "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
@@ -67,33 +65,23 @@ class Part(NamedTuple):
         return read(turning), read(self.joints)
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=3, help="default: %(default)s")
-    options = parser.parse_args()
-    body = Body()
+def main(runs: int = 3) -> bool:
+    body = SmartPalBody()
     ends: list[StateDifference] = []
     parts: list[tuple[list[Part], list[Part]]] = []
     with tempfile.TemporaryDirectory() as folder, claimed_ports() as port, Orb(Address("127.0.0.1", port)) as orb:
-        for run in range(1, options.runs + 1):
-            found = {}
-            for adaptor in ("simulated", "smartpal"):
-                with PROGRESS.status(f"run {run} of {options.runs}, {adaptor}"):
-                    found[adaptor] = one_run(Path(folder) / f"{run}-{adaptor}", port, orb, adaptor, run)
-            (virtual, virtual_parts), (actual, actual_parts) = found.values()
-            ends.append(apart(virtual, actual, body))
+        for number in range(1, runs + 1):
+            with PROGRESS.status(f"run {number} of {runs}"):
+                (virtual, virtual_parts), (actual, actual_parts) = (
+                    one_run(Path(folder) / f"{number}-{adaptor}", port, orb, adaptor, number)
+                    for adaptor in ("simulated", "smartpal")
+                )
+            ends.append(difference(virtual, actual, body))
             parts.append((virtual_parts, actual_parts))
-    ticks = [tick for run, (one, other) in enumerate(parts, 1) for tick in compared(run, one, other, body)]
+    ticks = [tick for number, (one, other) in enumerate(parts, 1) for tick in compared(number, one, other, body)]
     write_csv(f"{NAME}_ticks", ticks)
-    is_reached = summarize(
-        NAME,
-        f"{PROGRAM.stem} on a virtual and on an actual robot, runs: {options.runs}; differences in mm and degrees",
-        rows(ticks, parts, ends),
-        marks(ends),
-        lambda axes: draw(axes, [tick for tick in ticks if tick["run"] == 1]),
-    )
-    return 0 if is_reached else 1
+    title = f"{PROGRAM.stem} on a virtual and on an actual robot, runs: {runs}; differences in mm and degrees"
+    return summarize(NAME, title, rows(ticks, parts, ends), marks(ends), partial(draw, ticks))
 
 
 # ---- a run ----
@@ -104,7 +92,7 @@ def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple
     folder.mkdir()
     with Launcher(folder) as launch, contextlib.ExitStack() as stack:
         running = real_system(launch, folder / "state", port, "--building", str(BUILDING)).wait_ready()
-        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
+        drain(running.process)
         stack.callback(running.stop)
         arguments = [*WHERE, "--record", "ticks.csv"]
         if adaptor == "smartpal":
@@ -113,7 +101,7 @@ def one_run(folder: Path, port: int, orb: Orb, adaptor: str, seed: int) -> tuple
         robot = stack.enter_context(robot_process(folder, orb, ROBOT, *arguments))
         robot.robocorba("program", "run", str(PROGRAM), "--robot", ROBOT)
         state = robot.agent.state()
-        assert (state.adaptor, state.program.result) == (adaptor, Result.DONE)
+        assert (state.adaptor, state.program.result) == (adaptor, ProgramResult.DONE)
         return state, parts_of(folder / "ticks.csv")
 
 
@@ -132,10 +120,10 @@ def parts_of(file: Path) -> list[Part]:
 # ---- differences ----
 
 
-def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> list[dict[str, Any]]:
+def compared(run: int, virtual: list[Part], actual: list[Part], body: SmartPalBody) -> list[dict[str, Any]]:
     """A row for each tick of the robot that took longer for an icon."""
     found, began_s = [], 0.0
-    kinds = {path: kind(icon) for path, icon in program.walk(program.load(PROGRAM))}
+    kinds = {path: kind(icon) for path, icon in program.icons_with_paths(program.load(PROGRAM))}
     for one, other in zip(virtual, actual, strict=True):
         assert one.icon == other.icon
         seconds = max(one, other, key=lambda part: float(part.seconds[-1])).seconds
@@ -165,7 +153,7 @@ def compared(run: int, virtual: list[Part], actual: list[Part], body: Body) -> l
     return found
 
 
-def _hand_mm(body: Body, side: Side, joints: Floats, other: Floats) -> float:
+def _hand_mm(body: SmartPalBody, side: Side, joints: Floats, other: Floats) -> float:
     return math.dist(body.hand(side, joints).position, body.hand(side, other).position) * MM
 
 
@@ -189,19 +177,14 @@ def rows(
                 **_spread("hand", [max(tick["left_hand_mm"], tick["right_hand_mm"]) for tick in here]),
             }
         )
-    found.append(
-        {
-            "icon": "at the end",
-            "ticks": len(ends),
-            "s virtual": None,
-            "s actual": None,
-            **_spread("base", [end.base_m * MM for end in ends]),
-            "beside way most": None,
-            "turned most": max(math.degrees(end.turned_rad) for end in ends),
-            **_spread("hand", [max(end.hands_m.values()) * MM for end in ends]),
-        }
-    )
-    return found
+    last = {
+        "icon": "at the end",
+        "ticks": len(ends),
+        **_spread("base", [end.base_m * MM for end in ends]),
+        "turned most": max(math.degrees(end.turned_rad) for end in ends),
+        **_spread("hand", [max(end.hands_m.values()) * MM for end in ends]),
+    }
+    return [*found, {column: last.get(column) for column in found[0]}]
 
 
 def _spread(what: str, values: list[float]) -> dict[str, float]:
@@ -209,25 +192,21 @@ def _spread(what: str, values: list[float]) -> dict[str, float]:
 
 
 def marks(ends: list[StateDifference]) -> list[Mark]:
+    base_m, hand_m = (max(end.base_m for end in ends), max(max(end.hands_m.values()) for end in ends))
+    turned_deg = math.degrees(max(end.turned_rad for end in ends))
     return [
-        at_most("bases at the end, mm", max(end.base_m for end in ends) * MM, BASE_M * MM),
-        at_most(
-            "headings at the end, degrees", math.degrees(max(end.turned_rad for end in ends)), math.degrees(TURNED_RAD)
-        ),
-        at_most("hands at the end, mm", max(max(end.hands_m.values()) for end in ends) * MM, HAND_M * MM),
+        at_most("bases at the end, mm", base_m * MM, BASE_M * MM),
+        at_most("headings at the end, degrees", turned_deg, math.degrees(TURNED_RAD)),
+        at_most("hands at the end, mm", hand_m * MM, HAND_M * MM),
     ]
 
 
-def draw(axes: Axes, ticks: list[dict[str, Any]]) -> None:
-    """Plot one run over time, with a line where each icon begins."""
+def draw(ticks: list[dict[str, Any]], axes: Axes) -> None:
+    """Plot the first run over time, with a line where each icon begins."""
+    ticks = [tick for tick in ticks if tick["run"] == 1]
     seconds = [tick["program_s"] for tick in ticks]
-    for label, name in (
-        ("base at the same time", "base_mm"),
-        ("base beside the way", "beside_way_mm"),
-        ("left hand", "left_hand_mm"),
-        ("right hand", "right_hand_mm"),
-    ):
-        axes.plot(seconds, [max(tick[name], 0.01) for tick in ticks], label=label, linewidth=0.8)
+    for name in ("base_mm", "beside_way_mm", "left_hand_mm", "right_hand_mm"):
+        axes.plot(seconds, [max(tick[name], 0.01) for tick in ticks], label=name, linewidth=0.8)
     for tick in ticks:
         if tick["icon_s"] == 0.0:
             axes.axvline(tick["program_s"], color="grey", linewidth=0.5, alpha=0.6)
@@ -236,4 +215,4 @@ def draw(axes: Axes, ticks: list[dict[str, Any]]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

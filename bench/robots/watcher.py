@@ -10,10 +10,8 @@ stdin with its observations since the line before: rows of [monotonic time, is t
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -21,15 +19,16 @@ from collections.abc import Callable
 from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable
+from robocorba.repeating import Repeating
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
+from robocorba.testing.json_process import answer_lines
 
 #: Interval between observations [s].
 LOOK_S = 0.002
-#: Most observations that wait to be printed: one minute.
+#: Maximum number of observations that wait to be printed: one minute.
 MAX_LOOKS = 30_000
 #: Timeouts for resolving and for calls [s].
 RESOLVE_TIMEOUT_S, CALL_LIMIT_S = 0.5, 1.0
@@ -61,10 +60,10 @@ def building(orb: Orb, floor: str, name: str) -> Look:
     return look
 
 
-def units(orb: Orb, naming: Address) -> Look:
+def units(orb: Orb) -> Look:
     """Observes the robot's base and left arm through the robot's public interface."""
-    mobility = orb.resolve_in_other_naming_service(naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_LIMIT_S)
-    arm = orb.resolve_in_other_naming_service(naming, "MnpL", _GlobalIDL.ArmUnit, CALL_LIMIT_S)
+    mobility = orb.resolve_in_other_naming_service(orb.naming, "Mobility.Unit", YeRTUnitMobility.mobility, CALL_LIMIT_S)
+    arm = orb.resolve_in_other_naming_service(orb.naming, "MnpL", _GlobalIDL.ArmUnit, CALL_LIMIT_S)
 
     def look() -> list[float]:
         _, state, _ = mobility.getState()
@@ -77,25 +76,17 @@ def units(orb: Orb, naming: Address) -> Look:
 
 def main(what: str, naming: str, *more: str) -> None:
     looks: deque[list[float]] = deque(maxlen=MAX_LOOKS)
-    ended = threading.Event()
     with Orb(Address.parse(naming, "HOST:PORT"), call_timeout_s=CALL_LIMIT_S) as orb:
-        look = building(orb, *more) if what == "building" else units(orb, orb.naming)
+        look = building(orb, *more) if what == "building" else units(orb)
         look()
 
         def watch() -> None:
-            while not ended.wait(LOOK_S):
-                with contextlib.suppress(NotReachable, RoboCorbaError, ValueError, KeyError, CORBA.SystemException):
-                    seen = look()
-                    looks.append([time.monotonic(), *seen])
+            with contextlib.suppress(RoboCorbaError, ValueError, KeyError, CORBA.SystemException):
+                seen = look()
+                looks.append([time.monotonic(), *seen])
 
-        watcher = threading.Thread(target=watch, name="watcher")
-        watcher.start()
-        print("null", flush=True)
-        for _ in sys.stdin:
-            seen = [looks.popleft() for _ in range(len(looks))]
-            print(json.dumps(seen), flush=True)
-        ended.set()
-        watcher.join()
+        with contextlib.closing(Repeating("watcher", watch, LOOK_S).start()):
+            answer_lines(lambda _: [looks.popleft() for _ in range(len(looks))])
 
 
 if __name__ == "__main__":

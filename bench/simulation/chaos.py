@@ -7,16 +7,13 @@ server, and then the simulation server right after it has accepted a grip, a rid
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-
-from robocorba.testing.report import PROGRESS, at_most, quantile, summarize
+from bench.common.harness import progress, run
+from robocorba.testing.report import at_most, distribution, summarize, summary
 from robocorba.testing.simulation import (
     CLIENT_SPEED,
     CLIENTS,
@@ -25,11 +22,9 @@ from robocorba.testing.simulation import (
     ROBOTS_EACH,
     STOP_S,
     Chaos,
-    Outcome,
     simulation,
 )
 
-NAME = "simulation_chaos"
 #: Titles of the measurements, by the member of Outcome.
 TIMES = {
     "stop_s": "dead client: its robots are stopped, s",
@@ -42,54 +37,35 @@ TIMES = {
 LIMITS = {"stop_s": STOP_S, "free_s": RELEASE_LIMIT_S}
 
 
-def row(member: str, outcomes: list[Outcome]) -> dict[str, Any]:
-    values = [getattr(outcome, member) for outcome in outcomes]
-    spread = {"median": quantile(values, 0.5), "least": min(values), "most": max(values)}
-    return {"after a kill": TIMES[member], "rounds": len(values), **spread}
-
-
-def main() -> int:
-    """Exit code: 0 if no round had a fault and every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=20, help="default: %(default)s")
-    parser.add_argument("--seed", type=int, default=1, help="for the times of the kills (default: %(default)s)")
-    options = parser.parse_args()
-    outcomes: list[Outcome] = []
+def main(rounds: int = 20, seed: int = 1) -> bool:
     with (
         tempfile.TemporaryDirectory() as folder,
         simulation(Path(folder), sensors=2) as place,
-        contextlib.closing(Chaos(place, options.seed)) as chaos,
+        contextlib.closing(Chaos(place, seed)) as chaos,
     ):
-        for number in range(1, options.rounds + 1):
-            with PROGRESS.status(f"round {number} of {options.rounds}"):
-                outcomes.append(chaos.round())
-    faults = [f"MISSED in round {n}: {fault}" for n, outcome in enumerate(outcomes, 1) for fault in outcome.faults]
-    if faults:
-        print("\n".join(faults))
-    marks = [
-        *(
-            at_most(TIMES[member], max(getattr(one, member) for one in outcomes), most)
-            for member, most in LIMITS.items()
-        ),
-        at_most("rounds with a fault", sum(bool(one.faults) for one in outcomes), 0),
-    ]
+        outcomes = [chaos.round() for _ in progress(range(rounds), "rounds")]
+    for number, outcome in enumerate(outcomes, 1):
+        for fault in outcome.faults:
+            print(f"MISSED in round {number}: {fault}")
+    rows: list[dict[str, Any]] = []
+    times = {member: [getattr(outcome, member) for outcome in outcomes] for member in TIMES}
+    for member, values in times.items():
+        spread = {**summary(values, "median"), "least": min(values), "most": max(values)}
+        rows.append({"after a kill": TIMES[member], "rounds": len(values), **spread})
+    marks = [at_most(TIMES[member], max(times[member]), most) for member, most in LIMITS.items()]
+    marks.append(at_most("rounds with a fault", sum(bool(one.faults) for one in outcomes), 0))
     title = (
         f"kills of a client, a sensor server and the server: {CLIENTS} clients with {ROBOTS_EACH} robots each at "
         f"{CLIENT_SPEED:g} m/s; poses of {LOST_S:g} s may be lost"
     )
-    is_reached = summarize(
-        NAME, title, [row(member, outcomes) for member in TIMES], marks, lambda axes: _draw(axes, outcomes)
-    )
-    return 0 if is_reached else 1
-
-
-def _draw(axes: Axes, outcomes: list[Outcome]) -> None:
-    for member in ("stop_s", "free_s", "sensor_s", "back_s"):
-        ordered = sorted(getattr(outcome, member) for outcome in outcomes)
-        axes.plot(ordered, [(i + 1) / len(ordered) for i in range(len(ordered))], marker=".", label=TIMES[member])
-    axes.set(xlabel="s after the kill", ylabel="share of rounds")
-    axes.legend()
+    curves = {
+        TIMES[member]: values
+        for member, values in times.items()
+        if member in ("stop_s", "free_s", "sensor_s", "back_s")
+    }
+    draw = distribution(curves, "s after the kill", "share of rounds")
+    return summarize("simulation_chaos", title, rows, marks, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, seed="for the times of the kills")

@@ -8,35 +8,138 @@ python -m bench.simulation.headless [--rounds N] [--profile ROBOTS]
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import cProfile
-import gc
 import math
-import multiprocessing
 import pstats
 import statistics
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from multiprocessing.connection import Connection
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from bench.simulation.building import RADIUS_M, office, robots
-from bench.simulation.headless_clients import PARTS, WandererProcess
+from bench.common.harness import progress, run
 from robocorba.maps.model import Building
 from robocorba.sensing.fan import PROXIMITY, Fan
-from robocorba.sensing.virtual_sensor import ScanSpec
+from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
 from robocorba.simulation.store import SimulationStore
-from robocorba.spatial.floor_update import WHOLE, FloorUpdate
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, summarize
+from robocorba.spatial import floor_format
+from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
+from robocorba.spatial.grids import Floats, Longs
+from robocorba.testing.generated_buildings import RADIUS_M, office, robots
+from robocorba.testing.json_process import RemoteObject
+from robocorba.testing.report import Mark, at_least, at_most, bars, summarize
+
+# ---- clients of a crowd of robots with their virtual sensor, in a process of their own ----
+
+
+PARTS = ("following", "scans", "wandering")
+#: Distance from its rim below which a robot turns away from an obstacle ahead [m].
+NEAR_M = 0.35
+#: Speed of a robot with free space ahead [m/s].
+AHEAD_M_S = 0.8
+#: Cosine of half the angle that counts as ahead.
+FRONT = 0.7
+
+
+class Stopwatch:
+    """Wall time of each part of the work of this process, and its CPU time [s]."""
+
+    def __init__(self, parts: Sequence[str]) -> None:
+        self.parts = dict.fromkeys(parts, 0.0)
+        self._at, self._worked = time.perf_counter(), time.process_time()
+
+    def end(self, part: str = "") -> None:
+        """End a part, which began when the last one ended; without a name it counts for none."""
+        now = time.perf_counter()
+        if part:
+            self.parts[part] += now - self._at
+        self._at = now
+
+    def take(self) -> tuple[dict[str, float], float]:
+        """The times of the parts and the CPU time since the last call."""
+        parts, before = self.parts, self._worked
+        self.parts, self._worked = dict.fromkeys(parts, 0.0), time.process_time()
+        return parts, self._worked - before
+
+
+class Wanderers:
+    """Clients that let the named robots wander by their scans. one_by_one: one scan call for each robot, as through the
+    robots' own references; else one call for each floor."""
+
+    def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
+        self._sensor = VirtualSensor()
+        self._sensor.set_map(building)
+        self._sensor.warm_up()
+        self._names, self._spec, self._one_by_one = names, spec, one_by_one
+        self._front = np.flatnonzero(np.cos(spec.fan.angles) > FRONT)
+        self._near_m = NEAR_M + (0.0 if spec.rim_m else RADIUS_M)
+        self._chance = np.random.default_rng(5)
+        self._side = self._chance.choice((-1.0, 1.0), len(names))
+        #: Robots on each floor: their rows in `names`, and their rows in the sensor's copy of the floor.
+        self._rows: dict[str, tuple[Longs, Longs]] = {}
+        self.distances: Floats = np.empty((len(names), spec.fan.count))
+        self._watch = Stopwatch(PARTS)
+        self.take = self._watch.take
+
+    def commands(self, updates: list[bytes]) -> bytes:
+        """Apply encoded updates, scan, and return the encoded commands."""
+        self._watch.end()
+        self.follow([floor_format.loads(update) for update in updates])
+        self.scan()
+        return self.wander().tobytes()
+
+    def follow(self, updates: list[FloorUpdate]) -> None:
+        """Apply updates."""
+        for update in updates:
+            self._sensor.follow(update, time.monotonic())
+            if update.came or update.went:
+                self._sort(update.floor)
+        self._watch.end("following")
+
+    def scan(self) -> None:
+        """Scan with all sensors into `distances` (robots, rays) [m]."""
+        for floor, (rows, places) in self._rows.items():
+            here = self._sensor.view(floor).motions[places]
+            poses = np.column_stack([here["x"], here["y"], here["heading"]])
+            if self._one_by_one:
+                for row, pose in zip(rows.tolist(), poses, strict=True):
+                    found = self._sensor.scan(floor, pose[np.newaxis], Mount(), self._spec, self._names[row])
+                    self.distances[row] = found.distances
+            else:
+                self.distances[rows] = self._sensor.scan(floor, poses, Mount(), self._spec).distances
+        self._watch.end("scans")
+
+    def wander(self) -> Floats:
+        """Commands (robots, 2): speed ahead [m/s] and turn [rad/s], along a bend, or on the spot near an obstacle."""
+        is_near = self.distances[:, self._front].min(axis=1) < self._near_m
+        self._side[self._chance.random(len(is_near)) < 0.02] *= -1.0
+        ahead, turn = np.where(is_near, 0.1, AHEAD_M_S), self._side * np.where(is_near, 1.5, 0.2)
+        self._watch.end("wandering")
+        return np.column_stack([ahead, turn])
+
+    def _sort(self, floor: str) -> None:
+        """Rebuild the rows after bodies came or went."""
+        row_of = {name: row for row, name in enumerate(self._names)}
+        bodies = self._sensor.view(floor).bodies.values()
+        found = [(row_of[body.name], place) for place, body in enumerate(bodies) if body.kind is BodyKind.ROBOT]
+        rows, places = np.array(found, np.int64).reshape(-1, 2).T
+        self._rows[floor] = rows, places
+
+
+@contextlib.contextmanager
+def wanderers(building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> Iterator[Wanderers]:
+    yield Wanderers(building, names, spec, one_by_one)
+
+
+# ---- the simulation ----
+
 
 NAME = "simulation_headless"
 #: Interval between scans and commands of a robot, in simulated time [s].
@@ -69,7 +172,6 @@ CASES = (
     Case(1000, "8 proximity", RING, 20.0, least=20.0),
     Case(2000, "8 proximity", RING, 10.0),
 )
-ROUNDS = 5
 #: Crowds compared for growth, and the largest ratio of their times per robot.
 FEWEST, MOST, MAX_GROWTH = 500, 2000, 1.3
 
@@ -85,45 +187,49 @@ class Lap(NamedTuple):
 
 
 class Crowd:
-    """Robots in a building, each with a client that lets it wander by its scans."""
+    """Robots in a building, each with a client that lets it wander by its scans. The commands at the end of a period
+    are based on the state at its begin."""
 
-    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: WandererProcess) -> None:
+    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: RemoteObject) -> None:
         self.agent = ManagementAgent(building, 1, store)
         self.agent.configure(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
         self._clients, self._versions = clients, dict.fromkeys(building.floors, WHOLE)
-        self.parts = dict.fromkeys(OURS, 0.0)
-        self._at = 0.0
-        clients.send(self._changes())
+        self._watch = Stopwatch(OURS)
+        self._commands: bytes | None = None
+        self._send(self._changes())
 
     def lap(self, seconds: float) -> Lap:
         """Simulate a time span [s], and measure it."""
-        self.parts = dict.fromkeys(self.parts, 0.0)
-        collided, worked = self.agent.collisions, time.process_time()
-        began = self._at = time.perf_counter()
+        collided = self.agent.collisions
+        self._watch.take()
+        self._watch.end()
+        began = time.perf_counter()
         periods = round(seconds / PERIOD_S)
         for _ in range(periods):
-            self.period()
-        took, worked = time.perf_counter() - began, time.process_time() - worked
-        theirs = self._clients.work()
-        cores = (worked + theirs.cpu_s) / took
-        parts = self.parts | theirs.parts
-        return Lap(periods * PERIOD_S / took, cores, parts, self.agent.collisions - collided)
+            self._period()
+        took = time.perf_counter() - began
+        parts, cpu_s = self._watch.take()
+        self._clients.send("take")
+        self._commands = self._clients.receive()  # those of the last period come first
+        their_parts, their_cpu_s = self._clients.receive()
+        collisions = self.agent.collisions - collided
+        return Lap(periods * PERIOD_S / took, (cpu_s + their_cpu_s) / took, parts | their_parts, collisions)
 
-    def period(self) -> None:
-        """Simulate PERIOD_S. The commands at its end are based on the state at its begin."""
+    def _period(self) -> None:
         for _ in range(STEPS):
             self.agent.step()
-        self._end_of("steps")
+        self._watch.end("steps")
         updates = self._changes()
-        self._end_of("database")
-        self._clients.send(updates)  # before receiving, so that the sensors' process never idles
-        self._end_of("telling")
-        commands = self._clients.commands()
-        self._end_of("waiting")
+        self._watch.end("database")
+        self._send(updates)  # before receiving, so that the sensors' process never idles
+        self._watch.end("telling")
+        packed, self._commands = self._commands or self._clients.receive(), None
+        commands = np.frombuffer(packed).reshape(-1, 2).tolist()
+        self._watch.end("waiting")
         for session, (ahead, turn) in zip(self.sessions, commands, strict=True):
             session.command(ahead, 0.0, turn, VALID_S)
-        self._end_of("commands")
+        self._watch.end("commands")
 
     def _changes(self) -> list[FloorUpdate]:
         """Changes of all floors since the last call."""
@@ -131,10 +237,8 @@ class Crowd:
         self._versions = {update.floor: update.version for update in updates}
         return updates
 
-    def _end_of(self, part: str) -> None:
-        now = time.perf_counter()
-        self.parts[part] += now - self._at
-        self._at = now
+    def _send(self, updates: list[FloorUpdate]) -> None:
+        self._clients.send("commands", [floor_format.dumps(update) for update in updates])
 
 
 @contextlib.contextmanager
@@ -144,45 +248,11 @@ def crowd(building: Building, case: Case) -> Iterator[Crowd]:
     with (
         tempfile.TemporaryDirectory() as folder,
         SimulationStore(Path(folder) / "simulation.sqlite") as store,
-        contextlib.closing(WandererProcess(building, names, case.spec, case.one_by_one)) as clients,
+        RemoteObject(wanderers, building, names, case.spec, case.one_by_one) as clients,
     ):
         found = Crowd(building, case, store, clients)
         found.lap(WARM_UP_S)
         yield found
-
-
-@contextlib.contextmanager
-def in_own_process(case: Case) -> Iterator[Callable[[], Lap]]:
-    """Runs laps of a crowd in a process of its own, as a simulation server does; crowds in one process would compete
-    for the processor's caches."""
-    processes = multiprocessing.get_context("spawn")
-    ours, theirs = processes.Pipe()
-    process = processes.Process(target=_make_laps, args=(case, theirs))
-    process.start()
-    theirs.close()
-    ours.recv()
-
-    def lap() -> Lap:
-        ours.send(None)
-        found: Lap = ours.recv()
-        return found
-
-    try:
-        yield lap
-    finally:
-        ours.close()
-        process.join()
-
-
-def _make_laps(case: Case, connection: Connection) -> None:
-    """Run a lap for each request, until the connection closes."""
-    with crowd(office(), case) as found, contextlib.suppress(EOFError):
-        gc.collect()
-        gc.freeze()  # as servers do
-        connection.send(None)
-        while True:
-            connection.recv()
-            connection.send(found.lap(case.seconds))
 
 
 def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
@@ -205,7 +275,7 @@ def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
 def parts_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
     """Time of each part [us per robot and period], medians over laps; "all" sums the simulation's process."""
     periods = case.robots * case.seconds / PERIOD_S
-    parts = {part: 1e6 * statistics.median(lap.parts[part] for lap in laps) / periods for part in laps[0].parts}
+    parts = {part: 1e6 * statistics.median(lap.parts[part] for lap in laps) / periods for part in (*OURS, *PARTS)}
     ours = {part: parts.pop(part) for part in OURS}
     return {"robots": case.robots, "sensor": case.sensor, **ours, "all": sum(ours.values()), **parts}
 
@@ -222,65 +292,43 @@ def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> lis
     return [*marks, at_most(f"time a robot, {MOST} robots to {FEWEST}", growth, MAX_GROWTH)]
 
 
-def profile(count: int) -> None:
-    """Profile the simulation's process in a case, and print the time by function."""
-    case = next(case for case in CASES if case.robots == count)
-    with crowd(office(), case) as found:
-        profiler = cProfile.Profile()
-        profiler.runcall(found.lap, case.seconds / 2)
-    pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
-
-
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help="of all cases in turn (default: %(default)s)")
-    parser.add_argument(
-        "--profile", type=int, metavar="ROBOTS", help="only profile the case with this number of robots"
-    )
-    options = parser.parse_args()
+def main(rounds: int = 5, profile: int = 0) -> bool:
+    """Each crowd is in a process of its own, as in a simulation server: in one they would compete for its caches."""
     warm_up()  # compile missing kernels once, before several processes start
-    if options.profile:
-        profile(options.profile)
-        return 0
+    if profile:
+        case = next(case for case in CASES if case.robots == profile)
+        with crowd(office(), case) as found:
+            profiler = cProfile.Profile()
+            profiler.runcall(found.lap, case.seconds / 2)
+        pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
+        return True
     laps: list[list[Lap]] = [[] for _ in CASES]
     with contextlib.ExitStack() as stack:
-        with PROGRESS.status("logging robots on"):
-            crowds = [stack.enter_context(in_own_process(case)) for case in CASES]
-        for round_ in range(options.rounds):
-            for case, lap, case_laps in zip(CASES, crowds, laps, strict=True):
-                with PROGRESS.status(f"round {round_ + 1} of {options.rounds}: {case.robots} robots, {case.sensor}"):
-                    case_laps.append(lap())
+        remotes = [stack.enter_context(RemoteObject(crowd, office(), case)) for case in progress(CASES, "logging on")]
+        for _ in progress(range(rounds), "rounds"):
+            for case, remote, case_laps in zip(CASES, remotes, laps, strict=True):
+                case_laps.append(remote.call("lap", case.seconds))
     rows = [row_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
     parts = [parts_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
-    title = f"office of 4 floors, two processes, medians of {options.rounds} rounds"
-    summarize(
-        f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], lambda axes: _draw_parts(axes, parts)
-    )
-    return 0 if summarize(NAME, title, rows, marks_of(rows), lambda axes: _draw(axes, rows)) else 1
+    labels = [f"{case.robots} robots,\n{case.sensor}" for case in CASES]
 
+    def draw_parts(axes: Axes) -> None:
+        """Two bars each: the simulation's process above, the sensors' below."""
+        for side, names in ((0.2, OURS), (-0.2, PARTS)):
+            left, places = np.zeros(len(parts)), np.arange(len(parts)) + side
+            for name in names:
+                widths = [row[name] for row in parts]
+                axes.barh(places, widths, 0.38, left=left, label=name)
+                left += widths
+        axes.set_yticks(np.arange(len(parts)), labels)
+        axes.set(xlabel=f"microseconds for a robot in {PERIOD_S} s")
+        axes.legend()
 
-def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    axes.barh(_labels(rows), [row["x real time"] for row in rows])
-    axes.set(xscale="log", xlabel="times real time")
-
-
-def _draw_parts(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    """Two bars each: the simulation's process above, the sensors' below."""
-    for side, parts in ((0.2, OURS), (-0.2, PARTS)):
-        left, places = np.zeros(len(rows)), np.arange(len(rows)) + side
-        for part in parts:
-            widths = [row[part] for row in rows]
-            axes.barh(places, widths, 0.38, left=left, label=part)
-            left += widths
-    axes.set_yticks(np.arange(len(rows)), _labels(rows))
-    axes.set(xlabel=f"microseconds for a robot in {PERIOD_S} s")
-    axes.legend()
-
-
-def _labels(rows: list[dict[str, Any]]) -> list[str]:
-    return [f"{row['robots']} robots,\n{row['sensor']}" for row in rows]
+    title = f"office of 4 floors, two processes, medians of {rounds} rounds"
+    summarize(f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], draw_parts)
+    speeds = {label: row["x real time"] for label, row in zip(labels, rows, strict=True)}
+    return summarize(NAME, title, rows, marks_of(rows), bars(speeds, "times real time", "log"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, rounds="of all cases in turn", profile="only profile the case with this number of robots")

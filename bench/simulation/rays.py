@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -16,13 +15,13 @@ from typing import Any
 import numpy as np
 import pymunk
 import shapely
-from matplotlib.axes import Axes
 from shapely import LineString
 
+from bench.common.harness import run
 from robocorba.sensing.fan import Fan
-from robocorba.sensing.sight import SensedScene
+from robocorba.sensing.visible_obstacles import VisibleObstacles
 from robocorba.spatial.grids import Floats
-from robocorba.testing.report import at_least, at_most, summarize
+from robocorba.testing.report import at_least, at_most, bars, summarize
 
 FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)
 #: Number of walls, side of the floor [m], required rays per second.
@@ -90,13 +89,12 @@ def by_shapely(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Fl
     return scan
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
+def main() -> bool:
     rows: list[dict[str, Any]] = []
     marks = []
     for walls, side, least in FLOORS:
         obstacles, places = floor(walls, side), poses(SCANS, side)
-        scene, few = SensedScene(obstacles), places[:FEW]
+        scene, few = VisibleObstacles(obstacles), places[:FEW]
         methods: dict[str, tuple[Callable[[], Floats], int]] = {
             "ours": (lambda scene=scene, places=places: scene.scan(places, FULL), SCANS),  # type: ignore[misc]
             "pymunk": (by_pymunk(obstacles, few), FEW),
@@ -115,14 +113,10 @@ def main() -> int:
             rows.append({"walls": walls, "by": peer, "M rays/s": median / 1e6, "worst round": min(found) / 1e6})
         marks.append(at_least(f"{walls} walls, rays a second", statistics.median(rates["ours"]), least))
         marks.append(at_most(f"{walls} walls, largest difference from the peers, m", worst, 1e-6))
+    rates_of = {f"{row['by']}, {row['walls']} walls": row["M rays/s"] for row in rows}
     title = f"{FULL.count} rays of {FULL.range_m:g} m, one core"
-    return 0 if summarize("rays", title, rows, marks, lambda axes: _draw(axes, rows)) else 1
-
-
-def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    axes.barh([f"{row['by']}, {row['walls']} walls" for row in rows], [row["M rays/s"] for row in rows])
-    axes.set(xscale="log", xlabel="million rays a second")
+    return summarize("rays", title, rows, marks, bars(rates_of, "million rays a second", "log"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

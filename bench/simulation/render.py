@@ -8,26 +8,25 @@ from __future__ import annotations
 import io
 import math
 import statistics
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import shapely
-from matplotlib.axes import Axes
 from PIL import Image
 
+from bench.common.harness import run
 from robocorba.maps.drawing import draw_floor
 from robocorba.maps.geometry import free_space
 from robocorba.maps.model import Building
-from robocorba.maps.movable import movables, outline, standing
+from robocorba.maps.movable import fixed_obstacles, movables, object_outline
 from robocorba.maps.samples import load_sample
 from robocorba.sensing.fan import LASER
-from robocorba.sensing.sight import SensedScene
+from robocorba.sensing.visible_obstacles import VisibleObstacles
 from robocorba.simulation.picture import FloorPainter, ScanFan
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
-from robocorba.testing.report import at_most, quantile, summarize, timed_ms
+from robocorba.testing.report import at_most, distribution, summarize, summary, timed_ms
 
 FLOOR, WIDTH_PX = "L1", 1200
 ROBOTS, LASERS, RADIUS_M = 50, 8, 0.4
@@ -46,9 +45,9 @@ def floor_states(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
     objects = [(name, item) for name, (item, floor) in movables(building).items() if floor == FLOOR]
     bodies = [Body(i, BodyKind.ROBOT, f"robot-{i}", RADIUS_M, (), 100.0) for i in range(ROBOTS)]
     for number, (name, item) in enumerate(objects, ROBOTS):
-        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(outline(item).exterior.coords), 20.0))
+        bodies.append(Body(number, BodyKind.OBJECT, name, 1.0, tuple(object_outline(item).exterior.coords), 20.0))
     places = np.array([(*item.at, item.heading) for _, item in objects])
-    scene = SensedScene(standing(building, FLOOR))
+    scene = VisibleObstacles(fixed_obstacles(building, FLOOR))
     found = []
     for time in range(STATES):
         motions = np.zeros(len(bodies), MOTION)
@@ -87,8 +86,7 @@ def encode(picture: Image.Image) -> int:
     return buffer.tell()
 
 
-def main() -> int:
-    """Exit code: 0 if the mark was reached."""
+def main() -> bool:
     building = load_sample("five-floors")
     painter, states = FloorPainter(building), floor_states(building)
     png, first_ms = timed_ms(painter.png, *states[0], WIDTH_PX, "")
@@ -110,30 +108,14 @@ def main() -> int:
                 measure("encoding true colours", encode, picture.convert("RGB"))
         if round_ < FEW:
             measure("matplotlib, without robots", lambda: encode(draw_floor(building, FLOOR, width_px=WIDTH_PX)))
-    rows = [
-        {
-            "by": what,
-            "pictures": len(ms),
-            "median ms": statistics.median(ms),
-            "p99 ms": quantile(ms, 0.99),
-            "worst ms": max(ms),
-        }
-        for what, ms in took.items()
-    ]
-    rows.append(
-        {"by": "ours, first of a floor", "pictures": 1, "median ms": first_ms, "p99 ms": None, "worst ms": None}
-    )
+    columns = ("median ms", "p99 ms", "worst ms")
+    rows = [{"by": what, "pictures": len(ms), **summary(ms, *columns)} for what, ms in took.items()]
+    rows.append({"by": "ours, first of a floor", "pictures": 1, **dict.fromkeys(columns), "median ms": first_ms})
     marks = [at_most("a picture, median ms", statistics.median(took["ours"]), MAX_MS)]
     title = f"{ROBOTS} robots and {LASERS} lasers, {WIDTH_PX} pixels wide, {len(png) / 1000:.0f} kB"
-    return 0 if summarize("render", title, rows, marks, lambda axes: _draw(axes, took)) else 1
-
-
-def _draw(axes: Axes, took: dict[str, list[float]]) -> None:
-    for what, ms in took.items():
-        axes.plot(sorted(ms), np.linspace(0, 1, len(ms)), label=what)
-    axes.set(xscale="log", xlabel="milliseconds", ylabel="share of pictures that took less")
-    axes.legend()
+    draw = distribution(took, "milliseconds", "share of pictures that took less")
+    return summarize("render", title, rows, marks, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -5,27 +5,36 @@ python -m bench.simulation.robots [--seconds S] [--runs N] [--robots N]
 
 from __future__ import annotations
 
-import argparse
+import contextlib
 import statistics
-import sys
 import tempfile
-import threading
 import time
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from matplotlib.axes import Axes
-
-from bench.simulation.building import office, robots
-from bench.simulation.robots_client import Clients, Worked, pids_of
-from robocorba.clients.robot_processes import servers
+from bench.common.harness import run
+from bench.simulation.robots_client import Clients, office_system
 from robocorba.corba.conversion import simulation
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
+from robocorba.repeating import Repeating
 from robocorba.simulation.management_agent import DEFAULT_LIMIT
 from robocorba.simulation.registry import Description
 from robocorba.stubs import RoboCorba
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, quantile, summarize, timed_ms
+from robocorba.testing.generated_buildings import office
+from robocorba.testing.generated_buildings import robots as robots_in
+from robocorba.testing.json_process import Cpu, pids_of
+from robocorba.testing.report import (
+    PROGRESS,
+    Mark,
+    at_least,
+    at_most,
+    distribution,
+    quantile,
+    summarize,
+    summary,
+    timed_ms,
+)
 
 NAME = "simulation_robots"
 RATE = 10.0
@@ -56,35 +65,17 @@ SAMPLE_S = 1.0
 MIN_PACE, MAX_COMMAND_MS, MAX_LOG_ON_MS, MIN_MADE = 0.98, 20.0, 10.0, 0.99
 
 
-class Paces:
-    """Samples the server's pace within a `with`."""
+@contextlib.contextmanager
+def paces(server: Any) -> Iterator[list[tuple[float, float, float]]]:
+    """Samples of the server's pace within the `with`: its own figure, the time, and the simulated time [s]."""
+    samples: list[tuple[float, float, float]] = []
 
-    def __init__(self, server: Any) -> None:
-        self._server = server
-        self.achieved: list[float] = []
-        self._times: list[tuple[float, float]] = []
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
+    def sample() -> None:
+        state = server._get_state()
+        samples.append((state.achieved, time.monotonic(), state.time))
 
-    def __enter__(self) -> Paces:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._closing.set()
-        self._thread.join()
-
-    @property
-    def pace(self) -> float:
-        """Simulated seconds per second, from the first sample to the last."""
-        (first, began), (last, ended) = self._times[0], self._times[-1]
-        return (ended - began) / (last - first)
-
-    def _run(self) -> None:
-        while not self._closing.wait(SAMPLE_S):
-            state = self._server._get_state()
-            self.achieved.append(state.achieved)
-            self._times.append((time.monotonic(), state.time))
+    with contextlib.closing(Repeating("pace", sample, SAMPLE_S).start()):
+        yield samples
 
 
 def null_calls(server: Any, about: Description) -> list[float]:
@@ -116,14 +107,15 @@ def drive(server: Any, clients: Clients, threads: int, seconds: float, pid: int)
     """Drive all logged-on robots; the server is process `pid`."""
     how = {"rate": RATE, "threads": threads}
     clients.all("drive", begin=time.monotonic(), seconds=WARM_UP_S, **how)
-    worked, collisions = Worked([pid]), server._get_state().collisions
-    with Paces(server) as paces:
+    cpu, collisions = Cpu([pid]), server._get_state().collisions
+    with paces(server) as samples:
         found = clients.all("drive", begin=time.monotonic() + LEAD_S, seconds=seconds, **how)
+    (_, first, began), (_, last, ended) = samples[0], samples[-1]
     return {
         **found,
-        "achieved": paces.achieved,
-        "pace": paces.pace,
-        "server": worked.seconds()[0] / (seconds + LEAD_S),
+        "achieved": [achieved for achieved, _, _ in samples],
+        "pace": (ended - began) / (last - first),
+        "server": cpu.spent_s()[0] / (seconds + LEAD_S),
         "collisions": server._get_state().collisions - collisions,
     }
 
@@ -134,12 +126,9 @@ def row_of(name: str, load: Load, found: dict[str, Any], count: int, seconds: fl
     return {
         "callers": load.callers,
         "run": name,
-        "command ms": statistics.median(found["command"]),
-        "command p99": quantile(found["command"], 0.99),
-        "worst": max(found["command"]),
+        **summary(found["command"], "command ms", "command p99", "worst"),
         "from due p99": quantile(from_due, 0.99),
-        "state ms": statistics.median(found["state"]),
-        "state p99": quantile(found["state"], 0.99),
+        **summary(found["state"], "state ms", "state p99"),
         "made": len(found["command"]) / found["due"],
         "lost": found["lost"],
         "achieved": statistics.median(found["achieved"]),
@@ -153,14 +142,8 @@ def row_of(name: str, load: Load, found: dict[str, Any], count: int, seconds: fl
 def log_on_rows_of(name: str, load: Load, found: dict[str, Any]) -> list[dict[str, Any]]:
     """Rows of one run with robots that log on."""
     return [
-        {
-            "processes": load.processes,
-            "run": name,
-            "robots log on": how,
-            "median ms": statistics.median(found[how]),
-            "p99 ms": quantile(found[how], 0.99),
-            "worst ms": max(found[how]),
-        }
+        {"processes": load.processes, "run": name, "robots log on": how}
+        | summary(found[how], "median ms", "p99 ms", "worst ms")
         for how in (BY_TURNS, AT_ONCE)
     ]
 
@@ -170,14 +153,14 @@ def marks_of(rows: list[dict[str, Any]], count: int) -> list[Mark]:
     callers compete for few cores."""
     marks = []
     for load in (FEW, MANY):
-        these = [row for row in rows if row["callers"] == load.callers]
+        achieved, made, p99 = (
+            statistics.median(row[column] for row in rows if row["callers"] == load.callers)
+            for column in ("achieved", "made", "command p99")
+        )
         crowd = f"{count} robots, {load.callers} callers"
-        achieved = statistics.median(row["achieved"] for row in these)
         marks.append(at_least(f"{crowd}: simulated seconds in a second (achieved)", achieved, MIN_PACE))
-        made = statistics.median(row["made"] for row in these)
         marks.append(at_least(f"{crowd}: commands made of those due", made, MIN_MADE))
         if load is FEW:
-            p99 = statistics.median(row["command p99"] for row in these)
             marks.append(at_most(f"{crowd}: command, p99 ms", p99, MAX_COMMAND_MS))
     return marks
 
@@ -191,67 +174,38 @@ def log_on_marks_of(rows: list[dict[str, Any]], count: int, refused: int) -> lis
     ]
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=30.0, help="of load in a run (default: %(default)s)")
-    parser.add_argument("--runs", type=int, default=3, help="default: %(default)s")
-    parser.add_argument("--robots", type=int, default=DEFAULT_LIMIT, help="default: %(default)s, the server's limit")
-    options = parser.parse_args()
-    log_ons: list[tuple[Load, dict[str, Any]]] = []
-    drives: list[tuple[Load, dict[str, Any]]] = []
-    crowd = robots(office(), 2 * options.robots)
-    with tempfile.TemporaryDirectory() as folder:
-        state, building = Path(folder) / "state", Path(folder) / "office.yaml"
-        native.save(office(), building)
-        with servers(state, "--building", str(building)) as naming, Orb(naming) as orb:
-            server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-            if options.robots != DEFAULT_LIMIT:
-                key = (state / "administrator.ior").read_text()
-                orb.reference(key, RoboCorba.SimulationAdministrator).setLimit(options.robots)
-            (pid,) = pids_of(state, "simulation")
-            null = null_calls(server, crowd[0])
-            for load in (FEW, MANY):
-                with Clients(naming, load.processes, Path(folder)) as clients:
-                    for run in range(1, options.runs + 1):
-                        with PROGRESS.status(f"{load.callers} callers, run {run} of {options.runs}"):
-                            log_ons.append((load, log_on(server, clients, crowd, options.robots)))
-                            drives.append((load, drive(server, clients, load.threads, options.seconds, pid)))
-                            clients.all("log_off")
-    runs = [str(1 + number % options.runs) for number in range(len(drives))]
-    rows = [
-        row_of(run, load, found, options.robots, options.seconds)
-        for run, (load, found) in zip(runs, drives, strict=True)
-    ]
-    on_rows = [
-        row for run, (load, found) in zip(runs, log_ons, strict=True) for row in log_on_rows_of(run, load, found)
-    ]
-    refused = sum(found["refused"] for _, found in log_ons)
+def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> bool:
+    rows, on_rows, refused = [], [], 0
+    calls: dict[str, list[float]] = defaultdict(list)
+    on_calls: dict[str, list[float]] = {BY_TURNS: [], AT_ONCE: []}
+    crowd = robots_in(office(), 2 * robots)
+    with tempfile.TemporaryDirectory() as name, office_system(Path(name)) as (naming, orb, server):
+        state = Path(name) / "state"
+        key = (state / "administrator.ior").read_text()
+        orb.reference(key, RoboCorba.SimulationAdministrator).setLimit(robots)
+        (pid,) = pids_of(state, "simulation")
+        null = calls["heartbeat, idle"] = null_calls(server, crowd[0])
+        for load in (FEW, MANY):
+            with Clients(naming, load.processes, Path(name)) as clients:
+                for number in range(1, runs + 1):
+                    with PROGRESS.status(f"{load.callers} callers, run {number} of {runs}"):
+                        on = log_on(server, clients, crowd, robots)
+                        found = drive(server, clients, load.threads, seconds, pid)
+                        clients.all("log_off")
+                    on_rows += log_on_rows_of(str(number), load, on)
+                    rows.append(row_of(str(number), load, found, robots, seconds))
+                    refused += on["refused"]
+                    for how, took in on_calls.items():
+                        took += on[how]
+                    for what in ("command", "state"):
+                        calls[f"{what}, {load.callers} callers"] += found[what]
     idle = f"null call (heartbeat, idle): {statistics.median(null):.3f} ms, p99 {quantile(null, 0.99):.3f} ms"
-    title = f"{options.robots} robots at {RATE:g} Hz for {options.seconds:g} s; {idle}"
-    is_reached = summarize(NAME, title, rows, marks_of(rows, options.robots), lambda axes: _draw(axes, null, drives))
-    title = f"{options.robots} robots log on; {idle}"
-    on_curves = {how: [ms for _, found in log_ons for ms in found[how]] for how in (BY_TURNS, AT_ONCE)}
-    on_marks = log_on_marks_of(on_rows, options.robots, refused)
-    are_reached = summarize(f"{NAME}_log_on", title, on_rows, on_marks, lambda axes: _draw_curves(axes, on_curves))
-    return 0 if is_reached and are_reached else 1
-
-
-def _draw(axes: Axes, null: list[float], drives: list[tuple[Load, dict[str, Any]]]) -> None:
-    curves = {"heartbeat, idle": null}
-    for load, found in drives:
-        for what in ("command", "state"):
-            curves.setdefault(f"{what}, {load.callers} callers", []).extend(found[what])
-    _draw_curves(axes, curves)
-
-
-def _draw_curves(axes: Axes, curves: dict[str, list[float]]) -> None:
-    for label, values in curves.items():
-        ordered = sorted(values)
-        axes.plot(ordered, [i / len(ordered) for i in range(len(ordered))], label=label)
-    axes.set(xscale="log", xlabel="ms", ylabel="share of calls that took less")
-    axes.legend()
+    title = f"{robots} robots at {RATE:g} Hz for {seconds:g} s; {idle}"
+    is_reached = summarize(NAME, title, rows, marks_of(rows, robots), distribution(calls, "ms"))
+    marks = log_on_marks_of(on_rows, robots, refused)
+    title = f"{robots} robots log on; {idle}"
+    return summarize(f"{NAME}_log_on", title, on_rows, marks, distribution(on_calls, "ms")) and is_reached
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, seconds="of load in a run", robots="the default is the server's limit")

@@ -8,22 +8,18 @@ line for each command, and exits at the end of stdin. Times are of CLOCK_MONOTON
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import random
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
-import psutil
 from omniORB import CORBA
 
-from bench.common.processes import Process
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
+from robocorba.clients.robot_processes import servers
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.repeating import Repeating
@@ -33,7 +29,8 @@ from robocorba.settings import Address
 from robocorba.simulation.registry import Description
 from robocorba.spatial.floor_state import Pose
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.folder import StateFolder
+from robocorba.testing.generated_buildings import saved_office
+from robocorba.testing.json_process import LoggedOff, Process, answer_commands, checked_call, checkout_command
 from robocorba.testing.report import timed_ms
 
 T = TypeVar("T")
@@ -89,13 +86,11 @@ class Fleet:
             if len(took) == count:
                 break
             about = simulation.description(Description(name, Pose(*pose), radius))
-            try:
+            with contextlib.suppress(RoboCorba.PlaceTaken):
                 session, ms = timed_ms(self._server.registerRobot, about)
-            except RoboCorba.PlaceTaken:
-                continue
-            took.append(ms)
-            self._robots.append(Robot(session, len(self._robots)))
-            self._idle.append(self._robots[-1])
+                took.append(ms)
+                self._robots.append(Robot(session, len(self._robots)))
+                self._idle.append(self._robots[-1])
         return {"log on": took}
 
     def log_off(self) -> dict[str, Any]:
@@ -113,27 +108,27 @@ class Fleet:
 
         late: delay of each command after its due time. lost: robots whose lease expired. cpu: CPU load of this process,
         as a share of a core."""
-        with self._without_heartbeats(), self._counted() as answer:
-            parts = [self._robots[thread::threads] for thread in range(threads)]
-            found = in_threads(
-                lambda thread: drive(parts[thread], begin + thread / rate / len(self._robots), seconds, rate), threads
+        offset_s = 1 / rate / len(self._robots)
+        with self._without_heartbeats():
+            found, cpu = self._in_threads(
+                threads, lambda part, thread: drive(part, begin + thread * offset_s, seconds, rate)
             )
-            for what in ("command", "state", "late"):
-                answer[what] = [round(ms, 4) for one in found for ms in one[what]]
-            for what in ("due", "lost"):
-                answer[what] = sum(one[what] for one in found)
-        return answer
+        return {**joined(found), "cpu": cpu}
 
     def scan(self, begin: float, seconds: float, threads: int) -> dict[str, Any]:
         """Turn the robots on the spot and scan with one after another, as fast as possible, from time `begin` on."""
-        parts = [self._robots[thread::threads] for thread in range(threads)]
-        with self._counted() as answer:
-            found = in_threads(lambda thread: scan(parts[thread], begin, seconds), threads)
-            answer["scan"] = [round(ms, 4) for one in found for ms in one]
-        return answer
+        found, cpu = self._in_threads(threads, lambda part, _: {"scan": scan(part, begin, seconds)})
+        return {**joined(found), "cpu": cpu}
 
     def close(self) -> None:
         self._heartbeats.close()
+
+    def _in_threads(self, threads: int, work: Callable[[list[Robot], int], T]) -> tuple[list[T], float]:
+        """The results of the threads with a part of the robots each, and the CPU load of this process."""
+        began, worked = time.monotonic(), time.process_time()
+        with ThreadPoolExecutor(threads) as pool:
+            found = list(pool.map(lambda thread: work(self._robots[thread::threads], thread), range(threads)))
+        return found, (time.process_time() - worked) / (time.monotonic() - began)
 
     def _heartbeat(self) -> None:
         for robot in list(self._idle):
@@ -151,17 +146,10 @@ class Fleet:
         finally:
             self._idle = list(self._robots)
 
-    @contextlib.contextmanager
-    def _counted(self) -> Iterator[dict[str, Any]]:
-        answer: dict[str, Any] = {}
-        began, worked = time.monotonic(), time.process_time()
-        yield answer
-        answer["cpu"] = (time.process_time() - worked) / (time.monotonic() - began)
-
 
 def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) -> dict[str, Any]:
     """Drive the robots of one thread; late commands catch up, commands after the end are omitted."""
-    commands, states, lates = [], [], []
+    found: dict[str, list[float]] = {"command": [], "state": [], "late": []}
     lost: set[Robot] = set()
     due_in_all = round(seconds * rate * len(robots))
     for number in range(due_in_all):
@@ -180,10 +168,9 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
             lost.add(robot)
             continue
         robot.look(math.hypot(state.moving.ahead, state.moving.left))
-        commands.append(ms)
-        states.append(ms_state)
-        lates.append((began - due) * 1e3)
-    return {"command": commands, "state": states, "late": lates, "due": due_in_all, "lost": len(lost)}
+        for times, value in zip(found.values(), (ms, ms_state, (began - due) * 1e3), strict=True):
+            times.append(round(value, 4))
+    return {**found, "due": due_in_all, "lost": len(lost)}
 
 
 def scan(robots: Sequence[Robot], begin: float, seconds: float) -> list[float]:
@@ -198,47 +185,18 @@ def scan(robots: Sequence[Robot], begin: float, seconds: float) -> list[float]:
             for robot, _, _ in sensors:
                 checked_call(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
         for _, sensor, at in sensors:
-            took.append(timed_ms(checked_call, sensor.scan, at, NO_MOUNT, spec)[1])
+            took.append(round(timed_ms(checked_call, sensor.scan, at, NO_MOUNT, spec)[1], 4))
             if time.monotonic() > begin + seconds:
                 break
     return took
 
 
-def in_threads(work: Callable[[int], T], threads: int) -> list[T]:
-    """Results of `work` for 0, 1, ..., each in a thread. Raises what any of them raised."""
-    found: dict[int, T] = {}
-    wrong: list[BaseException] = []
-
-    def one(number: int) -> None:
-        try:
-            found[number] = work(number)
-        except BaseException as error:
-            wrong.append(error)
-
-    started = [threading.Thread(target=one, args=(number,), daemon=True) for number in range(threads)]
-    for thread in started:
-        thread.start()
-    for thread in started:
-        thread.join()
-    for error in wrong:
-        raise error
-    return [found[number] for number in range(threads)]
-
-
-class LoggedOff(RuntimeError):
-    """The robot's session has ended."""
-
-
-def checked_call(call: Callable[..., Any], *arguments: object) -> Any:
-    """Make a call, and convert CORBA exceptions to RuntimeError with a description."""
-    try:
-        return call(*arguments)
-    except CORBA.UserException as error:
-        raise RuntimeError(idl_errors.error_of(error)) from None
-    except CORBA.OBJECT_NOT_EXIST as error:
-        raise LoggedOff(describe(error)) from None
-    except CORBA.SystemException as error:
-        raise RuntimeError(describe(error)) from None
+def joined(answers: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Answers with the same keys as one: lists are concatenated, numbers added."""
+    return {
+        what: sum((answer[what] for answer in answers), start=[] if isinstance(value, list) else 0)
+        for what, value in answers[0].items()
+    }
 
 
 # ---- interface for the benches ----
@@ -248,17 +206,15 @@ class Clients:
     """Context manager of `processes` such processes. It and its methods raise ProcessFailed."""
 
     def __init__(self, naming: Address, processes: int, folder: Path) -> None:
-        self._command = (sys.executable, "-m", "bench.simulation.robots_client", str(naming))
+        self._command = checkout_command("bench.simulation.robots_client", str(naming))
         self._count, self._folder = processes, folder
         self._stack = contextlib.ExitStack()
 
     def __enter__(self) -> Clients:
         with contextlib.ExitStack() as stack:
-            self.processes = [
-                stack.enter_context(Process(self._command, self._folder / f"client-{number}.log"))
-                for number in range(self._count)
-            ]
-            for process in self.processes:
+            logs = [self._folder / f"client-{number}.log" for number in range(self._count)]
+            self._processes = [stack.enter_context(Process(self._command, log)) for log in logs]
+            for process in self._processes:
                 process.receive(START_LIMIT_S)
             self._stack = stack.pop_all()
         return self
@@ -271,10 +227,11 @@ class Clients:
 
         at_once: the processes work simultaneously, else one after the other."""
         rows = [[about.name, *about.pose, about.radius_m] for about in robots]
-        commands = []
-        for number in range(self._count):
-            share = len(range(number, count, self._count))
-            commands.append({"do": "log_on", "robots": rows[number :: self._count], "count": share})
+        shares = [len(range(number, count, self._count)) for number in range(self._count)]
+        commands = [
+            {"do": "log_on", "robots": rows[number :: self._count], "count": share}
+            for number, share in enumerate(shares)
+        ]
         return self._ask(commands, at_once)
 
     def all(self, do: str, **arguments: Any) -> dict[str, Any]:
@@ -283,57 +240,26 @@ class Clients:
 
     def _ask(self, commands: Sequence[dict[str, Any]], at_once: bool = True) -> dict[str, Any]:
         limit_s = 60.0 + max(command.get("seconds", 0.0) for command in commands)
-        if at_once:
-            for process, command in zip(self.processes, commands, strict=True):
-                process.send(command)
-            answers = [process.receive(limit_s) for process in self.processes]
-        else:
-            answers = [process.ask(command, limit_s) for process, command in zip(self.processes, commands, strict=True)]
-        return {what: joined([answer[what] for answer in answers]) for what in answers[0]}
+        pairs = list(zip(self._processes, commands, strict=True))
+        if not at_once:
+            return joined([process.ask(command, limit_s) for process, command in pairs])
+        for process, command in pairs:
+            process.send(command)
+        return joined([process.receive(limit_s) for process in self._processes])
 
 
-def joined(values: Sequence[Any]) -> Any:
-    """Concatenate lists, or add numbers."""
-    if isinstance(values[0], list):
-        return [one for value in values for one in value]
-    return sum(values)
-
-
-def pids_of(state: Path, name: str) -> list[int]:
-    """Process ids of the servers in a state folder whose names start with `name`."""
-    record = StateFolder(state).read_record()
-    return [process.pid for process in record.processes if process.name.startswith(name)] if record else []
-
-
-class Worked:
-    """CPU time of processes since the creation of this object [s]."""
-
-    def __init__(self, pids: Sequence[int]) -> None:
-        self._processes = [psutil.Process(pid) for pid in pids]
-        self._began = self._now()
-
-    def seconds(self) -> list[float]:
-        return [now - began for now, began in zip(self._now(), self._began, strict=True)]
-
-    def _now(self) -> list[float]:
-        times = [process.cpu_times() for process in self._processes]
-        return [time.user + time.system for time in times]
+@contextlib.contextmanager
+def office_system(folder: Path, *more: str) -> Iterator[tuple[Address, Orb, Any]]:
+    """`robocorba up` on the office with its state in folder/state: naming service, ORB, simulation server."""
+    with servers(folder / "state", "--building", str(saved_office(folder)), *more) as naming, Orb(naming) as orb:
+        yield naming, orb, orb.resolve("SimulationServer", RoboCorba.SimulationServer)
 
 
 def main(naming: str) -> None:
     with Orb(Address.parse(naming)) as orb:
         fleet = Fleet(orb.resolve("SimulationServer", RoboCorba.SimulationServer, START_LIMIT_S))
-        commands: dict[str, Callable[..., dict[str, Any]]] = {
-            "log_on": fleet.log_on,
-            "log_off": fleet.log_off,
-            "drive": fleet.drive,
-            "scan": fleet.scan,
-        }
         with contextlib.closing(fleet):
-            print("{}", flush=True)
-            for line in sys.stdin:
-                command = json.loads(line)
-                print(json.dumps(commands[command.pop("do")](**command)), flush=True)
+            answer_commands(fleet.log_on, fleet.log_off, fleet.drive, fleet.scan)
 
 
 if __name__ == "__main__":

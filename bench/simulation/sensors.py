@@ -5,7 +5,6 @@ python -m bench.simulation.sensors [--seconds S] [--runs N]
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import statistics
@@ -18,17 +17,14 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from bench.common.processes import Process
-from bench.simulation.building import office, robots
-from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, Worked, pids_of
-from robocorba.clients.robot_processes import servers
+from bench.common.harness import run
+from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, office_system
 from robocorba.corba.conversion import scans, simulation
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.virtual_sensor import ScanSpec
-from robocorba.stubs import RoboCorba
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, timed_ms
+from robocorba.testing.generated_buildings import office, robots
+from robocorba.testing.json_process import Cpu, Process, pids_of
+from robocorba.testing.report import PROGRESS, Mark, at_most, bars, quantile, summarize, summary, timed_ms
 
 NAME = "simulation_sensors"
 SENSORS = (1, 2)
@@ -85,17 +81,16 @@ def throughput(server: Any, clients: Clients, state: Path, seconds: float, runs:
     pids = pids_of(state, "sensor_")
     clients.all("scan", begin=time.monotonic(), seconds=SETTLE_S, threads=THREADS)
     for number in range(1, runs + 1):
-        worked = Worked(pids)
+        worked = Cpu(pids)
         found = clients.all("scan", begin=time.monotonic() + 0.2, seconds=seconds, threads=THREADS)
-        cpu = worked.seconds()
+        cpu = worked.spent_s()
         rows.append(
             {
                 "sensors": len(pids),
                 "run": str(number),
                 "scans/s": len(found["scan"]) / seconds,
                 "scans a sensor's CPU s": len(found["scan"]) / sum(cpu),
-                "scan ms": statistics.median(found["scan"]),
-                "scan p99": quantile(found["scan"], 0.99),
+                **summary(found["scan"], "scan ms", "scan p99"),
                 "cores of sensors": spread(each / seconds for each in cpu),
                 "cores of clients": found["cpu"],
                 "robots of sensors": spread(each.robots for each in server.sensors()),
@@ -134,54 +129,41 @@ def marks_of(rows: list[dict[str, Any]]) -> list[Mark]:
     return [at_most(f"a {SCAN}, in null calls", ratio, MAX_NULL_CALLS)]
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of load in a run (default: %(default)s)")
-    parser.add_argument("--runs", type=int, default=3, help="default: %(default)s")
-    options = parser.parse_args()
+def main(seconds: float = 10.0, runs: int = 3) -> bool:
     rows: list[dict[str, Any]] = []
     rounds: dict[str, list[dict[str, list[float]]]] = {}
     for sensors in SENSORS:
-        with tempfile.TemporaryDirectory() as folder:
-            state, building = Path(folder) / "state", Path(folder) / "office.yaml"
-            native.save(office(), building)
-            with servers(state, "--building", str(building), "--sensors", str(sensors)) as naming, Orb(naming) as orb:
-                server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            with office_system(folder, "--sensors", str(sensors)) as (naming, _, server):
                 if not rounds:
                     with PROGRESS.status("latency"):
                         rounds[ALONE] = latency(server)
-                        with awake(Path(folder)):
+                        with awake(folder):
                             rounds[AWAKE] = latency(server)
-                with Clients(naming, PROCESSES, Path(folder)) as clients, PROGRESS.status(f"{sensors} sensors"):
-                    rows += throughput(server, clients, state, options.seconds, options.runs)
+                with Clients(naming, PROCESSES, folder) as clients, PROGRESS.status(f"{sensors} sensors"):
+                    rows += throughput(server, clients, folder / "state", seconds, runs)
+    medians = {
+        f"{column}, {sensors} sensors": statistics.median(row[column] for row in rows if row["sensors"] == sensors)
+        for column in ("scans/s", "scans a sensor's CPU s")
+        for sensors in SENSORS
+    }
     title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as possible"
-    summarize(NAME, title, rows, [], lambda axes: _draw(axes, rows))
+    summarize(NAME, title, rows, [], bars(medians, "scans"))
     calls = [row for cores, found in rounds.items() for row in latency_rows(cores, found)]
+
+    def draw(axes: Axes) -> None:
+        for cores, style in ((ALONE, "-"), (AWAKE, ":")):
+            for number, what in enumerate(rounds[cores][0]):
+                ordered = sorted(ms for took in rounds[cores] for ms in took[what])
+                shares = [i / len(ordered) for i in range(len(ordered))]
+                axes.plot(ordered, shares, style, color=f"C{number}", label=f"{what}, cores {cores}")
+        axes.set(xscale="log", xlabel="ms", ylabel="share of calls that took less")
+        axes.legend()
+
     title = f"one client, idle system, medians of {ROUNDS} rounds of {CALLS} calls"
-    return (
-        0
-        if summarize(f"{NAME}_latency", title, calls, marks_of(calls), lambda axes: _draw_latency(axes, rounds))
-        else 1
-    )
-
-
-def _draw(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    for column in ("scans/s", "scans a sensor's CPU s"):
-        for sensors in SENSORS:
-            found = [row[column] for row in rows if row["sensors"] == sensors]
-            axes.barh(f"{column}, {sensors} sensors", statistics.median(found))
-
-
-def _draw_latency(axes: Axes, rounds: dict[str, list[dict[str, list[float]]]]) -> None:
-    for cores, style in ((ALONE, "-"), (AWAKE, ":")):
-        for number, what in enumerate(rounds[cores][0]):
-            ordered = sorted(ms for took in rounds[cores] for ms in took[what])
-            shares = [i / len(ordered) for i in range(len(ordered))]
-            axes.plot(ordered, shares, style, color=f"C{number}", label=f"{what}, cores {cores}")
-    axes.set(xscale="log", xlabel="ms", ylabel="share of calls that took less")
-    axes.legend()
+    return summarize(f"{NAME}_latency", title, calls, marks_of(calls), draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, seconds="of load in a run")

@@ -14,7 +14,7 @@ from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.collision_avoidance.temporary_obstacles import STATIONARY_M_S
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.spatial.frames import turned
@@ -22,26 +22,18 @@ from robocorba.spatial.pose import XY
 
 #: Gap between two robots' rims [m].
 MARGIN_M = 0.05
-#: The same within LAST_M of the goal, where both may have places side by side [m].
+#: The same near the goal [m], where two robots may have places side by side.
 NEAR_MARGIN_M = 0.012
 #: Distance from the goal within which NEAR_MARGIN_M holds [m].
-LAST_M = 0.6
-#: Greatest speed inside the margin [m/s], at which a robot gets past its neighbour.
+NEAR_GOAL_M = 0.6
+#: Maximum speed inside the margin [m/s], at which a robot gets past its neighbour.
 CREEP_M_S = 0.02
-#: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for what others learn too late.
-BRAKING_M_S2 = 0.6 * BASE.acceleration
+#: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for the delay of others' data.
+BRAKING_M_S2 = 0.6 * BASE_LIMITS.acceleration
 #: Two paths cross if the robots' rims come within MEET_M [m] during the next MEET_S [s].
 MEET_M, MEET_S = 0.15, 2.5
 #: A robot is blocked while it may drive at less than this share of its wanted speed.
 BLOCKED_SHARE = 0.1
-#: A robot that has been stationary for this time [s] is parked.
-PARKED_S = 2.0
-#: Time after which Blocked is raised [s], for a robot blocked by a parked robot or a wall.
-BLOCKED_BY_PARKED_S = 0.5
-#: The same for a robot blocked by one with an earlier name [s].
-BLOCKED_BY_EARLIER_S = 1.0
-#: The same for a robot blocked by one with a later name, which should step aside first [s].
-BLOCKED_BY_LATER_S = 4.0
 #: Clearance to walls and objects [m], with `avoid_walls`.
 WALL_M = 0.02
 
@@ -58,9 +50,9 @@ class Blocked(MotionFailed):
 class GiveWay:
     """A motion of the base that yields to other robots; raises Blocked once they have blocked it for some time.
 
-    goal: its end point [m]; within LAST_M of it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on
-    the whole path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls
-    and objects, too."""
+    goal: its end point [m]; near it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on the whole
+    path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls and
+    objects, too."""
 
     def __init__(
         self,
@@ -70,15 +62,15 @@ class GiveWay:
         precise_positioning: bool = False,
         avoid_walls: bool = False,
     ) -> None:
-        self._motion, self._nearby, self._goal = motion, nearby, goal
+        self._motion, self._nearby, self._policy, self._goal = motion, nearby, nearby.policy, goal
         self._precise_positioning, self._avoid_walls = precise_positioning, avoid_walls
         self._blocked_since: float | None = None
         #: Since when each stationary robot has been stationary [s], by name.
         self._stationary_since: dict[str, float] = {}
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         """Raises MotionFailed, Blocked."""
-        command = self._motion.wish(state, elapsed_s)
+        command = self._motion.command(state, elapsed_s)
         if command is None:
             return None
         try:
@@ -95,9 +87,8 @@ class GiveWay:
         others = self._nearby.others(state.x, state.y)
         stationary = {other.name for other in others if math.hypot(other.vx, other.vy) < STATIONARY_M_S}
         self._stationary_since = {name: self._stationary_since.get(name, now) for name in stationary}
-        least: tuple[float, OtherRobot | None] = (1.0, None)
-        if self._avoid_walls:
-            least = _wall_share(self._nearby.clearance_m, state, vx, vy), None
+        wall_share = _wall_share(self._nearby.clearance_m, state, vx, vy) if self._avoid_walls else 1.0
+        least: tuple[float, OtherRobot | None] = (wall_share, None)
         margin_m = self._margin_m(state)
         for other in others:
             share = safe_share(state, vx, vy, other, margin_m)
@@ -109,10 +100,8 @@ class GiveWay:
         return least
 
     def _margin_m(self, state: RobotState) -> float:
-        if self._precise_positioning:
-            return NEAR_MARGIN_M
-        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < LAST_M
-        return NEAR_MARGIN_M if is_near else MARGIN_M
+        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < NEAR_GOAL_M
+        return NEAR_MARGIN_M if is_near or self._precise_positioning else MARGIN_M
 
     def _check_blocked(self, state: RobotState, share: float, other: OtherRobot | None, now: float) -> None:
         if share >= BLOCKED_SHARE:
@@ -125,13 +114,14 @@ class GiveWay:
 
     def _patience_s(self, other: OtherRobot | None, since: float) -> float:
         if other is None:
-            return BLOCKED_BY_PARKED_S
+            return self._policy.blocked_by_parked_s
         if self._precise_positioning:
             return math.inf  # the motion itself raises MotionFailed when it is stuck
         stationary_since = self._stationary_since.get(other.name, math.inf)
-        if since - stationary_since >= PARKED_S:
-            return BLOCKED_BY_PARKED_S
-        return BLOCKED_BY_EARLIER_S if other.name < self._nearby.name else BLOCKED_BY_LATER_S
+        if since - stationary_since >= self._policy.parked_s:
+            return self._policy.blocked_by_parked_s
+        is_earlier = other.name < self._nearby.name
+        return self._policy.blocked_by_earlier_s if is_earlier else self._policy.blocked_by_later_s
 
 
 def safe_share(state: RobotState, vx: float, vy: float, other: OtherRobot, margin_m: float) -> float:

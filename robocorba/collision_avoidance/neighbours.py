@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles, movable_objects, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE
+from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.spatial.pose import XY
 
 #: A driving robot ignores robots farther away than this [m].
 RANGE_M = 6.0
-#: Greatest age of data that is extrapolated [s]. With older data, other robots' positions are unknown.
+#: Maximum age of data that is extrapolated [s]. With older data, other robots' positions are unknown.
 STALE_S = 0.3
 
 
@@ -31,9 +32,10 @@ class OtherRobot(NamedTuple):
 
 
 class Nearby(Protocol):
-    """The surroundings of the robot called `name`. Thread-safe."""
+    """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe."""
 
     name: str
+    policy: GivingWayPolicy
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         """Robots within RANGE_M of a point [m]. Raises NotReachable if their positions are unknown."""
@@ -51,15 +53,15 @@ class Nearby(Protocol):
 class PoolNearby:
     """Nearby by a data pool that a PoolFollower keeps up to date."""
 
-    def __init__(self, pool: DataPool, name: str) -> None:
-        self._pool, self.name = pool, name
+    def __init__(self, pool: DataPool, name: str, policy: GivingWayPolicy = DEFAULT_POLICY) -> None:
+        self._pool, self.name, self.policy = pool, name, policy
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         lag_s = self._pool.lag_s
         if lag_s > STALE_S:
             cause = self._pool.problem or f"the data pool lags by {lag_s:.2f} s, more than {STALE_S:g} s"
             raise NotReachable(f"positions of other robots are unknown: {cause}")
-        deviation_m = BASE.acceleration * lag_s * lag_s / 2.0
+        deviation_m = BASE_LIMITS.acceleration * lag_s * lag_s / 2.0
         return [
             OtherRobot(
                 other.name,
@@ -70,17 +72,15 @@ class PoolNearby:
                 other.heading,
                 other.radius_m + deviation_m,
             )
-            for _, other in self._pool.robots_near(x, y, RANGE_M)
+            for _, other in self._pool.loaded_snapshot().robots_near(x, y, RANGE_M)
         ]
 
     def clearance_m(self, x: float, y: float) -> float:
-        near = self._pool.nearest_non_robot(x, y)
+        near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
         return near.distance_m if near else math.inf
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
-        snapshot = self._pool.snapshot()
-        return movable_objects(snapshot, self.name, held) if snapshot.is_known else TemporaryObstacles()
+        return movable_objects(self._pool.snapshot(), self.name, held, self.policy)
 
     def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
-        snapshot = self._pool.snapshot()
-        return temporary_obstacles(snapshot, self.name, also, goal, held) if snapshot.is_known else TemporaryObstacles()
+        return temporary_obstacles(self._pool.snapshot(), self.name, also, goal, held, self.policy)

@@ -7,17 +7,18 @@ from collections.abc import Iterator
 
 from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.spatial.frames import into, out_of
 from robocorba.spatial.pose import XY
 
 #: Candidate places: directions around the robot, and distances from it [m].
 DIRECTIONS, DISTANCES_M = 16, (0.15, 0.3, 0.5, 0.8, 1.2)
 #: Step at which the straight line to a candidate is checked [m].
 CHECK_STEP_M = 0.1
-#: Least clearance of a candidate [m], or that of the present place if it is smaller.
+#: Minimum clearance of a candidate [m], or that of the present place if it is smaller.
 MIN_CLEARANCE_M = 0.03
-#: Beyond this gap between the rim and the lane [m], a candidate gets no better.
+#: Beyond this gap between the robot's rim and the lane [m], the score of a candidate does not increase.
 LANE_GAP_M = 0.15
-#: Beyond this gap between the two rims [m], a candidate gets no better.
+#: Beyond this gap between the two robots' rims [m], the score of a candidate does not increase.
 ROBOT_GAP_M = 0.25
 #: Cost of a metre of driving, in metres of gap.
 DRIVING_COST = 0.25
@@ -27,10 +28,9 @@ FACING_RAD = math.radians(60)
 
 def place_aside(nearby: Nearby, here: XY, other: OtherRobot) -> XY | None:
     """The best place (x, y) [m] to step aside for `other`; None if `here` is as good. Raises NotReachable."""
-    lane = _lane(here, other)
+    lane, contact_m = _lane(here, other), RADIUS_M + other.radius_m
 
     def score_m(place: XY) -> float:
-        contact_m = RADIUS_M + other.radius_m
         from_lane_m = min(_distance_from_ray(place, (other.x, other.y), lane), contact_m + LANE_GAP_M)
         from_robot_m = min(math.dist(place, (other.x, other.y)), contact_m + ROBOT_GAP_M)
         return from_lane_m + from_robot_m - DRIVING_COST * math.dist(here, place)
@@ -43,15 +43,14 @@ def _lane(here: XY, other: OtherRobot) -> float:
     """The direction in which another robot wants to drive [rad]: its heading if it approaches, else towards this robot.
 
     Robots face their direction of travel, but may have turned for their goal."""
-    towards_us = math.atan2(here[1] - other.y, here[0] - other.x)
-    is_approaching = abs(math.remainder(other.heading - towards_us, math.tau)) < FACING_RAD
-    return other.heading if is_approaching else towards_us
+    bearing = math.atan2(here[1] - other.y, here[0] - other.x)
+    is_approaching = abs(math.remainder(other.heading - bearing, math.tau)) < FACING_RAD
+    return other.heading if is_approaching else bearing
 
 
 def _distance_from_ray(place: XY, start: XY, direction: float) -> float:
-    dx, dy = place[0] - start[0], place[1] - start[1]
-    along = dx * math.cos(direction) + dy * math.sin(direction)
-    return abs(dy * math.cos(direction) - dx * math.sin(direction)) if along > 0.0 else math.hypot(dx, dy)
+    ahead_m, left_m = into(*place, (*start, direction))
+    return abs(left_m) if ahead_m > 0.0 else math.hypot(ahead_m, left_m)
 
 
 def _free_places(nearby: Nearby, here: XY) -> Iterator[XY]:
@@ -67,15 +66,12 @@ def _free_places(nearby: Nearby, here: XY) -> Iterator[XY]:
         return nearby.clearance_m(*place) >= least_m
 
     for number in range(DIRECTIONS):
-        angle = math.tau * number / DIRECTIONS
-        direction = math.cos(angle), math.sin(angle)
+        ray = (*here, math.tau * number / DIRECTIONS)
         checked_m = 0.0
         for distance_m in DISTANCES_M:
-            while checked_m < distance_m - 1e-9:
-                checked_m = min(checked_m + CHECK_STEP_M, distance_m)
-                if not is_free((here[0] + direction[0] * checked_m, here[1] + direction[1] * checked_m)):
-                    break
-            else:
-                yield here[0] + direction[0] * distance_m, here[1] + direction[1] * distance_m
-                continue
-            break
+            steps = math.ceil((distance_m - checked_m) / CHECK_STEP_M - 1e-9)
+            distances_m = (min(checked_m + step * CHECK_STEP_M, distance_m) for step in range(1, steps + 1))
+            if not all(is_free(out_of(each, 0.0, ray)) for each in distances_m):
+                break
+            yield out_of(distance_m, 0.0, ray)
+            checked_m = distance_m

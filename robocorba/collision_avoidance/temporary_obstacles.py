@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.data_pool.entities import FloorEntity
 from robocorba.data_pool.snapshot import FloorSnapshot
 from robocorba.maps.polygons import FloorArea
@@ -17,11 +18,9 @@ STATIONARY_M_S = 0.05
 NEAR_M = 15.0
 #: Clearance of paths to stationary robots [m]; less where the robot or its goal is nearer already.
 CLEARANCE_M = 0.1
-#: Least distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to everything
-#: else.
+#: Minimum distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to other
+#: obstacles.
 MIN_CLEARANCE_M = 0.07
-#: Most robots and most objects in one path request.
-MAX_ROBOTS, MAX_OBJECTS = 20, 30
 #: Corners of the polygon that represents a robot.
 CORNERS = 16
 
@@ -34,25 +33,32 @@ class TemporaryObstacles(NamedTuple):
     without_movables: tuple[str, ...] = ()
 
 
-def movable_objects(snapshot: FloorSnapshot, robot: str, held: str = "") -> TemporaryObstacles:
+def movable_objects(
+    snapshot: FloorSnapshot, robot: str, held: str = "", policy: GivingWayPolicy = DEFAULT_POLICY
+) -> TemporaryObstacles:
     """Movable objects on the floor of `robot` at their present poses, except `held`, which the robot holds."""
     own = snapshot.robot(robot)
     if own is None:
         return TemporaryObstacles()
     movable = (item for item in snapshot.objects() if item.is_movable and item.name != held)
-    nearest_first = sorted(movable, key=lambda item: _distance_m(item, own))
-    is_complete = len(nearest_first) <= MAX_OBJECTS
-    areas = tuple((snapshot.floor, item.corners) for item in nearest_first[:MAX_OBJECTS])
+    nearest_first = sorted(movable, key=lambda item: math.hypot(item.x - own.x, item.y - own.y))
+    is_complete = len(nearest_first) <= policy.max_objects
+    areas = tuple((snapshot.floor, item.corners) for item in nearest_first[: policy.max_objects])
     return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else ())
 
 
 def temporary_obstacles(
-    snapshot: FloorSnapshot, robot: str, also: str = "", goal: XY | None = None, held: str = ""
+    snapshot: FloorSnapshot,
+    robot: str,
+    also: str = "",
+    goal: XY | None = None,
+    held: str = "",
+    policy: GivingWayPolicy = DEFAULT_POLICY,
 ) -> TemporaryObstacles:
     """Movable objects and stationary robots on the floor of `robot`.
 
     also: a robot that is included even if it moves. goal: a point [m] that stays outside the robots' areas if
-    possible."""
+    possible. held: the object that the robot holds."""
     own = snapshot.robot(robot)
     if own is None:
         return TemporaryObstacles()
@@ -63,8 +69,8 @@ def temporary_obstacles(
         for other in near
         if other.name == also or math.hypot(other.vx, other.vy) < STATIONARY_M_S
     ]
-    objects = movable_objects(snapshot, robot, held)
-    robots = tuple((snapshot.floor, disc) for disc in discs[:MAX_ROBOTS])
+    objects = movable_objects(snapshot, robot, held, policy)
+    robots = tuple((snapshot.floor, disc) for disc in discs[: policy.max_robots])
     return objects._replace(forbidden_areas=robots + objects.forbidden_areas)
 
 
@@ -75,7 +81,3 @@ def _disc(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple
     corner_m = max(min(corner_m, nearest_m - radius_m - MIN_CLEARANCE_M), other.radius_m / 2)
     angles = [math.tau * corner / CORNERS for corner in range(CORNERS)]
     return tuple((other.x + corner_m * math.cos(angle), other.y + corner_m * math.sin(angle)) for angle in angles)
-
-
-def _distance_m(item: FloorEntity, own: FloorEntity) -> float:
-    return math.hypot(item.x - own.x, item.y - own.y)

@@ -25,27 +25,28 @@ THREADS = 16
 
 ACCOUNT = ("received", "delivered", "unconfirmed", "discarded", "expired", "queued")
 PROXY = ("proxy", "name", "client", "condition", "subscribed to")
-LINK = ("link", "condition", "lag", "batches", "bytes", "repeated", "unseen")
-NUMBERS = {"lag", "batches", "bytes", "repeated", "unseen", *ACCOUNT}
+LINK = ("link", "condition", "lag", "packets", "bytes", "repeated", "unseen")
+NUMBERS = {"lag", "packets", "bytes", "repeated", "unseen", *ACCOUNT}
+PROXY_NOTE = "A consumer proxy serves a supplier, a supplier proxy serves a consumer."
 #: Rows of a table, each with its cells.
 Rows = list[tuple[str, ...]]
 
 #: A ChannelState, or the reason why it is not available.
-State = Any | str
+StateOrProblem = Any | str
 
 
-def ask(orb: Orb, names: Sequence[str]) -> dict[str, State]:
+def query(orb: Orb, names: Sequence[str]) -> dict[str, StateOrProblem]:
     """The state of each channel, or the reason why it is not available. Queries the channels concurrently."""
     with ThreadPoolExecutor(THREADS) as threads:
-        return dict(zip(names, threads.map(lambda name: _ask(orb, name), names), strict=True))
+        return dict(zip(names, threads.map(lambda name: _query(orb, name), names), strict=True))
 
 
-def as_json(state: State) -> Any:
+def as_json(state: StateOrProblem) -> Any:
     """A state as JSON types with the member names of the IDL, or {"problem": reason}."""
-    return {"problem": state} if isinstance(state, str) else _plain(state)
+    return {"problem": state} if isinstance(state, str) else _to_json(state)
 
 
-def show(states: dict[str, State]) -> None:
+def show(states: dict[str, StateOrProblem]) -> None:
     """Print tables; without a terminal, tab-separated rows that begin with the channel and the kind of row."""
     console = Console()
     for name, state in states.items():
@@ -59,7 +60,7 @@ def show(states: dict[str, State]) -> None:
                     print(name, kind, *row, sep="\t")
 
 
-def _ask(orb: Orb, name: str) -> State:
+def _query(orb: Orb, name: str) -> StateOrProblem:
     try:
         channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, TIMEOUT_S, call_timeout_s=TIMEOUT_S)
         return channel.state()
@@ -69,17 +70,17 @@ def _ask(orb: Orb, name: str) -> State:
         return f"the call failed ({describe(error)})"
 
 
-def _plain(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     if isinstance(value, omniORB.EnumItem):
         return value._n
     if isinstance(value, list):
-        return [_plain(entry) for entry in value]
+        return [_to_json(entry) for entry in value]
     if hasattr(value, "_NP_RepositoryId"):
-        return {member: _plain(entry) for member, entry in vars(value).items()}
+        return {member: _to_json(entry) for member, entry in vars(value).items()}
     return value
 
 
-def _show(console: Console, name: str, state: State) -> None:
+def _show(console: Console, name: str, state: StateOrProblem) -> None:
     console.print(f"[bold]{escape(name)}[/bold]", end="  ")
     if isinstance(state, str):
         console.print(f"[red]{escape(state)}[/red]\n")
@@ -87,9 +88,9 @@ def _show(console: Console, name: str, state: State) -> None:
     console.print(
         f"federation: {', '.join(map(escape, state.federation))};  disconnected after failures: {state.evicted}"
     )
-    for _, header, rows in _tables(state):
+    for kind, header, rows in _tables(state):
         if rows:
-            table = Table()
+            table = Table(caption=PROXY_NOTE if kind == "proxy" else None)
             for column in header:
                 table.add_column(column, justify="right" if column in NUMBERS else "left")
             for row in rows:
@@ -108,14 +109,14 @@ def _tables(state: Any) -> list[tuple[str, tuple[str, ...], Rows]]:
 
 
 def _proxy(proxy: Any) -> tuple[str, ...]:
-    condition = _words(proxy.condition) + (f" ({proxy.failures} failures)" if proxy.failures else "")
+    condition = _lower_name(proxy.condition) + (f" ({proxy.failures} failures)" if proxy.failures else "")
     wanted = " or ".join(_clause(clause) for clause in proxy.subscribed)
-    return (_words(proxy.kind), proxy.name, proxy.client, condition, wanted, *_account([proxy.events]))
+    return (_lower_name(proxy.kind), proxy.name, proxy.client, condition, wanted, *_account([proxy.events]))
 
 
 def _link(link: Any) -> tuple[str, ...]:
     direction = "from" if link.direction == RoboCorba.INCOMING else "to"
-    condition = _words(link.condition) + (f" ({link.problem})" if link.problem else "")
+    condition = _lower_name(link.condition) + (f" ({link.problem})" if link.problem else "")
     counts = (link.batches, link.bytes, link.repeated, link.unseen)
     return (
         f"{direction} {link.peer}",
@@ -127,10 +128,11 @@ def _link(link: Any) -> tuple[str, ...]:
 
 
 def _totals(state: Any) -> Rows:
-    supplied = (RoboCorba.PUSH_CONSUMER, RoboCorba.PULL_CONSUMER)
+    """Accounts of all clients and links of one kind. Suppliers use consumer proxies, consumers supplier proxies."""
+    kinds_for_suppliers = (RoboCorba.PUSH_CONSUMER, RoboCorba.PULL_CONSUMER)
     groups: dict[str, Callable[[], Iterable[Any]]] = {
-        "suppliers": lambda: (proxy for proxy in state.proxies if proxy.kind in supplied),
-        "consumers": lambda: (proxy for proxy in state.proxies if proxy.kind not in supplied),
+        "suppliers": lambda: (proxy for proxy in state.proxies if proxy.kind in kinds_for_suppliers),
+        "consumers": lambda: (proxy for proxy in state.proxies if proxy.kind not in kinds_for_suppliers),
         "links in": lambda: (link for link in state.links if link.direction == RoboCorba.INCOMING),
         "links out": lambda: (link for link in state.links if link.direction == RoboCorba.OUTGOING),
     }
@@ -147,5 +149,5 @@ def _clause(clause: Any) -> str:
     return f"({patterns} within {clause.window:g} s)" if clause.window else patterns
 
 
-def _words(item: Any) -> str:
+def _lower_name(item: Any) -> str:
     return str(item._n).lower().replace("_", " ")

@@ -17,26 +17,25 @@ import typer
 from omniORB import CORBA
 
 from robocorba.commands import event_stats
-from robocorba.commands.reporting import reporting
+from robocorba.commands.options import Json, Naming, connected
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 from robocorba.names import CHANNELS
-from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
 if TYPE_CHECKING:
     from robocorba.corba.event_client import Event, EventClient
 
-#: Timeout for finding a channel [s].
+#: Timeout to resolve a channel [s].
 RESOLVE_TIMEOUT_S = 3.0
-#: `tail` checks that its channel still serves it after this time without events [s].
-CHECK_S = 2.0
+#: Time without events after which `tail` checks that it is still connected [s].
+CHECK_INTERVAL_S = 2.0
 #: Maximum number of events that wait in `tail`, and in the channel for it.
-WAITING_EVENTS, QUEUED_EVENTS = 1000, 100_000
-#: How much of a value is shown: characters, bytes, levels of nesting.
-SHOWN_TEXT, SHOWN_BYTES, SHOWN_LEVELS = 300, 16, 20
+MAX_WAITING, MAX_QUEUED = 1000, 100_000
+#: How much of a payload is shown: characters, bytes, levels of nesting.
+MAX_CHARACTERS, MAX_BYTES, MAX_LEVELS = 300, 16, 20
 
 app = typer.Typer(help="Inspect event channels, print their events, publish events.", no_args_is_help=True)
 peer_app = typer.Typer(help="Link channels, and remove links.", no_args_is_help=True)
@@ -44,10 +43,7 @@ app.add_typer(peer_app, name="peer")
 
 _Channel = Annotated[str, typer.Argument(metavar="CHANNEL", help="The channel's name.")]
 _Peer = Annotated[str, typer.Argument(metavar="PEER", help="The name of the other channel.")]
-_Naming = Annotated[
-    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+__Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()
@@ -56,15 +52,15 @@ def stats(
         list[str] | None,
         typer.Argument(metavar="[CHANNEL]...", help="The channels; default: all in the naming service."),
     ] = None,
-    json: _Json = False,
-    naming: _Naming = None,
+    json: Json = False,
+    naming: Naming = None,
 ) -> None:
     """Show proxies, links and event counts. Exit code 0 if every channel answers, else 1."""
-    with reporting("events stats"), _orb(naming) as orb:
+    with connected("events stats", naming) as orb:
         names = channels or orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
         if not names:
             raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
-        states = event_stats.ask(orb, names)
+        states = event_stats.query(orb, names)
     if json:
         print(json_format.dumps({name: event_stats.as_json(state) for name, state in states.items()}, indent=2))
     else:
@@ -79,16 +75,15 @@ def tail(
     type: Annotated[str, typer.Option(metavar="T", help="Only these types; * and ? are wildcards.")] = "*",
     source: Annotated[str, typer.Option(metavar="S", help="Only these sources; * and ? are wildcards.")] = "*",
     count: Annotated[int, typer.Option(metavar="N", min=0, help="End after N events; 0: never.")] = 0,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON object a line.")] = False,
-    naming: _Naming = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object per line.")] = False,
+    naming: Naming = None,
 ) -> None:
-    """Print events as they arrive, one a line, until Ctrl-C or SIGTERM."""
+    """Print events as they arrive, one per line, until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with (
-            reporting("events tail"),
-            _orb(naming) as orb,
-            _connected(orb, channel) as client,
+            connected("events tail", naming) as orb,
+            _event_client(orb, channel) as client,
             contextlib.closing(_received(client, channel, (type, source))) as events,
         ):
             for number, event in enumerate(events, 1):
@@ -109,15 +104,15 @@ def push(
         int, typer.Option(metavar="N", min=-32768, max=32767, help="A full queue discards low priorities first.")
     ] = 0,
     expiry: Annotated[float, typer.Option(metavar="S", help="Seconds until the event expires; 0: never.")] = 0.0,
-    naming: _Naming = None,
+    naming: Naming = None,
 ) -> None:
     """Push one event, with a JSON value as its payload."""
-    with reporting("events push"):
+    with connected("events push", naming) as orb:
         try:
             value = json_format.loads(payload)
         except ValueError as error:
             raise InvalidEvent("payload", f"{payload[:80]!r} is not JSON: {error}") from None
-        with _orb(naming) as orb, _connected(orb, channel) as client:
+        with _event_client(orb, channel) as client:
             client.source = source
             client.push(type, value, priority=priority, expiry_s=expiry, retry_s=RESOLVE_TIMEOUT_S)
 
@@ -130,18 +125,18 @@ def add(
         str, typer.Option(metavar="HOST:PORT|URI", help="Its address; default: look it up in the naming service.")
     ] = "",
     foreign: Annotated[bool, typer.Option("--foreign", help="It supports CosEventChannelAdmin only.")] = False,
-    naming: _Naming = None,
+    naming: Naming = None,
 ) -> None:
     """Link two channels permanently, in both directions."""
-    with reporting("events peer add"), _orb(naming) as orb:
-        _find(orb, channel).addPeer(RoboCorba.PeerAddress(peer, address, foreign))
+    with connected("events peer add", naming) as orb:
+        _channel(orb, channel).addPeer(RoboCorba.PeerAddress(peer, address, foreign))
 
 
 @peer_app.command()
-def remove(channel: _Channel, peer: _Peer, naming: _Naming = None) -> None:
+def remove(channel: _Channel, peer: _Peer, naming: Naming = None) -> None:
     """Remove a link at both ends."""
-    with reporting("events peer remove"), _orb(naming) as orb:
-        _find(orb, channel).removePeer(peer)
+    with connected("events peer remove", naming) as orb:
+        _channel(orb, channel).removePeer(peer)
 
 
 # ---- events as lines ----
@@ -152,8 +147,8 @@ def text_line(event: Event) -> str:
     extras = [f"priority {event.priority}"] * bool(event.priority)
     extras += [f"expires after {event.expiry:g} s"] * bool(event.expiry)
     shown = json_format.dumps(_shown(event.payload), ensure_ascii=False)
-    if len(shown) > SHOWN_TEXT:
-        shown = f"{shown[:SHOWN_TEXT]}… ({len(shown)} characters)"
+    if len(shown) > MAX_CHARACTERS:
+        shown = f"{shown[:MAX_CHARACTERS]}… ({len(shown)} characters)"
     identity = f"{event.origin}:{event.number}"
     words = [_moment(event.time), identity, event.type, event.source or "-", *extras, shown]
     return "  ".join(map(_printable, words))
@@ -172,8 +167,8 @@ def _shown(value: Any, level: int = 0) -> Any:
     if isinstance(value, float):
         return value if abs(value) < float("inf") else str(value)  # JSON has neither nan nor infinity
     if isinstance(value, bytes | bytearray):
-        return f"<{len(value)} bytes {value[:SHOWN_BYTES].hex()}{'…' * (len(value) > SHOWN_BYTES)}>"
-    if level == SHOWN_LEVELS:
+        return f"<{len(value)} bytes {value[:MAX_BYTES].hex()}{'…' * (len(value) > MAX_BYTES)}>"
+    if level == MAX_LEVELS:
         return "…"
     if isinstance(value, dict):
         return {key if isinstance(key, str) else str(_shown(key)): _shown(v, level + 1) for key, v in value.items()}
@@ -198,7 +193,7 @@ def _printable(text: str) -> str:
 
 def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Generator[Event, None, None]:
     """Events as they arrive, without end. Raises NotReachable if the channel has disconnected this consumer."""
-    waiting: queue.Queue[Event] = queue.Queue(WAITING_EVENTS)
+    waiting: queue.Queue[Event] = queue.Queue(MAX_WAITING)
     ended = threading.Event()
 
     def receive(event: Event) -> None:
@@ -206,15 +201,14 @@ def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
             with contextlib.suppress(queue.Full):
                 return waiting.put(event, timeout=0.2)
 
-    subscription = client.subscribe(receive, pattern, queue=QueuePolicy(QUEUED_EVENTS))
+    subscription = client.subscribe(receive, pattern, queue=QueuePolicy(MAX_QUEUED))
     try:
         while True:
             try:
-                yield waiting.get(timeout=CHECK_S)
+                yield waiting.get(timeout=CHECK_INTERVAL_S)
             except queue.Empty:
-                with contextlib.suppress(
-                    CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT
-                ):  # the channel may be restarting
+                # The channel may be restarting.
+                with contextlib.suppress(CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT):
                     subscription.proxy.state()
     except CORBA.OBJECT_NOT_EXIST:
         raise NotReachable(f"channel {channel} has disconnected this consumer") from None
@@ -226,15 +220,11 @@ def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
         subscription.end()
 
 
-def _connected(orb: Orb, channel: str) -> EventClient:
+def _event_client(orb: Orb, channel: str) -> EventClient:
     from robocorba.corba.event_client import EventClient
 
     return EventClient(orb, channel, timeout_s=RESOLVE_TIMEOUT_S)
 
 
-def _find(orb: Orb, channel: str) -> Any:
+def _channel(orb: Orb, channel: str) -> Any:
     return orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, RESOLVE_TIMEOUT_S)
-
-
-def _orb(naming: str | None) -> Orb:
-    return Orb(Settings.read(naming=naming).naming)

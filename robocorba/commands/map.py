@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from robocorba.errors.base import RoboCorbaError
+from robocorba.commands.reporting import reporting
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 if TYPE_CHECKING:
-    from robocorba.maps.checking import Finding
+    from robocorba.maps.checking import MapFinding
     from robocorba.maps.formats import Imported
     from robocorba.maps.model import Building
 
@@ -28,15 +29,17 @@ _FILE = typer.Argument(
 )
 
 
-class Unknown(str, Enum):
-    """Interpretation of unknown cells of ROS maps."""
+class UnknownCells(str, Enum):
+    """What unknown cells of ROS maps count as."""
 
     BLOCKED = "blocked"
     FREE = "free"
 
 
 class Specks(str, Enum):
-    """Which specks of ROS maps are kept or removed."""
+    """Which specks of ROS maps are removed: none, those within 0.05 m of larger regions, or all.
+
+    A speck is an occupied or unknown region of at most 0.05 m side."""
 
     KEEP = "keep"
     WALLS = "walls"
@@ -57,30 +60,34 @@ def import_(
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
     topology: Annotated[
-        bool, typer.Option("--topology", help="Generate the roadmap of every floor without edges, using its nodes.")
+        bool,
+        typer.Option(
+            "--topology", help="Generate a topological map, with the present nodes, for every floor that has no edges."
+        ),
     ] = False,
-    radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = 0.40,
+    radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = SMARTPAL_RADIUS_M,
     unknown: Annotated[
-        Unknown, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
-    ] = Unknown.BLOCKED,
+        UnknownCells, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
+    ] = UnknownCells.BLOCKED,
     specks: Annotated[
         Specks,
         typer.Option(
             "--specks",
-            help="Specks of ROS maps, 0.05 m or less: keep them, remove those beside walls, or all.",
+            help="Occupied or unknown regions of ROS maps with a side up to 0.05 m: keep them, or remove those beside "
+            "walls, or all.",
         ),
     ] = Specks.WALLS,
 ) -> None:
-    """Convert a map of any readable format to a native map file and list the losses."""
+    """Convert a map of any readable format to a native map file, and list what the conversion changes."""
     from robocorba.maps import checking, native
 
-    with _reporting_errors("map import"):
+    with reporting("map import", OSError):
         imported = _read(file, unknown, specks)
         building = imported.building
-        _print_losses(imported.losses)
+        _print_losses("import", imported.losses)
         if topology:
             for name in building.floors:
-                building = _with_roadmap(building, name, radius)
+                building = _with_topological_map(building, name, radius)
         _print_warnings(checking.blocked(building))
         native.save(building, output)
         typer.echo(f"wrote {output}: {_summary(building)}")
@@ -94,13 +101,13 @@ def export(
     resolution: Annotated[float, typer.Option(metavar="M", help="Side of a cell, for ros.")] = 0.05,
     image: Annotated[str, typer.Option(metavar="KIND", help="pgm or png, for ros.")] = "pgm",
 ) -> None:
-    """Write a map in another format and list the losses."""
+    """Write a map in another format, and list what the conversion changes."""
     from robocorba.maps.formats import write_map
 
-    with _reporting_errors("map export"):
+    with reporting("map export", OSError):
         building = _read(file).building
         exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
-        _print_losses(exported.losses)
+        _print_losses("export", exported.losses)
         for written in exported.files:
             typer.echo(f"wrote {written}")
 
@@ -115,7 +122,7 @@ def show(
     """Draw the floors of a map as a picture."""
     from robocorba.maps.drawing import draw_building, draw_floor
 
-    with _reporting_errors("map show"):
+    with reporting("map show", OSError):
         building = _read(file).building
         if floor and floor not in building.floors:
             raise typer.BadParameter(f"there is no floor {floor!r}; there are {', '.join(building.floors)}")
@@ -129,54 +136,53 @@ def check(
     file: Annotated[str, _FILE],
     radius: Annotated[
         float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should reach every node.")
-    ] = 0.40,
+    ] = SMARTPAL_RADIUS_M,
 ) -> None:
-    """Check a map: exit code 0 if it can be served, else 1 and the file, line and key of the error.
+    """Check a map: exit code 0 if it is valid, else 1 and the file, line and key of the error.
 
-    Warnings list what is blocked and what a robot of the radius can't reach."""
+    Warnings list what is blocked and what a robot of the radius can't reach. Warnings, notes, and what reading a
+    foreign format changes (import: ...) do not make a map invalid."""
     from robocorba.maps.checking import findings
 
-    with _reporting_errors("map check"):
+    with reporting("map check", OSError):
         imported = _read(file)
-        _print_losses(imported.losses)
+        _print_losses("import", imported.losses)
         building = imported.building
         for name, elevator in building.elevators.items():
             if len(elevator.floors()) < 2:
                 typer.echo(f"note: elevator {name!r} serves only {', '.join(elevator.floors())}")
         for name, entry in building.floors.items():
             if not entry.topological.edges:
-                missing = "edges" if entry.topological.nodes else "topological map"
-                typer.echo(
-                    f"note: floor {name!r} has no {missing}; `robocorba map import --topology` generates a roadmap"
-                )
+                missing = "edges" if entry.topological.nodes else "nodes and edges"
+                typer.echo(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` generates them")
         warnings = _print_warnings(findings(building, radius))
-        verdict = f"can be served: {warnings} warning{'s' * (warnings > 1)}" if warnings else "is sound"
-        typer.echo(f"{file} {verdict}: {_summary(building)}")
+        counted = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
+        typer.echo(f"{file} is valid{counted}: {_summary(building)}")
 
 
-def _with_roadmap(building: Building, floor: str, radius_m: float) -> Building:
-    """The building with a generated roadmap on a floor without edges, using its nodes. Prints the result."""
+def _with_topological_map(building: Building, floor: str, radius_m: float) -> Building:
+    """The building; a floor without edges gets a topological map, with its present nodes. Prints the result."""
     from robocorba.maps.losses import listed
     from robocorba.maps.topology import topological_map
 
     entry = building.floors[floor]
-    places, edges = entry.topological.nodes, entry.topological.edges
+    nodes, edges = entry.topological.nodes, entry.topological.edges
     if edges:
-        typer.echo(f"{floor}: roadmap kept, it has {len(edges)} edges")
+        typer.echo(f"{floor}: topological map kept, it has {len(edges)} edges")
         return building
-    drawn = topological_map(building, floor, radius_m, tuple(places.values()))
-    joined = {name for edge in drawn.edges.values() for name in (edge.a, edge.b)}
-    unreachable = [name for name in places if name not in joined]
+    generated = topological_map(building, floor, radius_m, tuple(nodes.values()))
+    connected = {name for edge in generated.edges.values() for name in (edge.a, edge.b)}
+    unreachable = [name for name in nodes if name not in connected]
     typer.echo(
-        f"{floor}: added {len(drawn.nodes) - len(places)} nodes and {len(drawn.edges)} edges"
-        + (f", connected {len(places) - len(unreachable)} of {len(places)} nodes" if places else "")
+        f"{floor}: added {len(generated.nodes) - len(nodes)} nodes and {len(generated.edges)} edges"
+        + (f", connected {len(nodes) - len(unreachable)} of {len(nodes)} nodes" if nodes else "")
         + (f"; unreachable for a robot of radius {radius_m:g} m: {listed(unreachable)}" if unreachable else "")
     )
-    floors = {**building.floors, floor: msgspec.structs.replace(entry, topological=drawn)}
+    floors = {**building.floors, floor: msgspec.structs.replace(entry, topological=generated)}
     return msgspec.structs.replace(building, floors=floors)
 
 
-def _print_warnings(found: Iterable[Finding]) -> int:
+def _print_warnings(found: Iterable[MapFinding]) -> int:
     """Print findings, one line for each kind. Returns the number of lines."""
     from robocorba.maps.checking import summaries
 
@@ -186,22 +192,7 @@ def _print_warnings(found: Iterable[Finding]) -> int:
     return len(lines)
 
 
-class _reporting_errors:
-    """Reports errors of RoboCorba and OSError in one line on stderr, with exit code 1."""
-
-    def __init__(self, command: str) -> None:
-        self.command = command
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: object, traceback: object) -> None:
-        if isinstance(error, RoboCorbaError | OSError):
-            typer.echo(f"robocorba {self.command}: {error}", err=True)
-            raise typer.Exit(1) from None
-
-
-def _read(file: str, unknown: Unknown = Unknown.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
+def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
     from robocorba.maps.formats import read_map
     from robocorba.maps.samples import SAMPLES, sample_path
 
@@ -209,9 +200,9 @@ def _read(file: str, unknown: Unknown = Unknown.BLOCKED, specks: Specks = Specks
     return read_map(path, unknown=unknown.value, specks=specks.value)
 
 
-def _print_losses(losses: tuple[str, ...]) -> None:
+def _print_losses(direction: str, losses: tuple[str, ...]) -> None:
     for loss in losses:
-        typer.echo(f"lost: {loss}")
+        typer.echo(f"{direction}: {loss}")
 
 
 def _summary(building: Building) -> str:

@@ -14,31 +14,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from robocorba.commands.options import Naming, connected
 from robocorba.commands.reporting import reporting
-from robocorba.commands.waiting import Stop, progress
-from robocorba.corba.orb import Orb
+from robocorba.commands.waiting import Outage, StopSignal, progress
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.names import MISSIONS
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.missions.record import StoredPlan
+    from robocorba.missions.subplan import StoredPlan
     from robocorba.programs.icons import Destination
 
 #: Interval between queries of the leader [s].
-POLL_S = 0.2
-#: The command fails if the leader is not reachable for this time [s].
-UNREACHABLE_LIMIT_S = 10.0
+POLL_INTERVAL_S = 0.2
 
 app = typer.Typer(help="Missions of several robots.", no_args_is_help=True)
 start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
 app.add_typer(start_app, name="start")
-Naming = Annotated[
-    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-]
 LeaderName = Annotated[str, typer.Option("--leader", metavar="ROBOT", help="The robot that leads.")]
 
 
@@ -52,13 +47,13 @@ def move_table(
     naming: Naming = None,
 ) -> None:
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.programs.builder import ProgramBuilder
+    from robocorba.programs.graphic_programming import ProgramBuilder
     from robocorba.programs.program import dumps
 
-    stop = Stop()
-    with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
+    stop = StopSignal()
+    with connected("mission", naming) as orb:
         agent = RemoteAgent(orb, leader)
         agent.load(dumps(ProgramBuilder(f"move {table}").move_table(table, parse_destination(to)).program()))
         agent.run()
@@ -73,28 +68,28 @@ def status(leader: LeaderName, naming: Naming = None) -> None:
     """Show the plan and the phase of the mission that a robot leads, or led last."""
     from robocorba.corba.remote.data_pool import RemotePool
 
-    with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
-        kept = _latest(RemotePool.of_robot(orb, leader, 3.0))
-    if kept is None:
+    with connected("mission", naming) as orb:
+        stored = _latest(RemotePool.of_robot(orb, leader, 3.0))
+    if stored is None:
         typer.echo(f"{leader} has led no mission")
         return
-    plan = kept.plan
-    table = Table(title=f"{plan.mission}: {plan.kind} {plan.thing}, {kept.phase}")
+    plan = stored.plan
+    table = Table(title=f"{plan.mission}: {plan.kind} {plan.thing}, {stored.phase}")
     table.add_column("phase")
     for subplan in plan.subplans:
         table.add_column(f"{subplan.robot} ({subplan.role})")
     for number, phase in enumerate(plan.phases):
         steps = [type(subplan.steps[number]).__name__ for subplan in plan.subplans]
-        table.add_row(phase, *steps, style="bold" if phase == kept.phase else "")
+        table.add_row(phase, *steps, style="bold" if phase == stored.phase else "")
     Console().print(table)
 
 
 @app.command()
 def abort(leader: LeaderName, naming: Naming = None) -> None:
     """Abort the mission that a robot leads: all robots put down what they hold, and are free."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
-    with reporting("mission"), Orb(Settings.read(naming=naming).naming) as orb:
+    with connected("mission", naming) as orb:
         RemoteAgent(orb, leader).abort()
 
 
@@ -107,7 +102,7 @@ def report(
 ) -> None:
     """Print the report of a mission that has ended, and write it as a web page beside its JSON."""
     from robocorba.missions import page, timeline
-    from robocorba.missions.record import REPORT_FILE
+    from robocorba.missions.report import REPORT_FILE
 
     with reporting("mission"):
         folder = Settings.read(state=state).state / MISSIONS
@@ -126,7 +121,7 @@ def report(
 
 
 def tables(report: dict[str, Any]) -> list[Table]:
-    """Tables of the phases and of the message latencies. report: of `record.as_json`."""
+    """Tables of the phases and of the message latencies. report: as returned by MissionReport.as_json."""
     from robocorba.missions import page
 
     phases = Table(*map(escape, page.PHASES), title=f"{report['mission']}: {report['result']}", title_justify="left")
@@ -166,29 +161,27 @@ class MissionStatus(NamedTuple):
 def follow_mission(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) -> Iterator[MissionStatus]:
     """The progress of the mission that a robot leads, until its end; `wait` is called with the seconds in between.
 
-    Raises NotReachable if the robot is not reachable for UNREACHABLE_LIMIT_S."""
-    unreachable_s = 0.0
+    Raises NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
+    outage = Outage()
     while True:
         try:
-            report, kept = agent.state().program, _latest(pool)
-            unreachable_s = 0.0
-        except NotReachable:
-            unreachable_s += POLL_S
-            if unreachable_s > UNREACHABLE_LIMIT_S:
-                raise
+            report, stored = agent.state().program, _latest(pool)
+            outage.note_answer()
+        except NotReachable as error:
+            outage.note_failure(error)
         else:
-            phase = kept.phase if kept else ""
-            phases = kept.plan.phases if kept else ()
-            robots = tuple(subplan.robot for subplan in kept.plan.subplans) if kept else ()
+            phase = stored.phase if stored else ""
+            phases = stored.plan.phases if stored else ()
+            robots = tuple(subplan.robot for subplan in stored.plan.subplans) if stored else ()
             share = phases.index(phase) / len(phases) if phase in phases else 0.0
             result = "" if report.result.name == "NO_RESULT" else report.result.name.lower()
             yield MissionStatus(phase, robots, share, report.seconds, result, report.reason)
             if result:
                 return
-        wait(POLL_S)
+        wait(POLL_INTERVAL_S)
 
 
-def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[str, str, float]:
+def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal) -> tuple[str, str, float]:
     """Print each phase that begins, until the mission has ended; return result, reason and seconds."""
     printed, is_ending = "", False
 
@@ -204,14 +197,14 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: Stop) -> tuple[s
                 printed = now.phase
                 typer.echo(f"{printed}\t{', '.join(now.robots)}\t{now.seconds:.1f} s")
             bar(now.share, printed)
-            if stop.is_asked and not is_ending:
+            if stop.is_requested and not is_ending:
                 is_ending = True
                 agent.abort()
     raise NotReachable(f"robot {agent.name} reports no result")  # not reached: follow_mission ends with one
 
 
 def _latest(pool: RemotePool) -> StoredPlan | None:
-    from robocorba.missions.record import decode_plan
+    from robocorba.missions.subplan import StoredPlan
 
     plans = pool.plans()
-    return decode_plan(plans[-1].content) if plans else None
+    return StoredPlan.decode(plans[-1].content) if plans else None

@@ -10,20 +10,16 @@ from pathlib import Path as File
 from typing import Annotated
 
 import typer
-from omniORB import CORBA
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
+from robocorba.commands.options import Naming, connected
+from robocorba.commands.reporting import reporting
 from robocorba.corba.conversion import paths
-from robocorba.corba.orb import Orb
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
 from robocorba.planning.request import (
-    SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
@@ -31,7 +27,7 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
 )
-from robocorba.settings import Settings
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 
 
@@ -52,7 +48,7 @@ def path(
     mode: Annotated[
         Mode, typer.Option(help="Along the topological map with corners cut, along it exactly, or through free space.")
     ] = (Mode.SMOOTHED),
-    time: Annotated[bool, typer.Option("--time", help="The fastest rather than the shortest path.")] = False,
+    fastest: Annotated[bool, typer.Option("--time", help="Minimize the duration instead of the distance.")] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot in metres.")] = SMARTPAL_RADIUS_M,
     speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED_M_S,
     avoid: Annotated[
@@ -60,51 +56,36 @@ def path(
         typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),
     ] = None,
     graph: Annotated[
-        str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and those of all graphs.")
+        str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and edges that name no graph.")
     ] = "",
     alternatives: Annotated[int, typer.Option(metavar="N", help="Number of alternative paths.")] = 0,
-    naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-    ] = None,
+    naming: Naming = None,
 ) -> None:
     """Plan a path with the running path planning agent."""
-    try:
+    with reporting("path"):
         wanted = PathRequest(
             parse_place(start, "start"),
             parse_place(goal, "goal"),
             radius=radius,
             speed=speed,
             mode=RouteMode[mode.name],
-            best=Criterion.SHORTEST_TIME if time else Criterion.SHORTEST_DISTANCE,
+            best=Criterion.SHORTEST_TIME if fastest else Criterion.SHORTEST_DISTANCE,
             avoid_elevators=frozenset(name for name in avoid or () if "/" not in name),
             avoid_areas=tuple((name.partition("/")[0], name.partition("/")[2]) for name in avoid or () if "/" in name),
             graph=graph,
             alternatives=alternatives,
         )
-        with Orb(Settings.read(naming=naming).naming) as orb:
-            planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=3.0)
-            found = [paths.path_of(struct) for struct in planner.findPaths(paths.request(wanted))]
-            for one in found:
-                Console().print(as_table(one))
-            if picture:
-                from robocorba.maps import (
-                    native,
-                )  # imported here and below, because the picture libraries take a second to load
+    with connected("path", naming) as orb:
+        planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=3.0)
+        found = [paths.path_of(struct) for struct in planner.findPaths(paths.request(wanted))]
+        for one in found:
+            Console().print(as_table(one))
+        if picture:
+            from robocorba.maps import native  # imported here and below: the picture libraries take a second to load
 
-                editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
-                draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
-                typer.echo(f"drew {picture}")
-    except RoboCorbaError as error:
-        _fail(str(error))
-    except CORBA.UserException as error:
-        _fail(idl_errors.error_of(error))
-    except CORBA.SystemException as error:
-        _fail(f"the call failed ({describe(error)})")
-
-
-def _fail(reason: str) -> None:
-    typer.echo(f"robocorba path: {reason}", err=True)
-    raise typer.Exit(1)
+            editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+            draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
+            typer.echo(f"drew {picture}")
 
 
 def parse_place(text: str, which: str) -> Place:

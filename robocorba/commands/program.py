@@ -59,7 +59,7 @@ def check(
         from robocorba.kinematics.inverse import InverseKinematics
         from robocorba.programs.checker import Start
         from robocorba.programs.checker import check as check_program
-        from robocorba.programs.program import walk
+        from robocorba.programs.program import icons_with_paths
 
         with _planner(building, naming) as planner:
             report = check_program(program, InverseKinematics(), planner, Start(place, heading))
@@ -67,9 +67,9 @@ def check(
             typer.echo(f"note: {note}")
         for finding in report.findings:
             typer.echo(f"{file}: {finding}", err=True)
-        if not report.is_sound:
+        if not report.is_valid:
             raise typer.Exit(1)
-        typer.echo(f"{file} is sound: {sum(1 for _ in walk(program))} icons")
+        typer.echo(f"{file} is valid: {sum(1 for _ in icons_with_paths(program))} icons")
 
 
 @app.command()
@@ -114,7 +114,7 @@ def _add_to(tree: Tree, icons: Sequence[Icon], at: str) -> None:
 
     for number, icon in enumerate(icons):
         inside = bodies(icon)
-        branch = tree.add(_words(icon, f"{at}[{number}]", {name for name, _ in inside}))
+        branch = tree.add(_line(icon, f"{at}[{number}]", {name for name, _ in inside}))
         for name, body in inside:
             if name == "icons":
                 _add_to(branch, body, name)
@@ -122,14 +122,14 @@ def _add_to(tree: Tree, icons: Sequence[Icon], at: str) -> None:
                 _add_to(branch.add(Text(name, "italic")), body, name)
 
 
-def _words(icon: Icon, at: str, leave_out: set[str]) -> Text:
+def _line(icon: Icon, at: str, omitted: set[str]) -> Text:
     """One line, such as: icons[0] mbase_path floor=L3 x=10 y=4."""
     from robocorba.programs.icons import kind
 
     text = Text.assemble((f"{at} ", "dim"), (kind(icon), "cyan"))
     for name in icon.__struct_fields__:
         value = getattr(icon, name)
-        if value is not None and name not in leave_out:
+        if value is not None and name not in omitted:
             text.append(f" {name}={_value(value)}")
     return text
 
@@ -150,7 +150,7 @@ def _planner(building: str | None, naming: str | None) -> Iterator[Planner | Non
 
         yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
     elif naming:
-        from robocorba.corba.remote.paths import RemotePlanner
+        from robocorba.corba.remote.path_planner import RemotePlanner
 
         with Orb(Settings.read(naming=naming).naming) as orb:
             yield RemotePlanner(orb)

@@ -15,22 +15,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from robocorba.commands.options import Naming, connected
 from robocorba.commands.program import app, read
-from robocorba.commands.reporting import reporting
-from robocorba.commands.waiting import Stop
-from robocorba.corba.orb import Orb
+from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
-from robocorba.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.control.agent import AgentState
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
 #: Interval between requests for the robot's progress [s].
-LOOK_S = 0.1
-#: Time for which the robot may not answer before the command fails [s].
-ABSENCE_LIMIT_S = 10.0
+POLL_INTERVAL_S = 0.1
 KEYS = "p: pause  r: resume  s: step  q: end"
 
 
@@ -39,18 +35,16 @@ def run(
     file: Annotated[File, typer.Argument(metavar="FILE", help="A program, or - for the standard input.")],
     robot: Annotated[str, typer.Option(metavar="NAME", help="The robot to run it on.")],
     step: Annotated[bool, typer.Option("--step", help="Pause before each icon.")] = False,
-    naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-    ] = None,
+    naming: Naming = None,
 ) -> None:
     """Run a program on a robot, and print each icon that begins. Ctrl-C ends the program; the robot stops.
 
     Exit code 0 if the program is done. In a terminal p pauses, s steps, r resumes, q ends."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.programs.program import dumps
 
-    stop = Stop()
-    with reporting("program run"), Orb(Settings.read(naming=naming).naming) as orb:
+    stop = StopSignal()
+    with connected("program run", naming) as orb:
         agent = RemoteAgent(orb, robot)
         agent.load(dumps(read("run", file)))
         agent.run(step)
@@ -66,21 +60,19 @@ def run(
         raise typer.Exit(1)
 
 
-def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
+def _follow(agent: RemoteAgent, stop: StopSignal, keys: int | None) -> AgentState:
     """Follow the program to its end; print each icon that begins, and where it pauses."""
     printed = 0
     was_paused = is_ending = False
-    away_s = 0.0
+    outage = Outage()
     while True:
         try:
             state = agent.state()
             begun = agent.begun(printed)
-            away_s = 0.0
-        except NotReachable:
-            away_s += LOOK_S
-            if away_s > ABSENCE_LIMIT_S:
-                raise
-            stop.wait(LOOK_S)
+            outage.note_answer()
+        except NotReachable as error:
+            outage.note_failure(error)
+            stop.wait(POLL_INTERVAL_S)
             continue
         for icon in begun:
             _print(icon.icon, icon.kind, f"{icon.seconds:.1f} s")
@@ -91,7 +83,7 @@ def _follow(agent: RemoteAgent, stop: Stop, keys: int | None) -> AgentState:
         was_paused = is_paused
         if state.program.result.name != "NO_RESULT":
             return state
-        if stop.wait(LOOK_S) and not is_ending:
+        if stop.wait(POLL_INTERVAL_S) and not is_ending:
             is_ending = True
             agent.abort()
         if keys is not None:
@@ -128,35 +120,35 @@ def _keys() -> Iterator[int | None]:
         termios.tcsetattr(number, termios.TCSADRAIN, before)
 
 
-def _order(name: str, what: str, naming: str | None) -> None:
-    from robocorba.corba.remote.agents import RemoteAgent
+def _order(name: str, order: str, naming: str | None) -> None:
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
-    with reporting(f"program {what}"), Orb(Settings.read(naming=naming).naming) as orb:
-        getattr(RemoteAgent(orb, name), what)()
+    with connected(f"program {order}", naming) as orb:
+        getattr(RemoteAgent(orb, name), order)()
 
 
 _ROBOT = typer.Argument(metavar="ROBOT", help="Name of the robot.")
 
 
 @app.command()
-def pause(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+def pause(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
     """Pause a robot's program until `resume` or `step`."""
     _order(robot, "pause", naming)
 
 
 @app.command()
-def resume(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+def resume(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
     """Continue a robot's program."""
     _order(robot, "resume", naming)
 
 
 @app.command()
-def step(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+def step(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
     """Continue a robot's program to the next icon."""
     _order(robot, "step", naming)
 
 
 @app.command()
-def abort(robot: Annotated[str, _ROBOT], naming: str | None = None) -> None:
+def abort(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
     """End a robot's program."""
     _order(robot, "abort", naming)

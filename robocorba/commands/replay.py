@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import SystemTables, as_tables, elevators, robots, show
-from robocorba.commands.waiting import Stop, progress
+from robocorba.commands.simulation_tables import SimulationTables, as_tables, elevators, robots, show
+from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
-from robocorba.errors.simulation import StateDamaged
+from robocorba.errors.simulation import InvalidRecording
 from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import FloorView
@@ -44,7 +44,7 @@ def replay(
     with reporting("replay"):
         recording = Recording(file)
         if not recording.count:
-            raise StateDamaged(str(file), "contains no updates")
+            raise InvalidRecording(str(file), "contains no updates")
         at_s = math.inf if at is None else at
         if png:
             draw_one(recording, one_of(recording, floor or []), at_s, png, width)
@@ -55,7 +55,7 @@ def replay(
         if at is None and Console().is_terminal:
             show_live(recording, floor or [], speed)
         else:
-            show(scene(recording.at(at_s, floor or [])))
+            show(recorded_tables(recording.at(at_s, floor or [])))
 
 
 def one_of(recording: Recording, floors: Sequence[str]) -> str:
@@ -65,27 +65,27 @@ def one_of(recording: Recording, floors: Sequence[str]) -> str:
     return floors[0] if floors else recording.floors[0]
 
 
-def scene(views: Mapping[str, FloorView]) -> SystemTables:
+def recorded_tables(views: Mapping[str, FloorView]) -> SimulationTables:
     """Tables of recorded floors."""
-    return SystemTables(robots=robots(views.values()), elevators=elevators(views.values()))
+    return SimulationTables(robots=robots(views.values()), elevators=elevators(views.values()))
 
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
-    """Play a recording as tables in the terminal. Raises UnknownFloor, StateDamaged."""
-    stop = Stop()
+    """Play a recording as tables in the terminal. Raises UnknownFloor, InvalidRecording."""
+    stop = StopSignal()
     began = time.monotonic()
     with Live(auto_refresh=False) as live:
-        for at_s, views in recording.moments(SHOW_INTERVAL_S * speed, floors):
+        for at_s, views in recording.sampled(SHOW_INTERVAL_S * speed, floors):
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
-            live.update(as_tables(scene(views), note, "bold"), refresh=True)
+            live.update(as_tables(recorded_tables(views), note, "bold"), refresh=True)
     if not recording.is_complete:
         typer.echo("the recording ends here: its recorder was killed, or is still recording")
 
 
 def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
-    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, StateDamaged, InvalidSetting."""
+    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting."""
     picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
     try:
         file.write_bytes(picture)
@@ -97,15 +97,15 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
 def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
     """Convert a recording to a video, until stopped.
 
-    Raises UnknownFloor, InvalidPicture, StateDamaged, VideoError."""
+    Raises UnknownFloor, InvalidPicture, InvalidRecording, VideoError."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.video import VideoFile
 
-    stop, draw = Stop(), painting(recording, width_px)
+    stop, draw = StopSignal(), painting(recording, width_px)
     size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
     with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:
-        for at_s, views in recording.moments(speed / fps, [floor]):
+        for at_s, views in recording.sampled(speed / fps, [floor]):
             video.add(draw(at_s, views[floor]))
             bar(at_s, f"{video.count} pictures")
             if stop.wait(0.0):

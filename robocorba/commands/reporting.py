@@ -8,23 +8,16 @@ from collections.abc import Iterator
 import typer
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
+from robocorba.corba.calls import error_of
 from robocorba.errors.base import RoboCorbaError
 
 
 @contextlib.contextmanager
-def reporting(command: str) -> Iterator[None]:
-    """Print an error as one line and exit with code 1."""
+def reporting(command: str, *errors: type[Exception]) -> Iterator[None]:
+    """Print an error of RoboCorba, of CORBA or of the given types as one line, and exit with code 1."""
+    caught: tuple[type[Exception], ...] = (RoboCorbaError, CORBA.Exception, *errors)
     try:
         yield
-    except RoboCorbaError as error:
-        reason = str(error)
-    except CORBA.UserException as error:
-        reason = idl_errors.error_of(error)
-    except CORBA.SystemException as error:
-        reason = f"the call failed ({describe(error)})"
-    else:
-        return
-    typer.echo(f"robocorba {command}: {reason}", err=True)
-    raise typer.Exit(1)
+    except caught as error:
+        typer.echo(f"robocorba {command}: {error_of(error)}", err=True)
+        raise typer.Exit(1) from None

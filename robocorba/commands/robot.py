@@ -8,17 +8,12 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.reporting import reporting
-from robocorba.corba.orb import Orb
+from robocorba.commands.options import Naming, connected
 from robocorba.errors.base import RoboCorbaError
-from robocorba.settings import Settings
 from robocorba.supervision.launch import module_command
 
 #: Timeout for the confirmation of an emergency stop [s].
 STOP_LIMIT_S = 5.0
-Naming = Annotated[
-    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-]
 
 
 def robot(context: typer.Context) -> None:
@@ -39,9 +34,9 @@ def stop(
     """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
-    from robocorba.corba.remote.agents import RemoteAgent, robots
+    from robocorba.corba.remote.control_agent import RemoteAgent, robots
 
-    with reporting("stop"), Orb(Settings.read(naming=naming).naming) as orb:
+    with connected("stop", naming) as orb:
         failed: dict[str, str] = {}
 
         def order(robot_name: str) -> None:
@@ -71,9 +66,9 @@ def switch(
     naming: Naming = None,
 ) -> None:
     """Switch a robot's agent to the actual or the virtual robot. It refuses while a program runs."""
-    from robocorba.corba.remote.agents import RemoteAgent
+    from robocorba.corba.remote.control_agent import RemoteAgent
 
-    with reporting("switch"), Orb(Settings.read(naming=naming).naming) as orb:
+    with connected("switch", naming) as orb:
         agent = RemoteAgent(orb, name)
         agent.switch(adaptor, arguments or [])
         typer.echo(f"{name}\t{adaptor}")

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
@@ -17,10 +18,9 @@ from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s]; long, since `step` waits for the steps.
-CALL_LIMIT_S = 60.0
+CALL_TIMEOUT_S = 60.0
 
 app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
-State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
 
 
 @app.command()
@@ -86,5 +86,5 @@ def _administrator(state: Path | None) -> Iterator[Any]:
             raise NotReachable(
                 f"no simulation server runs in {settings.state} ({file.name}: {error.strerror})"
             ) from None
-        with Orb(settings.naming, call_timeout_s=CALL_LIMIT_S) as orb:
+        with Orb(settings.naming, call_timeout_s=CALL_TIMEOUT_S) as orb:
             yield orb.reference(reference, RoboCorba.SimulationAdministrator)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 import psutil
@@ -13,14 +12,15 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from robocorba.commands.options import Json, State
+from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import CONTEXT, Orb
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of
 
-#: Time for each object to answer [s].
+#: Timeout for each object [s].
 TIMEOUT_S = 2.0
 
 
@@ -50,18 +50,15 @@ class ProcessStatus(msgspec.Struct):
 
 
 def status(
-    state: Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    state: State = None,
+    json: Json = False,
 ) -> None:
     """Show the processes that run and whether they answer. Exit code 0 if all do, else 1."""
-    try:
+    with reporting("status"):
         settings = Settings.read(state=state)
         record = StateFolder(settings.state).read_record()
         alive = record if record is not None and record.is_alive else None
         processes = check_objects(alive) if alive else []
-    except RoboCorbaError as error:
-        typer.echo(f"robocorba status: {error}", err=True)
-        raise typer.Exit(1) from None
     if json:
         answer = {"state": str(settings.state), "naming": alive.naming if alive else None, "processes": processes}
         print(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
@@ -78,21 +75,21 @@ def check_objects(record: SystemRecord) -> list[ProcessStatus]:
     with Orb(Address.parse(record.naming)) as orb:
         pairs = [(process, name) for process in record.processes for name in process.names or ("",)]
         with ThreadPoolExecutor(len(pairs) or 1) as threads:
-            answers = list(threads.map(lambda pair: _ask(orb, pair[1]), pairs))
+            answers = list(threads.map(lambda pair: _check(orb, pair[1]), pairs))
     return [
-        _measure(process, [answer for (owner, _), answer in zip(pairs, answers, strict=True) if owner is process])
+        _status(process, [answer for (owner, _), answer in zip(pairs, answers, strict=True) if owner is process])
         for process in record.processes
     ]
 
 
-def _ask(orb: Orb, name: str) -> ObjectStatus:
+def _check(orb: Orb, name: str) -> ObjectStatus:
     key = name.removeprefix(f"{CONTEXT}/")
     probe = probe_of(key)
     try:
         if name and probe is None:
             return ObjectStatus(name, problem="unknown to this version of robocorba")
         if probe:
-            answered_ms = probe.ask(orb, key, TIMEOUT_S)
+            answered_ms = probe.call_object(orb, key, TIMEOUT_S)
         else:
             began = time.perf_counter()
             orb.check_naming(TIMEOUT_S)
@@ -102,7 +99,7 @@ def _ask(orb: Orb, name: str) -> ObjectStatus:
     return ObjectStatus(name, answered_ms=round(answered_ms, 3))
 
 
-def _measure(process: ProcessRecord, objects: list[ObjectStatus]) -> ProcessStatus:
+def _status(process: ProcessRecord, objects: list[ObjectStatus]) -> ProcessStatus:
     memory = 0
     if process.pid:
         try:
@@ -125,11 +122,11 @@ def _print(processes: list[ProcessStatus]) -> None:
     header = ("process", "state", "process id", "listens on", "memory", "up", "restarts", "object", "answer")
     rows: list[tuple[Any, ...]] = []
     for process in processes:
-        facts: tuple[Any, ...] = (process.name, process.state, process.pid or "-", process.endpoint)
-        facts += (f"{process.memory_mib:.0f} MiB", f"{process.uptime_s:.0f} s", process.restarts)
+        cells: tuple[Any, ...] = (process.name, process.state, process.pid or "-", process.endpoint)
+        cells += (f"{process.memory_mib:.0f} MiB", f"{process.uptime_s:.0f} s", process.restarts)
         for status in process.objects:
             answer = status.problem if status.answered_ms is None else f"{status.answered_ms:.2f} ms"
-            rows.append((*facts, status.name or "naming service", answer))
+            rows.append((*cells, status.name or "naming service", answer))
     console = Console()
     if console.is_terminal:
         table = Table(*header)

@@ -10,8 +10,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from robocorba.commands.options import State
+from robocorba.commands.reporting import reporting
 from robocorba.corba.naming import corbaname
-from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address, InvalidSetting, Settings
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers
@@ -21,27 +22,36 @@ from robocorba.supervision.system import NAMING_SERVICE, System
 
 def up(
     building: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample.")
+        Path | None,
+        typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample five-floors."),
     ] = None,
-    state: Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")] = None,
+    state: State = None,
     naming_port: Annotated[
-        int | None, typer.Option(metavar="N", help="Port of the naming service [ROBOCORBA_NAMING, 2809].")
+        int | None, typer.Option(metavar="N", help="Port of the naming service [port of ROBOCORBA_NAMING, 2809].")
     ] = None,
     host: Annotated[
         str | None,
-        typer.Option(metavar="H", help="Address of this machine on which to listen and which clients use [127.0.0.1]."),
+        typer.Option(
+            metavar="H",
+            help="Address of this machine, to listen on and for clients to use [host of ROBOCORBA_NAMING, 127.0.0.1].",
+        ),
     ] = None,
     subnets: Annotated[
         str,
         typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
     ] = "main",
-    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor processes.")] = 1,
-    start_limit: Annotated[float, typer.Option(metavar="S", help="Seconds for each process to answer a call.")] = 180.0,
+    sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
+    start_limit: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Time limit in seconds for each process to start, until it answers its first call."
+        ),
+    ] = 180.0,
 ) -> None:
     """Start the naming service and all servers, each as a process; print `ready` when all answer.
 
     A server that ends is restarted. Ctrl-C or SIGTERM stops everything."""
-    try:
+    with reporting("up"):
         settings = Settings.read(state=state)
         naming = Address.checked(
             host or settings.naming.host,
@@ -60,9 +70,6 @@ def up(
             start_limit_s=start_limit,
         )
         run(system)
-    except RoboCorbaError as error:
-        typer.echo(f"robocorba up: {error}", err=True)
-        raise typer.Exit(1) from None
 
 
 def run(system: System) -> None:

@@ -1,4 +1,4 @@
-"""Waiting in long-running commands: for Ctrl-C, for an absent server, with a progress bar."""
+"""Waiting in long-running commands: for Ctrl-C, for a server that does not answer, with a progress bar."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robocorba.errors.services import NotReachable
 
-#: Timeout for resolving a server at first, and in each retry after it was lost [s].
+#: Timeout to resolve a server at the start, and in each retry after it was lost [s].
 RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S = 3.0, 0.5
-#: Time for which a command waits for an absent server [s].
-ABSENCE_LIMIT_S = 10.0
+#: Time for which a command retries while a server does not answer [s].
+OUTAGE_LIMIT_S = 10.0
 
 
-class Stop:
-    """Ctrl-C and SIGTERM, which from now on interrupt only `wait`."""
+class StopSignal:
+    """Ctrl-C and SIGTERM: from its construction on, they end `wait` instead of the process.
+
+    is_requested: whether a `wait` was ended by a signal."""
 
     def __init__(self) -> None:
-        self.is_asked = False
+        self.is_requested = False
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
         self._signals: queue.SimpleQueue[None] = queue.SimpleQueue()
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -31,11 +33,11 @@ class Stop:
 
     def wait(self, seconds: float) -> bool:
         """Sleep until the timeout or a stop signal; whether there was a stop signal."""
-        if not self.is_asked:
+        if not self.is_requested:
             with contextlib.suppress(queue.Empty):
                 self._signals.get(timeout=max(0.0, seconds))
-                self.is_asked = True
-        return self.is_asked
+                self.is_requested = True
+        return self.is_requested
 
     def ticks(self, every_s: float, limit_s: float = 0.0) -> Iterator[float]:
         """Yield every `every_s` the time since the first tick [s], until a stop signal or `limit_s` (0: no limit).
@@ -54,27 +56,27 @@ class Stop:
             now_s = time.monotonic() - began
 
 
-class Absence:
-    """The time for which a server has been absent, at most `limit_s`."""
+class Outage:
+    """How long a server has not answered; `note_failure` raises after `limit_s`."""
 
-    def __init__(self, limit_s: float = ABSENCE_LIMIT_S) -> None:
+    def __init__(self, limit_s: float = OUTAGE_LIMIT_S) -> None:
         self._limit_s = limit_s
         self._since: float | None = None
 
     @property
-    def is_on(self) -> bool:
+    def is_active(self) -> bool:
+        """Whether the last call failed."""
         return self._since is not None
 
-    def go_on(self, error: NotReachable) -> str:
+    def note_failure(self, error: NotReachable) -> str:
         """Note that the server does not answer; returns a message. Raises `error` after the limit."""
         now = time.monotonic()
         self._since = now if self._since is None else self._since
         if now - self._since > self._limit_s:
             raise error
-        return f"away for {now - self._since:.0f} s: {error}"
+        return f"not reachable for {now - self._since:.0f} s: {error}"
 
-    def end(self) -> None:
-        """Note that the server answers."""
+    def note_answer(self) -> None:
         self._since = None
 
 

@@ -6,30 +6,33 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from omniORB import CORBA
 from rich.console import Console
 from rich.live import Live
 
-from robocorba.commands.reporting import reporting
-from robocorba.commands.scene import System, SystemTables, as_json, as_tables, show
-from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Absence, Stop, progress
-from robocorba.corba.calls import describe
-from robocorba.corba.conversion import errors as idl_errors
+from robocorba.commands.options import Naming, connected
+from robocorba.commands.simulation_tables import (
+    RunningSimulation,
+    SimulationTables,
+    as_json,
+    as_tables,
+    show,
+    simulation_server,
+)
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import CALL_LIMIT_S
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
-from robocorba.settings import InvalidSetting, Settings
-from robocorba.stubs import RoboCorba
+from robocorba.settings import InvalidSetting
 
 #: Interval between updates of the tables in a terminal [s].
 SHOW_INTERVAL_S = 0.25
 #: Interval between printed tables without a terminal [s].
 PRINT_INTERVAL_S = 1.0
 #: Timeout of a call that renders a picture [s]; the first picture of a floor is slow.
-PICTURE_LIMIT_S = 15.0
+PICTURE_TIMEOUT_S = 15.0
 
 
 def watch(
@@ -42,55 +45,53 @@ def watch(
     ] = 0.0,
     fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the video.")] = 960,
-    naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
-    ] = None,
+    naming: Naming = None,
 ) -> None:
     """Show the simulation server, its robots, elevators and sensors, until Ctrl-C."""
     floors = floor or []
-    with reporting("watch"), Orb(Settings.read(naming=naming).naming) as orb:
-        stop = Stop()
+    with connected("watch", naming) as orb:
+        stop = StopSignal()
         if video:
             film(Camera(orb, floors, width), video, seconds, fps, stop)
             return
-        system = System(orb, floors)
-        scene = system.look(RESOLVE_TIMEOUT_S)
+        simulation = RunningSimulation(orb, floors)
+        tables = simulation.read(RESOLVE_TIMEOUT_S)
         if json:
-            print(as_json(scene))
+            print(as_json(tables))
         elif once:
-            show(scene)
+            show(tables)
         elif Console().is_terminal:
-            show_live(system, scene, stop)
+            show_live(simulation, tables, stop)
         else:
-            print_tables(system, scene, stop)
+            print_tables(simulation, tables, stop)
 
 
-def show_live(system: System, scene: SystemTables, stop: Stop) -> None:
+def show_live(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
     """Show tables in the terminal until stopped. Raises UnknownFloor, NotReachable."""
-    absence = Absence()
-    with Live(as_tables(scene), auto_refresh=False) as live:
+    outage = Outage()
+    with Live(as_tables(tables), auto_refresh=False) as live:
         for _ in stop.ticks(SHOW_INTERVAL_S):
             try:
-                scene, note = system.look(), ""
-                absence.end()
+                tables, note = simulation.read(), ""
+                outage.note_answer()
             except NotReachable as error:
-                note = absence.go_on(error)
-            live.update(as_tables(scene, note), refresh=True)
+                note = outage.note_failure(error)
+            live.update(as_tables(tables, note), refresh=True)
 
 
-def print_tables(system: System, scene: SystemTables, stop: Stop) -> None:
+def print_tables(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
     """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
-    absence = Absence()
+    outage = Outage()
     for _ in stop.ticks(PRINT_INTERVAL_S):
         try:
-            scene = system.look()
-            absence.end()
+            tables = simulation.read()
+            outage.note_answer()
         except NotReachable as error:
-            if not absence.is_on:
+            if not outage.is_active:
                 typer.echo(f"robocorba watch: {error}; waiting", err=True)
-            absence.go_on(error)
+            outage.note_failure(error)
             continue
-        show(scene)
+        show(tables)
         print(flush=True)
 
 
@@ -100,28 +101,21 @@ class Camera:
     def __init__(self, orb: Orb, floors: Sequence[str], width_px: int) -> None:
         if len(floors) > 1:
             raise InvalidSetting("--floor", ", ".join(floors), "a video shows one floor")
-        self._orb, self._width_px = orb, width_px
-        self._server: Any = None
+        self._width_px = width_px
+        self._database = RemoteDatabase(orb, RETRY_TIMEOUT_S)
+        self._server = simulation_server(orb, PICTURE_TIMEOUT_S)
         self._floor = floors[0] if floors else ""
 
-    def png(self, find_s: float = RETRY_TIMEOUT_S) -> bytes:
+    def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:
         """Render the floor now. Raises UnknownFloor, InvalidPicture, NotReachable."""
-        try:
-            if not self._floor:
-                database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, find_s, CALL_LIMIT_S)
-                self._floor = database.floors()[0]
-            if self._server is None:
-                interface = RoboCorba.SimulationServer
-                self._server = self._orb.resolve("SimulationServer", interface, find_s, PICTURE_LIMIT_S)
-            return bytes(self._server.renderFloor(self._floor, self._width_px))
-        except CORBA.UserException as error:
-            raise (idl_errors.domain_error(error) or error) from None
-        except CORBA.SystemException as error:
-            self._server = None
-            raise NotReachable(f"the simulation server does not answer ({describe(error)})") from None
+        if not self._floor:
+            self._database.set_resolve_timeout(resolve_timeout_s)
+            self._floor = self._database.floors()[0]
+        self._server.resolve_timeout_s = resolve_timeout_s
+        return bytes(self._server.call(lambda server: server.renderFloor(self._floor, self._width_px)))
 
 
-def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> None:
+def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal) -> None:
     """Film the running simulation; the video is playable however the recording ends.
 
     Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
@@ -129,7 +123,7 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> No
 
     from robocorba.video import VideoFile
 
-    absence, most = Absence(), round(seconds * fps) or math.inf
+    outage, max_pictures = Outage(), round(seconds * fps) or math.inf
     picture = camera.png(RESOLVE_TIMEOUT_S)
     video = VideoFile(file, *Image.open(io.BytesIO(picture)).size, fps)
     try:
@@ -137,10 +131,10 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: Stop) -> No
             for passed_s in stop.ticks(1 / fps, seconds):
                 try:
                     picture, note = camera.png(), ""
-                    absence.end()
+                    outage.note_answer()
                 except NotReachable as error:
-                    note = absence.go_on(error)
-                due = min(round(passed_s * fps) + 1, most)
+                    note = outage.note_failure(error)
+                due = min(round(passed_s * fps) + 1, max_pictures)
                 video.add(picture, times=int(due) - video.count)
                 bar(passed_s, note or f"{video.count} pictures")
     finally:

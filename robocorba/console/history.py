@@ -46,10 +46,10 @@ class History:
 
     @classmethod
     def of_recording(cls, path: Path) -> History:
-        """The whole recording. Raises StateDamaged."""
+        """The whole recording. Raises InvalidRecording."""
         recording = Recording(path)
         history = cls(kept_s=float("inf"))
-        for at_s, views in recording.moments(INTERVAL_S):
+        for at_s, views in recording.sampled(INTERVAL_S):
             for view in views.values():
                 history.add(view, recording.began + at_s)
         return history

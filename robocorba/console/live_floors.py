@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from robocorba.console.frames import rows_of, update_frame, whole_frame
 from robocorba.console.history import History
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteDatabase
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable

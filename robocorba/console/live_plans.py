@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from robocorba.console.floor_plan import floor_plan
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.maps import RemoteMap
+from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.maps.model import Building
@@ -62,7 +62,7 @@ class LivePlans:
     def _follow(self) -> None:
         try:
             if self._map is None:
-                self._map, has_changed = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, excluded_kinds=()), True
+                self._map, has_changed = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True), True
             else:
                 has_changed = self._map.follow()
             problem = ""

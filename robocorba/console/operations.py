@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent, robots
+from robocorba.corba.remote.control_agent import RemoteAgent, robots
 from robocorba.errors.base import RoboCorbaError
 
 #: Timeout for the confirmation of an emergency stop [s].

@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol, TypeVar
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control import model_switcher
 from robocorba.control.high_controller import HighController
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, OtherRobots, Report, Result, Runner
+from robocorba.control.runner import IconBegun, OtherRobots, ProgramReport, ProgramResult, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
@@ -24,7 +24,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.errors.simulation import InvalidChoice, SimulationError
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.programs.base_checks import Planner
 from robocorba.programs.program import Program
@@ -34,13 +34,13 @@ from robocorba.spatial.frames import into, turned
 
 #: Gain with which the body in the building follows an actual robot [1/s].
 FOLLOW_GAIN = 5.0
-#: Validity of the body's commands [s].
+#: Validity of the commands to that body [s].
 FOLLOW_VALID_S = 0.1
-#: Distance of the body from its actual robot above which an obstacle in the building blocks it [m]. The robot's motion
-#: fails then, as if the obstacle blocked the robot.
+#: Distance of the body from its actual robot above which the body counts as blocked by an obstacle in the building [m].
+#: The robot's motion fails then, as if the obstacle blocked the robot.
 BODY_BLOCKED_M = 0.1
-#: Control cycles in which the distance of a body so far behind may grow before the body counts as blocked. One that was
-#: only late, because its robot's process had no time, needs 19 to reach the robot's speed.
+#: Number of control cycles for which such a distance may grow before the body counts as blocked. A body that was only
+#: late, because its robot's process got no processor time, needs 19 to reach the robot's speed.
 BODY_BLOCKED_CYCLES = 25
 #: Distance above which the body can't follow any more, and the robot counts as lost [m].
 BODY_LOST_M = 1.0
@@ -52,7 +52,7 @@ END_LIMIT_S = 5.0
 _log = logging.getLogger(__name__)
 
 
-class Condition(Enum):
+class AgentCondition(Enum):
     """Condition of a control agent."""
 
     IDLE = 0
@@ -62,25 +62,25 @@ class Condition(Enum):
 
 
 class AgentState(NamedTuple):
-    """reason: why the robot is stopped, or empty. speed_cap: [m/s]. jitter_s: greatest lateness of a tick in the last
-    ten seconds."""
+    """adaptor: its name. reason: why the robot is stopped, or empty. at: the robot's pose. actor: what the adaptor read
+    last. speed_cap: [m/s]. jitter_s: greatest lateness of a tick in the last ten seconds."""
 
     name: str
     adaptor: str
-    condition: Condition
+    condition: AgentCondition
     reason: str
     at: Pose
     actor: RobotState
     speed_cap: float
     jitter_s: float
-    program: Report
+    program: ProgramReport
 
 
 class Task(Protocol):
     """A task of an agent: a program, or a part in a mission."""
 
     @property
-    def report(self) -> Report:
+    def report(self) -> ProgramReport:
         """Its progress, and its result once it has ended."""
 
     def begun(self, first: int) -> list[IconBegun]:
@@ -94,21 +94,21 @@ TaskT = TypeVar("TaskT", bound=Task)
 
 
 class ControlAgent:
-    """Thread-safe. check: raises InvalidProgram if a program can't run from the present state. ticks: records programs.
-    nearby: other robots and obstacles; see Robot."""
+    """Thread-safe. others: for events and cooperative icons. check: raises InvalidProgram if a program can't run from
+    the present state. ticks: records programs. nearby: other robots and obstacles; see Robot."""
 
     def __init__(
         self,
-        surroundings: Surroundings,
+        context: AdaptorContext,
         planner: Planner,
         others: OtherRobots,
         check: Callable[[Program, AgentState], None] = lambda program, state: None,
         ticks: TickFile | None = None,
         nearby: Nearby | None = None,
     ) -> None:
-        self._surroundings, self._planner, self._others, self._check = surroundings, planner, others, check
+        self._context, self._planner, self._others, self._check = context, planner, others, check
         self._ticks, self._nearby = ticks, nearby
-        self.name, self.session = surroundings.name, surroundings.session
+        self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
         self._controller: HighController | None = None
@@ -152,7 +152,7 @@ class ControlAgent:
             if controller is None:
                 raise IllegalOrder("switch to another robot", "was never started")
             argv_before = controller.argv
-            model_switcher.make(adaptor, self._surroundings)  # raises UnknownAdaptor before anything is stopped
+            model_switcher.make(adaptor, self._context)  # raises UnknownAdaptor before anything is stopped
             controller.close()
             try:
                 self._start_adaptor(adaptor, argv)
@@ -176,7 +176,7 @@ class ControlAgent:
             robot = self.robot
             if self._program is None:
                 raise IllegalOrder("run a program", "has none loaded")
-            robot.course.reset(is_stepping)
+            robot.execution.reset(is_stepping)
             self._begin(Runner(self._program, robot, self._others))
 
     def begun(self, first: int) -> list[IconBegun]:
@@ -185,34 +185,32 @@ class ControlAgent:
 
     def pause(self) -> None:
         """Raises IllegalOrder if no program runs."""
-        self._running_robot("pause").course.pause()
+        self._running_robot("pause").execution.pause()
 
     def resume(self) -> None:
         """Raises IllegalOrder if no program runs."""
-        self._running_robot("resume").course.resume()
+        self._running_robot("resume").execution.resume()
 
     def step(self) -> None:
         """Raises IllegalOrder if no program runs."""
-        self._running_robot("step").course.step()
+        self._running_robot("step").execution.step()
 
     def abort(self) -> None:
         """End the running program, if any; the robot slows down and stops."""
         if self._robot and self._is_running:
-            self._robot.course.abort()
+            self._robot.execution.abort()
 
     # ---- missions ----
 
     @property
     def is_free(self) -> bool:
         """Whether the agent can start a task now."""
-        controller = self._controller
-        return controller is not None and not controller.stopped and not self._is_running
+        return self._is_ready and not self._is_running
 
     @property
     def is_busy(self) -> bool:
         """Whether the agent runs a task, and is not stopped."""
-        controller = self._controller
-        return controller is not None and not controller.stopped and self._is_running
+        return self._is_ready and self._is_running
 
     @property
     def place(self) -> Pose:
@@ -220,8 +218,8 @@ class ControlAgent:
         return self.state.at
 
     def begin_part(self, make: Callable[[Robot], TaskT], for_own_mission: bool = False) -> TaskT:
-        """Start a part in a mission like a program. for_own_mission: beside the robot's program that leads the mission.
-        Raises IllegalOrder."""
+        """Start the robot's part in a mission, like a program. for_own_mission: the robot's program leads the mission
+        and runs beside the part. Raises IllegalOrder."""
         with self._lock:
             if not for_own_mission:
                 self._refuse_while_running("take part in a mission")
@@ -230,7 +228,7 @@ class ControlAgent:
                 part = make(robot)
                 threading.Thread(target=part.run, name="own part", daemon=True).start()
                 return part
-            robot.course.reset(False)
+            robot.execution.reset(False)
             part = make(robot)
             self._begin(part)
             return part
@@ -240,7 +238,7 @@ class ControlAgent:
     def stop(self, reason: str = "emergency stop") -> None:
         """Emergency stop, until `reset_stop`. It takes no lock of the agent, so it works while other calls hang."""
         if (robot := self._robot) and self._is_running:
-            robot.course.abort(reason)
+            robot.execution.abort(reason)
         if controller := self._controller:
             controller.emergency_stop(reason)
 
@@ -254,8 +252,8 @@ class ControlAgent:
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""
-        if not 0.0 < speed <= BASE.speed:
-            raise InvalidChoice("speed", f"{speed} is not above 0 and at most {BASE.speed:g} m/s")
+        if not 0.0 < speed <= BASE_LIMITS.speed:
+            raise InvalidChoice("speed", f"{speed} is not above 0 and at most {BASE_LIMITS.speed:g} m/s")
         self._cap = speed
         if self._controller:
             self._controller.speed_cap = speed
@@ -290,21 +288,23 @@ class ControlAgent:
             raise IllegalOrder("move", f"is stopped: {self._controller.stopped}")
         return self._robot
 
-    def _condition(self, controller: HighController) -> Condition:
+    def _condition(self, controller: HighController) -> AgentCondition:
         if controller.stopped:
-            return Condition.STOPPED
+            return AgentCondition.STOPPED
         if not self._is_running:
-            return Condition.IDLE
-        return Condition.PAUSED if self._robot and self._robot.course.is_paused else Condition.RUNNING
+            return AgentCondition.IDLE
+        return AgentCondition.PAUSED if self._robot and self._robot.execution.is_paused else AgentCondition.RUNNING
 
     # ---- implementation ----
 
     def _start_adaptor(self, adaptor: str, argv: Sequence[str]) -> None:
-        made = model_switcher.make(adaptor, self._surroundings)
+        made = model_switcher.make(adaptor, self._context)
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building
-        controller = HighController(made, BASE, LOWER, UPPER, SPEED, self._follow, self._record, self._log_on)
+        controller = HighController(
+            made, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, self._follow, self._record, self._log_on
+        )
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
@@ -313,11 +313,16 @@ class ControlAgent:
         self._robot = Robot(controller, self.session, sensors, self._kinematics, self._planner, self._nearby)
 
     @property
+    def _is_ready(self) -> bool:
+        controller = self._controller
+        return controller is not None and not controller.stopped
+
+    @property
     def _is_running(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
     def _refuse_while_running(self, order: str) -> None:
-        if self._is_running and self._report.result is not Result.NO_RESULT:
+        if self._is_running and self._report.result is not ProgramResult.NO_RESULT:
             self._join()  # its thread is about to end
         if self._is_running:
             raise IllegalOrder(order, "runs a program")
@@ -337,8 +342,8 @@ class ControlAgent:
         self._thread.start()
 
     @property
-    def _report(self) -> Report:
-        return self._task.report if self._task else Report()
+    def _report(self) -> ProgramReport:
+        return self._task.report if self._task else ProgramReport()
 
     def _log_on(self) -> None:
         """Before each start of the adaptor: log on if the server has no session for the robot. An actual robot's body
@@ -359,17 +364,17 @@ class ControlAgent:
     def _renew(self) -> None:
         if controller := self._controller:
             controller.check_alive()
-        with contextlib.suppress(RobotLost):  # the controller notices and reports it, too
+        with contextlib.suppress(RobotLost):  # the controller detects and reports it, too
             self.session.heartbeat()
 
     def _follow(self, state: RobotState) -> None:
-        """Make the body in the building follow an actual robot, which also keeps the lease."""
+        """Make the body in the building follow an actual robot; this also keeps the lease."""
         if self._is_virtual:
             return
         body = self.session.state()
         distance_m = math.hypot(state.x - body.at.x, state.y - body.at.y)
         if distance_m > BODY_LOST_M:
-            raise RobotLost(_why_away(body, distance_m))
+            raise RobotLost(_blocked_reason(body, distance_m))
         if distance_m <= self._blocked_at_m:
             self._cycles_falling_behind = 0
         elif distance_m >= self._body_distance_m:
@@ -381,19 +386,19 @@ class ControlAgent:
             self._blocked_at_m = distance_m + BODY_BLOCKED_M
         elif self._cycles_falling_behind > BODY_BLOCKED_CYCLES:
             self._cycles_falling_behind = 0
-            self._blocked_at_m = distance_m + BODY_BLOCKED_M  # the robot needs some distance to brake, and may return
+            self._blocked_at_m = distance_m + BODY_BLOCKED_M  # the robot brakes, and may return
             if self._controller:
-                self._controller.cancel(MotionFailed(_why_away(body, distance_m)))
+                self._controller.cancel(MotionFailed(_blocked_reason(body, distance_m)))
         self.session.command(_follow_velocity(state, body.at), FOLLOW_VALID_S)
 
     def _record(self, state: RobotState, command: ActorCommand) -> None:
         report = self._report
-        if self._ticks and report.icon and report.result is Result.NO_RESULT:
+        if self._ticks and report.icon and report.result is ProgramResult.NO_RESULT:
             floor = self.session.latest.at.floor
             self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
 
 
-def _why_away(body: SessionState, distance_m: float) -> str:
+def _blocked_reason(body: SessionState, distance_m: float) -> str:
     return f"its body in the building is {distance_m:.2f} m away, held by {body.touched or 'a wall'}"
 
 

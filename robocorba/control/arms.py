@@ -9,7 +9,7 @@ import numpy as np
 from robocorba.control.movements import Movements
 from robocorba.errors.robots import MotionFailed
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import ACCELERATION, GRIP, JOINTS, SPEED, Side
+from robocorba.kinematics.smartpal import GRIP, JOINT_ACCELERATION, JOINT_SPEED, JOINTS, Side
 from robocorba.motion.joint_motion import GripMotion, JointMotion
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.grids import Floats
@@ -33,7 +33,7 @@ class ArmMovements(Movements):
     def move_joints_along(self, postures: Sequence[Floats], seconds: float = 0.0) -> None:
         """Move all joints along postures, (18,) each [rad]. seconds: least duration."""
         waypoints = np.array([self.joints, *postures])
-        self.move(JointMotion(waypoints, JOINTS, SPEED, ACCELERATION, seconds))
+        self.move(JointMotion(waypoints, JOINTS, JOINT_SPEED, JOINT_ACCELERATION, seconds))
 
     def grip(self, sides: Sequence[Side], angle: float, force_n: float | None = None, object_name: str = "") -> None:
         """Move grippers to an angle [rad], with at most `force_n` [N]. object_name: an object to hold at the hand's
@@ -41,7 +41,7 @@ class ArmMovements(Movements):
         wanted = self.joints.copy()
         wanted[[GRIP[side] for side in sides]] = angle
         fingers = [GRIP[side] for side in sides]
-        self.move(GripMotion(self.joints, wanted, fingers, JOINTS, SPEED, ACCELERATION, force_n))
+        self.move(GripMotion(self.joints, wanted, fingers, JOINTS, JOINT_SPEED, JOINT_ACCELERATION, force_n))
         if object_name:
             state = self.controller.state
             hand = self.kinematics.body.hand(sides[0], state.joints)

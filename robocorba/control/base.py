@@ -1,4 +1,4 @@
-"""Movements of a robot's base: driving along paths, giving way to other robots, riding elevators."""
+"""Movements of a robot's base: it drives along paths, yields to other robots, rides elevators."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import PathError
 from robocorba.errors.robots import MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.programs.base_checks import Planner
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.pose import XY
 
 #: Distance from the middle of a cabin at which a robot calls the elevator [m]; this is outside the doors.
@@ -35,7 +35,7 @@ ELEVATOR_LIMIT_S = 300.0
 CONTACT_M = 0.02
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
-#: Greatest length of a path with clearance: this factor of the shortest path plus this distance [m].
+#: Maximum length of a path with clearance: this factor of the shortest path plus this distance [m].
 DETOUR_FACTOR, DETOUR_M = 1.05, 0.5
 #: Speed of stepping aside [m/s].
 STEP_ASIDE_M_S = 0.2
@@ -43,10 +43,6 @@ STEP_ASIDE_M_S = 0.2
 PAUSES_S = (0.2, 0.8)
 #: Interval between searches for a path around the blocking robot [s].
 REPLAN_INTERVAL_S = 0.5
-#: Time after which a blocked robot takes the path of the map, without such a path [s].
-MAX_PAUSE_S = 10.0
-#: A drive fails when it is blocked more often than this.
-MAX_BLOCKAGES = 8
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +70,7 @@ class BaseMovements(Movements):
         limit [m/s], 0 for the controller's. Also raises PathError, InvalidRide, ElevatorFull."""
         goal, limit = Place(floor, x, y), self._speed(speed)
         points = (self._path_around(goal, limit) if around_obstacles else None) or self._path_past_objects(goal, limit)
-        for _ in range(MAX_BLOCKAGES):
+        for _ in range(self._nearby.policy.max_blockages if self._nearby else 0):
             try:
                 self._drive_along(points, heading, limit)
                 return
@@ -83,12 +79,12 @@ class BaseMovements(Movements):
                     raise
                 _log.info("%s", blocked)
                 self._step_aside(self._nearby, blocked.other)
-                points = self._path_after_blockage(blocked.other, goal, limit)
+                points = self._path_after_blockage(self._nearby, blocked.other, goal, limit)
         self._drive_along(points, heading, limit)
 
     def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
-        """By the map, with movable objects at their present poses: along the roadmap, or through free space where an
-        object blocks the roadmap. Also from a place where the robot touches an obstacle."""
+        """A path by the map, with movable objects at their present poses: along the roadmap, or through free space if
+        an object blocks the roadmap. It may begin where the robot touches an obstacle."""
         request = self._request(goal, speed)
         if self._nearby:
             objects = self._nearby.movable_objects(self.session.latest.holding)
@@ -114,7 +110,7 @@ class BaseMovements(Movements):
         return found
 
     def _path_around(self, goal: Place, speed: float, other: str = "") -> list[PathPoint] | None:
-        """Around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
+        """A path around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
         here = self.session.latest
         point = (goal.x, goal.y) if goal.floor == here.at.floor else None
         known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else TemporaryObstacles()
@@ -135,12 +131,12 @@ class BaseMovements(Movements):
         state = self.controller.state
         with contextlib.suppress(MotionFailed, NotReachable):
             if place := place_aside(nearby, (state.x, state.y), other):
-                self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE), nearby, avoid_walls=True))
+                self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE_LIMITS), nearby, avoid_walls=True))
         self.wait(random.uniform(*PAUSES_S))
 
-    def _path_after_blockage(self, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
-        """A path around another robot as soon as there is one; after MAX_PAUSE_S the map's path."""
-        deadline = self.clock() + MAX_PAUSE_S
+    def _path_after_blockage(self, nearby: Nearby, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
+        """A path around another robot as soon as there is one; after the policy's longest pause the map's path."""
+        deadline = self.clock() + nearby.policy.max_pause_s
         while self.clock() < deadline:
             if points := self._path_around(goal, speed, other.name):
                 return points
@@ -168,11 +164,11 @@ class BaseMovements(Movements):
 
     def drive_to(self, x: float, y: float, heading: float | None = None, speed: float = 0.0) -> None:
         """Drive straight to a point (x, y) [m] on this floor."""
-        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE), precise_positioning=True))
+        self.move(self._giving_way(Drive([(x, y)], heading, self._speed(speed), BASE_LIMITS), precise_positioning=True))
 
     def drive_by(self, ahead: float, left: float, turn: float, speed: float = 0.0, until_blocked: bool = False) -> None:
         """Drive by an offset, ahead and left [m], turn [rad]. until_blocked: return where an obstacle blocks it."""
-        motion = DriveBy(ahead, left, turn, self._speed(speed), BASE)
+        motion = DriveBy(ahead, left, turn, self._speed(speed), BASE_LIMITS)
         try:
             self.move(self._giving_way(motion, precise_positioning=True, avoid_walls=until_blocked))
         except Blocked as blocked:
@@ -195,7 +191,7 @@ class BaseMovements(Movements):
         speed: float,
         speeds: Sequence[float] | None = None,
     ) -> None:
-        self.move(self._giving_way(Drive(points, heading, speed, BASE, speeds), points[-1]))
+        self.move(self._giving_way(Drive(points, heading, speed, BASE_LIMITS, speeds), points[-1]))
 
     def _giving_way(
         self, motion: Motion, goal: XY | None = None, precise_positioning: bool = False, avoid_walls: bool = False
@@ -213,19 +209,19 @@ class BaseMovements(Movements):
         that ride together. Raises InvalidRide, ElevatorFull."""
         self.session.call_elevator(elevator, destination, party, size)
         self.session.state()  # the latest state now has the ride
-        self.wait_for_ride(Phase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
+        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
 
     def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
         try:
             self.call_elevator(entry.elevator, exit.floor)
             self._drive([(entry.x, entry.y)], None, speed)
-            self.wait_for_ride(Phase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
+            self.wait_for_ride(RidePhase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
         except RoboCorbaError:
             with contextlib.suppress(RobotLost):
                 self.session.cancel_elevator()
             raise
 
-    def wait_for_ride(self, phase: Phase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
+    def wait_for_ride(self, phase: RidePhase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
         """Wait until the ride is in this phase. otherwise: text of the MotionFailed if it is not within
         ELEVATOR_LIMIT_S. check: raises another error that ends the wait."""
 

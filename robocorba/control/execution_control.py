@@ -1,4 +1,4 @@
-"""Control of a running program: pause, step and end it from outside, or interrupt it by a sensor."""
+"""Control of a running program: other threads pause, step and end it, or interrupt it by a sensor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from robocorba.errors.robots import RobotError
 
 #: Interval at which waiting threads check their conditions and interruptions [s].
-LOOK_S = 0.02
+CHECK_INTERVAL_S = 0.02
 
 
 class Aborted(RobotError):
@@ -25,12 +25,18 @@ class SensorStop(RobotError):
 
 
 class ExecutionControl:
-    """interrupt: ends the running motion with an error. hold: pauses the robot (True) or lets it continue.
+    """end_motion: ends the running motion with an error. hold: pauses the robot (True) or lets it continue.
+    check_interval_s: interval at which waiting threads check their conditions and interruptions [s].
 
     One thread runs the program; any thread may control it."""
 
-    def __init__(self, interrupt: Callable[[RobotError], None], hold: Callable[[bool], None]) -> None:
-        self._interrupt, self._hold = interrupt, hold
+    def __init__(
+        self,
+        end_motion: Callable[[RobotError], None],
+        hold: Callable[[bool], None],
+        check_interval_s: float = CHECK_INTERVAL_S,
+    ) -> None:
+        self._end_motion, self._hold, self._check_interval_s = end_motion, hold, check_interval_s
         self._lock = threading.Lock()
         self._interruptions: list[RobotError] = []
         self._is_released = threading.Event()
@@ -70,13 +76,13 @@ class ExecutionControl:
         self._release()
 
     def interrupt(self, why: RobotError) -> None:
-        """Raise this error in the program's thread, at each check until it is settled."""
+        """Raise an error in the program's thread, at each check until `settle` drops it."""
         with self._lock:
             self._interruptions.append(why)
-        self._interrupt(why)
+        self._end_motion(why)
 
     def settle(self, is_settled: Callable[[RobotError], bool]) -> None:
-        """Drop the interruptions that have been handled."""
+        """Drop the interruptions that `is_settled` accepts, because they were handled."""
         with self._lock:
             self._interruptions = [why for why in self._interruptions if not is_settled(why)]
 
@@ -98,11 +104,11 @@ class ExecutionControl:
             with self._lock:
                 if self._interruptions:
                     raise self._interruptions[0]
-            if self._is_released.wait(LOOK_S):
+            if self._is_released.wait(self._check_interval_s):
                 return
 
-    def at_icon(self) -> None:
-        """Called before each icon: pauses in stepping mode, and checks."""
+    def before_icon(self) -> None:
+        """Pause in stepping mode, and check."""
         if self.is_stepping:
             self.pause()
         self.check()
@@ -121,4 +127,4 @@ class ExecutionControl:
                 return True
             if waited_s >= limit_s:
                 return False
-            time.sleep(LOOK_S)
+            time.sleep(self._check_interval_s)

@@ -35,12 +35,11 @@ IDLE_TICK_S = 0.08
 VALID_S = 0.1
 #: Interval between attempts to reconnect to a lost robot [s].
 RETRY_S = 0.5
-#: Time without a tick after which the adaptor or this process counts as hanging [s]. No adaptor's calls take as long in
-#: one tick.
+#: Time without a tick after which the adaptor or this process counts as hanging [s]. The calls of one tick take less.
 HANG_LIMIT_S = 1.5
 #: Timeout of `close` for an adaptor that hangs [s].
 END_LIMIT_S = 5.0
-#: Number of last ticks whose lateness is kept, ten seconds.
+#: Number of ticks whose lateness is kept: those of ten seconds.
 JITTER_TICKS = 500
 #: Default speed limit [m/s]: from it SmartPal's wheels stop in 78 ms and a virtual robot in four simulation steps,
 #: which leaves a stop command 20 ms to arrive.
@@ -50,7 +49,8 @@ _log = logging.getLogger(__name__)
 
 
 class HighController:
-    """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. Thread-safe.
+    """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. hang_limit_s: see
+    HANG_LIMIT_S. Thread-safe.
 
     Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
     before it; before_start before each start of the adaptor, may raise RobotError. The control loop's thread calls the
@@ -66,9 +66,10 @@ class HighController:
         on_state: Callable[[RobotState], None] = lambda state: None,
         on_command: Callable[[RobotState, ActorCommand], None] = lambda state, command: None,
         before_start: Callable[[], None] = lambda: None,
+        hang_limit_s: float = HANG_LIMIT_S,
     ) -> None:
         self._adaptor, self._limits, self._on_state, self._on_command = adaptor, limits, on_state, on_command
-        self._before_start = before_start
+        self._before_start, self._hang_limit_s = before_start, hang_limit_s
         self._lower, self._upper, self._speed = lower, upper, speed
         self.speed_cap = min(SPEED_CAP, limits.speed)
         self.argv: Sequence[str] = ()
@@ -85,7 +86,7 @@ class HighController:
         self.is_paused = False
         #: Why the robot was stopped, or empty.
         self.stopped = ""
-        #: Whether the controller stopped it because it was lost, and restarts it once it answers.
+        #: Whether it was stopped because it was lost; then the controller restarts it once it answers.
         self._is_lost = False
         #: The last state; replaced, never changed.
         self.state = RobotState(joints=self._targets)
@@ -127,12 +128,12 @@ class HighController:
                 raise IllegalOrder("move", "is switched off")
             self._motion = running
         self._has_motion.set()
-        running.ended.wait()  # the control loop's end ends the motion, too
+        running.ended.wait()  # the end of the control loop ends the motion, too
         if running.error:
             raise running.error
 
     def cancel(self, why: RobotError) -> None:
-        """End the running motion, if any: `move` raises `why`, and the robot slows down and stops."""
+        """End the running motion, if any, so that `move` raises `why`; the robot slows down and stops."""
         self._end_motion(why)
 
     def emergency_stop(self, reason: str, is_lost: bool = False) -> None:
@@ -153,14 +154,13 @@ class HighController:
         """Restart the robot. Raises IllegalOrder if it is not stopped, and as `start` does."""
         if not self.stopped:
             raise IllegalOrder("restart", "was not stopped")
-        if self._silent_s > HANG_LIMIT_S and not self._is_lost:
+        if self._silent_s > self._hang_limit_s and not self._is_lost:
             raise AdaptorFailed("the adaptor still hangs")
         self._begin()
 
     def check_alive(self) -> None:
-        """Stop the robot if the control loop has hung; it restarts once the loop continues. For any thread to call
-        periodically."""
-        if not self.stopped and not self._closing.is_set() and self._silent_s > HANG_LIMIT_S:
+        """Stop the robot if the control loop hangs; it restarts once the loop continues. Any thread may call this."""
+        if not self.stopped and not self._closing.is_set() and self._silent_s > self._hang_limit_s:
             self.emergency_stop(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
 
     def check(self) -> None:
@@ -185,7 +185,7 @@ class HighController:
         self._adaptor.start(self.argv)
         state = RobotState()
         if not self._adaptor.read(state):
-            raise AdaptorFailed("the adaptor has started and can't be read")
+            raise AdaptorFailed("the adaptor has started but can't be read")
         with self._lock:
             ahead, left, turn = state.velocity
             self._velocity = *turned(ahead, left, state.heading), turn
@@ -205,7 +205,7 @@ class HighController:
                     due += late
                 elif late < 0.0:
                     time.sleep(-late)
-                if self._idles():
+                if self._wait_if_idle():
                     due = time.monotonic()
                 self.late_s.append(max(0.0, time.monotonic() - due))
                 self.check_alive()  # the whole process may have hung; then the motion must not continue
@@ -239,8 +239,8 @@ class HighController:
         if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
             self.emergency_stop(reason, is_lost)
 
-    def _idles(self) -> bool:
-        """Whether the robot is idle; if so, wait for the rest of IDLE_TICK_S or until a motion begins."""
+    def _wait_if_idle(self) -> bool:
+        """If the robot is idle, wait for the rest of IDLE_TICK_S or until a motion begins; returns whether it was."""
         self._has_motion.clear()
         now = time.monotonic()
         if self._motion or any(self._velocity) or not self._adaptor.is_in_building:
@@ -288,7 +288,7 @@ class HighController:
                 running.paused(state)
             return MotionCommand()
         try:
-            command = running.motion.wish(state, running.elapsed(state))
+            command = running.motion.command(state, running.elapsed(state))
             if command is None:
                 self._end_motion(None)
             elif running.elapsed(state) > running.limit_s:
@@ -308,7 +308,7 @@ class HighController:
         speed = math.hypot(ahead, left)
         if speed > self.speed_cap:
             ahead, left = ahead * self.speed_cap / speed, left * self.speed_cap / speed
-        turn = min(max(turn, -self._limits.turn), self._limits.turn)
+        turn = min(max(turn, -self._limits.turn_speed), self._limits.turn_speed)
         vx, vy, turning = self._velocity
         wanted_x, wanted_y = turned(ahead, left, heading)
         dx, dy = wanted_x - vx, wanted_y - vy
@@ -327,7 +327,7 @@ class HighController:
 
 
 class _RunningMotion:
-    """A motion, and its elapsed time by the robot's clock."""
+    """A motion, and the time since its start by the robot's clock."""
 
     def __init__(self, motion: Motion, limit_s: float) -> None:
         self.motion, self.limit_s = motion, limit_s
@@ -345,7 +345,7 @@ class _RunningMotion:
         return state.time - self._since
 
     def paused(self, state: RobotState) -> None:
-        """Exclude the time since the last tick."""
+        """Exclude the time since the last tick from `elapsed`."""
         if self._since is not None:
             self._since += state.time - self._last_time
             self._last_time = state.time

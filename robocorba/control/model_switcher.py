@@ -13,7 +13,7 @@ from robocorba.errors.robots import UnknownAdaptor
 GROUP = "robocorba.adaptors"
 
 
-class Surroundings(NamedTuple):
+class AdaptorContext(NamedTuple):
     """What the factory of an adaptor gets: the robot's name, its session in the building, and the process's ORB."""
 
     name: str
@@ -26,13 +26,13 @@ def installed() -> list[str]:
     return sorted(_found())
 
 
-def make(name: str, surroundings: Surroundings) -> RobotAdaptor:
+def make(name: str, context: AdaptorContext) -> RobotAdaptor:
     """Create an adaptor with the entry point of this name in the group `robocorba.adaptors`. Raises UnknownAdaptor."""
     found = _found()
     if name not in found:
         raise UnknownAdaptor(name, sorted(found))
-    factory: Callable[[Surroundings], RobotAdaptor] = found[name].load()
-    return factory(surroundings)
+    factory: Callable[[AdaptorContext], RobotAdaptor] = found[name].load()
+    return factory(context)
 
 
 def _found() -> dict[str, EntryPoint]:

@@ -1,25 +1,28 @@
-"""Running a robot's motions one after the other, interruptible from outside."""
+"""Runs a robot's motions one after the other; other threads can interrupt them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from robocorba.control.execution_control import ExecutionControl
+from robocorba.control.execution_control import CHECK_INTERVAL_S, ExecutionControl
 from robocorba.control.high_controller import HighController
 from robocorba.control.session import BuildingSession
 from robocorba.motion.motion import Motion
 
 
 class Movements:
-    """Base class for the movements of a robot's parts. One thread at a time moves the robot; any may use `course`."""
+    """Base class for the movements of a robot's parts. One thread at a time moves the robot; any thread may use
+    `execution`."""
 
-    def __init__(self, controller: HighController, session: BuildingSession) -> None:
+    def __init__(
+        self, controller: HighController, session: BuildingSession, check_interval_s: float = CHECK_INTERVAL_S
+    ) -> None:
         self.controller, self.session = controller, session
-        self.course = ExecutionControl(controller.cancel, self._hold)
+        self.execution = ExecutionControl(controller.cancel, self._hold, check_interval_s)
 
     def move(self, motion: Motion) -> None:
         """Run a motion to its end."""
-        self.course.check()
+        self.execution.check()
         self.controller.move(motion)
 
     def wait(self, seconds: float, is_met: Callable[[], bool] = lambda: False) -> bool:
@@ -29,7 +32,7 @@ class Movements:
             self.controller.check()  # the clock of a robot that is stopped does not advance
             return is_met()
 
-        return self.course.wait_for(check, seconds, self.clock)
+        return self.execution.wait_for(check, seconds, self.clock)
 
     def clock(self) -> float:
         """The robot's time [s]."""

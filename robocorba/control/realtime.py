@@ -9,7 +9,7 @@ import threading
 
 #: Priority under SCHED_FIFO: above all threads without real-time priority, below the kernel's own.
 PRIORITY = 10
-#: Niceness of the process's other threads, slightly above that of other processes.
+#: Niceness of the process's other threads: a priority slightly above that of other processes.
 NICE = -5
 #: Switch interval of the interpreter's lock [s]. Python's default of 5 ms is a quarter of a control cycle.
 SWITCH_S = 0.0005

@@ -13,23 +13,23 @@ from enum import Enum
 from functools import singledispatchmethod
 from typing import Any, NamedTuple, Protocol
 
-from robocorba.control.execution_control import LOOK_S, Aborted, SensorStop
+from robocorba.control.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
 from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
 from robocorba.programs import hands, icons
 from robocorba.programs.icons import Condition, Icon, Outcome, kind, sides
-from robocorba.programs.program import Program, walk
+from robocorba.programs.program import Program, icons_with_paths
 
-#: Most events that are kept until a condition uses them; then the oldest are dropped.
+#: Maximum number of events that are kept until a condition consumes them; the oldest are dropped.
 MAX_EVENTS = 1000
-#: Most icons that `begun` can return; older ones are dropped.
+#: Maximum number of icons that `begun` returns; older ones are dropped.
 MAX_ICONS_BEGUN = 1000
 #: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
 
 
-class Result(Enum):
+class ProgramResult(Enum):
     """Result of a program."""
 
     NO_RESULT = 0
@@ -38,12 +38,12 @@ class Result(Enum):
     FAILED = 3
 
 
-class Report(NamedTuple):
+class ProgramReport(NamedTuple):
     """Progress and result of a program. icon: the present icon, a path such as icons[2].then[0]; kind: its type.
     reason: why the program failed or was aborted. seconds: since its start."""
 
     name: str = ""
-    result: Result = Result.NO_RESULT
+    result: ProgramResult = ProgramResult.NO_RESULT
     icon: str = ""
     kind: str = ""
     reason: str = ""
@@ -87,30 +87,30 @@ class Runner:
     def __init__(self, program: Program, robot: Robot, others: OtherRobots) -> None:
         self._program, self._robot, self._others = program, robot, others
         self._started_at = time.monotonic()
-        self._last_report = Report(program.name)
+        self._last_report = ProgramReport(program.name)
         self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
         self._last_outcome: Outcome = "done"
         self._events: deque[ReceivedEvent] = deque(maxlen=MAX_EVENTS)
 
     @property
-    def report(self) -> Report:
+    def report(self) -> ProgramReport:
         report = self._last_report
-        if report.result is Result.NO_RESULT:
+        if report.result is ProgramResult.NO_RESULT:
             return report._replace(seconds=time.monotonic() - self._started_at)
         return report
 
-    def run(self) -> Report:
-        """Run the program to its end. The returned report has the errors."""
+    def run(self) -> ProgramReport:
+        """Run the program to its end. Its errors are in the returned report."""
         try:
-            self._others.subscribe(_awaited(self._program), self._events.append)
+            self._others.subscribe(_event_patterns(self._program), self._events.append)
             self._run_icons("icons", self._program.icons)
-            self._update(result=Result.DONE, icon="", kind="")
+            self._update(result=ProgramResult.DONE, icon="", kind="")
         except Aborted as error:
-            self._update(result=Result.ABORTED, reason=str(error))
+            self._update(result=ProgramResult.ABORTED, reason=str(error))
         except RoboCorbaError as error:
-            self._update(result=Result.FAILED, reason=str(error))
+            self._update(result=ProgramResult.FAILED, reason=str(error))
         except Exception as error:
-            self._update(result=Result.FAILED, reason=f"{type(error).__name__}: {error}")
+            self._update(result=ProgramResult.FAILED, reason=f"{type(error).__name__}: {error}")
             raise
         return self.report
 
@@ -120,62 +120,62 @@ class Runner:
 
     # ---- icons ----
 
-    def _run_icons(self, at: str, body: Sequence[Icon]) -> None:
+    def _run_icons(self, parent: str, body: Sequence[Icon]) -> None:
         for number, icon in enumerate(body):
-            path = f"{at}[{number}]"
+            path = f"{parent}[{number}]"
             self._update(icon=path, kind=kind(icon))
-            self._robot.course.at_icon()
-            number = self._begun[-1].number + 1 if self._begun else 0
-            self._begun.append(IconBegun(number, path, kind(icon), self.report.seconds))
-            self._last_outcome = self._do(icon, path) or "done"
+            self._robot.execution.before_icon()
+            count = self._begun[-1].number + 1 if self._begun else 0
+            self._begun.append(IconBegun(count, path, kind(icon), self.report.seconds))
+            self._last_outcome = self._perform(icon, path) or "done"
             self._update(icons_done=self.report.icons_done + 1)
 
     @singledispatchmethod
-    def _do(self, icon: Any, path: str) -> Outcome | None:
+    def _perform(self, icon: Any, path: str) -> Outcome | None:
         """Perform an icon; returns its outcome, None for `done`."""
         raise MotionFailed(f"unsupported icon type {kind(icon)}")
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.MbasePath, path: str) -> None:
         self._robot.drive_path(icon.floor, icon.x, icon.y, icon.heading, icon.speed or 0.0)
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.MbaseTo, path: str) -> None:
         self._robot.drive_to(icon.x, icon.y, icon.heading, icon.speed or 0.0)
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.MbaseBy, path: str) -> None:
         self._robot.drive_by(icon.ahead, icon.left, icon.turn, icon.speed or 0.0)
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.MbaseVelocity, path: str) -> None:
         self._robot.drive_at((icon.ahead, icon.left, icon.turn), icon.seconds)
 
-    @_do.register(icons.MhandJoints)
-    @_do.register(icons.MhandPosture)
-    @_do.register(icons.MhandPose)
-    @_do.register(icons.MhandOffset)
-    @_do.register(icons.Lumbar)
+    @_perform.register(icons.MhandJoints)
+    @_perform.register(icons.MhandPosture)
+    @_perform.register(icons.MhandPose)
+    @_perform.register(icons.MhandOffset)
+    @_perform.register(icons.Lumbar)
     def _(self, icon: Any, path: str) -> None:
-        postures = hands.way(icon, self._robot.joints, self._robot.kinematics)
+        postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
         self._robot.move_joints_along(postures, icon.seconds or 0.0)
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.Gripper, path: str) -> None:
         if icon.action == "open":
             self._robot.release(sides(icon.hand), icon.angle_rad)
         else:
             self._robot.grip(sides(icon.hand), icon.angle_rad, icon.force, icon.object or "")
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.WaitUntil, path: str) -> Outcome:
-        return "done" if self._robot.wait(icon.seconds, lambda: self._is(icon.condition)) else "timed_out"
+        return "done" if self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition)) else "timed_out"
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.Wait, path: str) -> None:
         self._robot.wait(icon.seconds)
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.StopIfCloser, path: str) -> Outcome:
         is_stopped = False
         with self._watching(icon):
@@ -189,29 +189,29 @@ class Runner:
             self._robot.stop_base()
         return "stopped" if is_stopped else "done"
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.Repeat, path: str) -> None:
         for _ in range(icon.times):
             self._run_icons(f"{path}.icons", icon.icons)
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.Branch, path: str) -> Outcome:
-        branch = "then" if self._is(icon.condition) else "otherwise"
+        branch = "then" if self._is_met(icon.condition) else "otherwise"
         self._run_icons(f"{path}.{branch}", getattr(icon, branch))
         return self._last_outcome
 
-    @_do.register
+    @_perform.register
     def _(self, icon: icons.Say, path: str) -> None:
         self._others.publish(icon.type, icon.payload)
 
-    @_do.register(icons.MoveTable)
-    @_do.register(icons.HandOver)
+    @_perform.register(icons.MoveTable)
+    @_perform.register(icons.HandOver)
     def _(self, icon: Icon, path: str) -> None:
         self._others.cooperate(icon)
 
     # ---- conditions ----
 
-    def _is(self, condition: Condition) -> bool:
+    def _is_met(self, condition: Condition) -> bool:
         if isinstance(condition, icons.CloserThan):
             return self._robot.sensors.nearest_m(condition.sensor) < condition.distance
         if isinstance(condition, icons.FartherThan):
@@ -232,12 +232,12 @@ class Runner:
 
     @contextlib.contextmanager
     def _watching(self, icon: icons.StopIfCloser) -> Iterator[None]:
-        """Monitor the icon's sensor in a thread, which interrupts the program if it sees an obstacle too close."""
+        """Monitor the icon's sensor in a thread, which interrupts the program if an obstacle is too close."""
         ended = threading.Event()
 
         def watch() -> None:
             blind_since: float | None = None
-            while not ended.wait(LOOK_S):
+            while not ended.wait(CHECK_INTERVAL_S):
                 try:
                     nearest = self._robot.sensors.nearest_m(icon.sensor)
                     blind_since = None
@@ -245,12 +245,12 @@ class Runner:
                     blind_since = blind_since or time.monotonic()
                     if time.monotonic() - blind_since > BLIND_LIMIT_S:
                         reason = f"the {icon.sensor} sensor gave no distance for {BLIND_LIMIT_S:g} s: {error}"
-                        self._robot.course.interrupt(MotionFailed(reason))
+                        self._robot.execution.interrupt(MotionFailed(reason))
                         return
                     continue
                 if nearest < icon.distance and not ended.is_set():
                     reason = f"the {icon.sensor} sensor sees an obstacle at {nearest:.2f} m, within {icon.distance:g} m"
-                    self._robot.course.interrupt(SensorStop(icon, reason))
+                    self._robot.execution.interrupt(SensorStop(icon, reason))
                     return
 
         watcher = threading.Thread(target=watch, name="sensor stop", daemon=True)
@@ -260,15 +260,17 @@ class Runner:
         finally:
             ended.set()
             watcher.join()
-            self._robot.course.settle(lambda why: isinstance(why, SensorStop) and why.icon is icon)
+            self._robot.execution.settle(lambda why: isinstance(why, SensorStop) and why.icon is icon)
 
     def _update(self, **changes: Any) -> None:
         self._last_report = self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
 
 
-def _awaited(program: Program) -> list[tuple[str, str]]:
-    """Patterns of types and sources of the events that a program's conditions use."""
-    conditions = [icon.condition for _, icon in walk(program) if isinstance(icon, icons.WaitUntil | icons.Branch)]
+def _event_patterns(program: Program) -> list[tuple[str, str]]:
+    """The patterns of types and sources of the events that a program's conditions wait for."""
+    conditions = [
+        icon.condition for _, icon in icons_with_paths(program) if isinstance(icon, icons.WaitUntil | icons.Branch)
+    ]
     return sorted({(each.type, each.source) for each in conditions if isinstance(each, icons.Event)})
 
 

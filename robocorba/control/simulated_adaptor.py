@@ -1,4 +1,4 @@
-"""The SmartPal simulate adaptor: the robot's body at the simulation server, and its joints' virtual controller."""
+"""The adaptor of the virtual SmartPal: its body at the simulation server, and the virtual controller of its joints."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.session import BuildingSession
 from robocorba.control.virtual_controller import VirtualController
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.simulation import SimulationError
-from robocorba.kinematics.smartpal import ACCELERATION, JOINTS, LOWER, SPEED, UPPER
+from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
-#: Greatest time step of the joints [s].
+#: Maximum time step of the joints [s].
 JOINT_STEP_S = 0.01
-#: Greatest time between two states that moves joints [s]. Joints don't move for longer while the server is away.
+#: Maximum time for which the joints move between two states [s], after the server did not answer for longer.
 MAX_GAP_S = 0.2
 
 
-def adaptor(surroundings: Surroundings) -> RobotAdaptor:
+def adaptor(context: AdaptorContext) -> RobotAdaptor:
     """The entry point `simulated` of the adaptors."""
-    return SimulatedAdaptor(surroundings.session)
+    return SimulatedAdaptor(context.session)
 
 
 class SimulatedAdaptor(RobotAdaptor):
@@ -38,7 +38,9 @@ class SimulatedAdaptor(RobotAdaptor):
         self._is_started = False
         self._lock = threading.Lock()
         self._time = 0.0
-        self._joints = VirtualController(np.zeros(len(JOINTS)), LOWER, UPPER, SPEED, ACCELERATION)
+        self._joints = VirtualController(
+            np.zeros(len(JOINTS)), JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, JOINT_ACCELERATION
+        )
 
     def start(self, argv: Sequence[str]) -> bool:
         if self._is_started:

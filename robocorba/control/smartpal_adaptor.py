@@ -12,7 +12,8 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from concurrent.futures import TimeoutError as TooLate
+from concurrent.futures import TimeoutError as FutureTimeout
+from functools import partial
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
@@ -20,40 +21,48 @@ import numpy as np
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed
-from robocorba.kinematics.smartpal import ACCELERATION, ARM, BASE, GRIP, JOINTS, LOWER, LUMBAR, SPEED, UPPER, Side
+from robocorba.kinematics.smartpal import (
+    ARM,
+    BASE_LIMITS,
+    GRIP,
+    JOINT_ACCELERATION,
+    JOINT_LOWER,
+    JOINT_SPEED,
+    JOINT_UPPER,
+    JOINTS,
+    LUMBAR,
+    Side,
+)
 from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.spatial.frames import turned
+from robocorba.spatial.frames import Frame, turned
 from robocorba.spatial.grids import Floats
 
-#: Timeout for all units to become ready [s].
+#: Timeout of `start` for all units to become ready [s].
 START_LIMIT_S = 10.0
-#: Interval between checks for it [s].
+#: Interval between these checks [s].
 _START_PAUSE_S = 0.05
-#: Limits of a jog's timeout [s], which otherwise is the command's validity.
+#: Bounds of a jog's timeout [s]; between them it is the validity of the command.
 MIN_JOG_S, MAX_JOG_S = 0.02, 1.0
 #: Gain of the arms' position control [1/s].
 GAIN = 6.0
-#: An arm that is this near to its target is not corrected any more [rad], because encoders are noisy.
-_AT_REST_RAD = math.radians(0.02)
-#: A change of the target by which lumbar and grippers get a new move [rad].
-_MOVED_RAD = math.radians(0.01)
-#: Weight of the latest difference in the velocities' low-pass filter.
-_NEWEST = 0.3
-#: Time after its last command for which a part may still move [s].
-_MOVES_S = 3.0
+#: Deadband of the arms' position control [rad], because encoders are noisy.
+_DEADBAND_RAD = math.radians(0.02)
+#: Change of the target from which lumbar and grippers get a new move [rad].
+_NEW_TARGET_RAD = math.radians(0.01)
+#: Weight of the latest difference quotient in the low-pass filter of the velocities.
+_FILTER_WEIGHT = 0.3
+#: Time after its last command for which a part counts as moving [s].
+_MOVING_S = 3.0
 #: Units that each `read` checks; at 50 Hz all six are checked within 60 ms.
 _CHECKED_PER_READ = 2
-#: Duration of sequential calls above which the next ones run in parallel [s].
+#: Duration of a batch of sequential calls above which the next batches are parallel [s].
 _SLOW_S = 0.006
 #: Timeout for a unit to stop [s].
 _STOP_LIMIT_S = 0.4
-#: Timeout of parallel calls [s], longer than that of a single call.
+#: Timeout of a batch of parallel calls [s], longer than that of a single call.
 _BATCH_LIMIT_S = 0.7
-#: Change of the odometry since the last read above which it has been reset [m] and [rad]: the robot was switched off.
+#: Change of the odometry while disconnected above which it must have been reset [m, rad]: the robot was switched off.
 _ODOMETRY_RESET_M, _ODOMETRY_RESET_RAD = 0.5, 0.5
-
-#: x, y [m] and heading [rad].
-Place = tuple[float, float, float]
 
 
 class SmartPalUnits(Protocol):
@@ -75,9 +84,10 @@ class SmartPalUnits(Protocol):
 
     def stop(self, unit: str) -> None: ...
 
-    def place(self) -> Place: ...
+    def pose(self) -> Frame:
+        """Pose of the base by its odometry."""
 
-    def set_place(self, x: float, y: float, heading: float) -> None: ...
+    def set_pose(self, x: float, y: float, heading: float) -> None: ...
 
     def set_base_limits(self, speed: float, turn: float, acceleration: float, turn_acceleration: float) -> None: ...
 
@@ -101,29 +111,33 @@ class SmartPalUnits(Protocol):
 
 
 class SmartPalAdaptor(RobotAdaptor):
-    """connect: resolves the units of the robot whose naming service listens at HOST:PORT. body_place: the place of the
-    robot's body in the building, or None.
+    """connect: resolves the units of the robot whose naming service listens at HOST:PORT. body_pose: the pose of the
+    robot's body in the building, or None. start_limit_s: see START_LIMIT_S.
 
-    `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's place at the first start,
-    by default that of its body. Later starts use the robot's odometry."""
+    `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's at the first start, by
+    default that of its body. Later starts use the robot's odometry."""
 
     def __init__(
-        self, connect: Callable[[str], SmartPalUnits], body_place: Callable[[], Place | None] = lambda: None
+        self,
+        connect: Callable[[str], SmartPalUnits],
+        body_pose: Callable[[], Frame | None] = lambda: None,
+        start_limit_s: float = START_LIMIT_S,
     ) -> None:
-        self._connect, self._body_place = connect, body_place
-        self._place: Place | None = None
+        self._connect, self._body_pose, self._start_limit_s = connect, body_pose, start_limit_s
+        #: The last pose read.
+        self._pose: Frame | None = None
         self._units: SmartPalUnits | None = None
         self._jog_s = 0.0
         #: Number of reads since the start.
         self._reads = 0
-        #: The last time, place and joints.
+        #: Time, pose and joints of the last read.
         self._last: tuple[float, Floats, Floats] | None = None
         self._velocities = np.zeros(3 + len(JOINTS))
-        #: By part: its last target, its last jog, its last position, and until when it may move.
+        #: By part: its last target, jog and position, and until when it counts as moving.
         self._targets: dict[str, Floats] = {}
         self._jogs: dict[str, Floats] = {}
         self._positions: dict[str, Floats] = {}
-        self._moves_until: dict[str, float] = {}
+        self._moving_until: dict[str, float] = {}
         self._batches = _CallBatches()
 
     # ---- the paper's four methods ----
@@ -139,12 +153,14 @@ class SmartPalAdaptor(RobotAdaptor):
         except RoboCorbaError as error:
             raise AdaptorFailed(str(error)) from None
         self._get_ready(units)
-        self._set_place(units, given.pose)
-        units.set_base_limits(BASE.speed, BASE.turn, BASE.acceleration, BASE.turn_acceleration)
-        units.set_arm_acceleration(float((SPEED / ACCELERATION)[ARM[Side.LEFT]].max()))
+        self._set_pose(units, given.pose)
+        units.set_base_limits(
+            BASE_LIMITS.speed, BASE_LIMITS.turn_speed, BASE_LIMITS.acceleration, BASE_LIMITS.turn_acceleration
+        )
+        units.set_arm_acceleration(float((JOINT_SPEED / JOINT_ACCELERATION)[ARM[Side.LEFT]].max()))
         self._set_jog_timeout(units, ActorCommand().valid_s)
         self._last, self._reads = None, 0
-        self._targets, self._jogs, self._positions, self._moves_until = {}, {}, {}, {}
+        self._targets, self._jogs, self._positions, self._moving_until = {}, {}, {}, {}
         self._velocities[:] = 0.0
         self._batches = _CallBatches()
         self._units = units
@@ -166,15 +182,15 @@ class SmartPalAdaptor(RobotAdaptor):
         names = units.names
         first = _CHECKED_PER_READ * self._reads
         checked = [names[(first + more) % len(names)] for more in range(_CHECKED_PER_READ)]
-        parts = _parts(units)
-        due = self._due(list(parts))
+        readers = _readers(units)
+        due = self._due(list(readers))
         self._reads += 1
-        place, *answers = self._batches.call(
-            [units.place, *(parts[part] for part in due), *(_bound(units.check, unit) for unit in checked)]
+        pose, *answers = self._batches.call(
+            [units.pose, *(readers[part] for part in due), *(partial(units.check, unit) for unit in checked)]
         )
         self._positions.update({part: np.atleast_1d(answer) for part, answer in zip(due, answers, strict=False)})
-        joints = np.concatenate([self._positions[part] for part in parts])
-        self._fill(state, time.monotonic(), np.array(place), joints)
+        joints = np.concatenate([self._positions[part] for part in readers])
+        self._update(state, time.monotonic(), np.array(pose), joints)
         return True
 
     def _due(self, parts: list[str]) -> list[str]:
@@ -183,7 +199,7 @@ class SmartPalAdaptor(RobotAdaptor):
         return [
             part
             for part in parts
-            if part == turn or part not in self._positions or now < self._moves_until.get(part, 0.0)
+            if part == turn or part not in self._positions or now < self._moving_until.get(part, 0.0)
         ]
 
     def write(self, command: ActorCommand) -> bool:
@@ -194,7 +210,7 @@ class SmartPalAdaptor(RobotAdaptor):
             self._set_jog_timeout(units, command.valid_s)
         calls: list[Callable[[], Any]] = []
         if self._must_send_jog("base", np.array(command.velocity)):
-            calls.append(lambda: units.jog_base(*command.velocity))
+            calls.append(partial(units.jog_base, *command.velocity))
         if len(command.joints):
             calls += self._joint_calls(units, command)
         try:
@@ -207,8 +223,8 @@ class SmartPalAdaptor(RobotAdaptor):
     # ---- start ----
 
     def _get_ready(self, units: SmartPalUnits) -> None:
-        """Make all units ready. Raises UnitFailed or AdaptorFailed with the cause after START_LIMIT_S."""
-        deadline = time.monotonic() + START_LIMIT_S
+        """Make all units ready. Raises UnitFailed or AdaptorFailed with the cause after the timeout."""
+        deadline = time.monotonic() + self._start_limit_s
         for unit in units.names:
             units.stop(unit)
         waiting = list(units.names)
@@ -223,17 +239,18 @@ class SmartPalAdaptor(RobotAdaptor):
             if time.monotonic() > deadline:
                 for unit in waiting:
                     units.check(unit)
-                raise AdaptorFailed(f"{', '.join(waiting)} did not get ready within {START_LIMIT_S:g} s")
+                raise AdaptorFailed(f"{', '.join(waiting)} did not get ready within {self._start_limit_s:g} s")
 
-    def _set_place(self, units: SmartPalUnits, pose: Place | None) -> None:
-        if self._place is None:
-            if at := pose or self._body_place():
-                units.set_place(*at)
+    def _set_pose(self, units: SmartPalUnits, first_pose: Frame | None) -> None:
+        """Set the odometry at the first start, and after it was reset."""
+        if self._pose is None:
+            if pose := first_pose or self._body_pose():
+                units.set_pose(*pose)
             return
-        x, y, heading = units.place()
-        turned = math.remainder(heading - self._place[2], math.tau)
-        if math.dist((x, y), self._place[:2]) > _ODOMETRY_RESET_M or abs(turned) > _ODOMETRY_RESET_RAD:
-            units.set_place(*self._place)
+        x, y, heading = units.pose()
+        turned_rad = math.remainder(heading - self._pose[2], math.tau)
+        if math.dist((x, y), self._pose[:2]) > _ODOMETRY_RESET_M or abs(turned_rad) > _ODOMETRY_RESET_RAD:
+            units.set_pose(*self._pose)
 
     def _set_jog_timeout(self, units: SmartPalUnits, valid_s: float) -> None:
         units.set_jog_timeout(min(max(valid_s, MIN_JOG_S), MAX_JOG_S))
@@ -241,16 +258,16 @@ class SmartPalAdaptor(RobotAdaptor):
 
     # ---- read ----
 
-    def _fill(self, state: RobotState, now: float, place: Floats, joints: Floats) -> None:
+    def _update(self, state: RobotState, now: float, pose: Floats, joints: Floats) -> None:
         if self._last is not None and now > self._last[0]:
-            before, place_before, joints_before = self._last
-            moved = place - place_before
+            before, pose_before, joints_before = self._last
+            moved = pose - pose_before
             moved[2] = math.remainder(moved[2], math.tau)
             differences = np.concatenate((moved, joints - joints_before)) / (now - before)
-            self._velocities += _NEWEST * (differences - self._velocities)
-        self._last = now, place, joints
-        self._place = float(place[0]), float(place[1]), float(place[2])
-        state.time, (state.x, state.y, state.heading) = now, self._place
+            self._velocities += _FILTER_WEIGHT * (differences - self._velocities)
+        self._last = now, pose, joints
+        self._pose = float(pose[0]), float(pose[1]), float(pose[2])
+        state.time, (state.x, state.y, state.heading) = now, self._pose
         x, y, turn = self._velocities[:3].tolist()
         state.velocity = *turned(x, y, -state.heading), turn
         state.joints, state.joint_velocities = joints, self._velocities[3:].copy()
@@ -258,49 +275,50 @@ class SmartPalAdaptor(RobotAdaptor):
     # ---- write ----
 
     def _joint_calls(self, units: SmartPalUnits, command: ActorCommand) -> list[Callable[[], Any]]:
-        wanted = np.clip(command.joints, LOWER, UPPER)
+        wanted = np.clip(command.joints, JOINT_LOWER, JOINT_UPPER)
         moving = command.joint_velocities if len(command.joint_velocities) else np.zeros(len(JOINTS))
         calls: list[Callable[[], Any]] = []
         for side in Side:
             speeds = self._arm_speeds(wanted[ARM[side]], moving[ARM[side]], ARM[side])
             if self._must_send_jog(f"{side.value} arm", speeds):
-                calls.append(_bound(units.jog_arm, side, speeds))
+                calls.append(partial(units.jog_arm, side, speeds))
         if self._is_new_target("lumbar", wanted[LUMBAR]):
-            speed, acceleration = float(SPEED[LUMBAR][0]), float(ACCELERATION[LUMBAR][0])
-            calls.append(_bound(units.move_lumbar, *wanted[LUMBAR].tolist(), speed, acceleration))
+            speed, acceleration = float(JOINT_SPEED[LUMBAR][0]), float(JOINT_ACCELERATION[LUMBAR][0])
+            lower, upper = wanted[LUMBAR].tolist()
+            calls.append(partial(units.move_lumbar, lower, upper, speed, acceleration))
         for side in Side:
             row = GRIP[side]
             if self._is_new_target(f"{side.value} grip", wanted[row : row + 1]):
-                target = float(wanted[row]), float(SPEED[row]), float(ACCELERATION[row])
-                calls.append(_bound(units.move_grip, side, *target))
+                target = float(wanted[row]), float(JOINT_SPEED[row]), float(JOINT_ACCELERATION[row])
+                calls.append(partial(units.move_grip, side, *target))
         return calls
 
     def _arm_speeds(self, wanted: Floats, moving: Floats, rows: slice) -> Floats:
         """The commanded velocities, plus position control by the last read joints."""
         error = np.zeros(len(wanted)) if self._last is None else wanted - self._last[2][rows]
-        if not moving.any() and np.abs(error).max() < _AT_REST_RAD:
+        if not moving.any() and np.abs(error).max() < _DEADBAND_RAD:
             return np.zeros(len(wanted))
-        return np.asarray(np.clip(moving + GAIN * error, -SPEED[rows], SPEED[rows]))
+        return np.asarray(np.clip(moving + GAIN * error, -JOINT_SPEED[rows], JOINT_SPEED[rows]))
 
     def _is_new_target(self, part: str, target: Floats) -> bool:
         before = self._targets.get(part)
-        if before is not None and np.abs(target - before).max() < _MOVED_RAD:
+        if before is not None and np.abs(target - before).max() < _NEW_TARGET_RAD:
             return False
         self._targets[part] = target.copy()
-        self._moves_until[part] = time.monotonic() + _MOVES_S
+        self._moving_until[part] = time.monotonic() + _MOVING_S
         return True
 
     def _must_send_jog(self, part: str, speeds: Floats) -> bool:
-        """Jogs are repeated, except those of zero speed."""
+        """Whether to send a jog of this part: jogs are repeated, except those of zero speed."""
         before, self._jogs[part] = self._jogs.get(part), speeds
         if speeds.any():
-            self._moves_until[part] = time.monotonic() + _MOVES_S
+            self._moving_until[part] = time.monotonic() + _MOVING_S
             return True
         return before is None or bool(before.any())
 
 
 class _CallBatches:
-    """Makes batches of calls: sequentially where answers come immediately, in parallel where the network is slow."""
+    """Makes batches of calls: sequential ones on a fast network, parallel ones on a slow network."""
 
     def __init__(self) -> None:
         self._pool: ThreadPoolExecutor | None = None
@@ -320,14 +338,14 @@ class _CallBatches:
         if self._pool is None:
             self._pool = ThreadPoolExecutor(12, "smartpal")
         try:
-            timed: list[Future[tuple[float, Any]]] = [self._pool.submit(_timed, call) for call in calls]
-            found = [future.result(max(0.0, began + _BATCH_LIMIT_S - time.monotonic())) for future in timed]
-        except TooLate:
+            futures: list[Future[tuple[float, Any]]] = [self._pool.submit(_timed, call) for call in calls]
+            timed_answers = [future.result(max(0.0, began + _BATCH_LIMIT_S - time.monotonic())) for future in futures]
+        except FutureTimeout:
             raise AdaptorFailed(f"units did not answer within {_BATCH_LIMIT_S:g} s") from None
         except (CancelledError, RuntimeError):  # the pool is closed
             raise AdaptorFailed("it was stopped") from None
-        self._is_slow = sum(took for took, _ in found) > _SLOW_S / 2
-        return [answer for _, answer in found]
+        self._is_slow = sum(took for took, _ in timed_answers) > _SLOW_S / 2
+        return [answer for _, answer in timed_answers]
 
     def close(self) -> None:
         """Does not wait for pending calls; they end by their own timeouts."""
@@ -336,12 +354,12 @@ class _CallBatches:
             self._pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _parts(units: SmartPalUnits) -> dict[str, Callable[[], Any]]:
-    """The calls that read the joints' positions, in the order of the joints."""
+def _readers(units: SmartPalUnits) -> dict[str, Callable[[], Any]]:
+    """By part, in the order of the joints: the call that reads its positions."""
     return {
-        **{f"{side.value} arm": _bound(units.arm, side) for side in (Side.LEFT, Side.RIGHT)},
+        **{f"{side.value} arm": partial(units.arm, side) for side in (Side.LEFT, Side.RIGHT)},
         "lumbar": units.lumbar,
-        **{f"{side.value} grip": _bound(units.grip, side) for side in (Side.LEFT, Side.RIGHT)},
+        **{f"{side.value} grip": partial(units.grip, side) for side in (Side.LEFT, Side.RIGHT)},
     }
 
 
@@ -351,33 +369,26 @@ def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
     return time.monotonic() - began, answer
 
 
-def _bound(call: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-    return lambda: call(*arguments)
-
-
 def _stop_all(units: SmartPalUnits) -> None:
     """Stop all units in parallel, each in its own thread, so that none waits for another. Raises AdaptorFailed."""
-    failed: dict[str, str] = {}
+    failures = {unit: f"{unit} did not stop within {_STOP_LIMIT_S:g} s" for unit in units.names}
 
     def stop(unit: str) -> None:
         try:
             units.stop(unit)
         except AdaptorFailed as error:
-            failed[unit] = str(error)
+            failures[unit] = str(error)
         else:
-            stopped.add(unit)
+            del failures[unit]
 
-    stopped: set[str] = set()
     threads = [threading.Thread(target=stop, args=(unit,), name=f"stop {unit}", daemon=True) for unit in units.names]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + _STOP_LIMIT_S
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    late = f"did not stop within {_STOP_LIMIT_S:g} s"
-    missing = [failed.get(unit, f"{unit} {late}") for unit in units.names if unit not in stopped]
-    if missing:
-        raise AdaptorFailed("; ".join(missing))
+    if reasons := list(failures.values()):
+        raise AdaptorFailed("; ".join(reasons))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -392,7 +403,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(list(argv))
 
 
-def _pose(text: str) -> Place:
+def _pose(text: str) -> Frame:
     with contextlib.suppress(ValueError):
         x, y, heading = map(float, text.split(","))
         if all(map(math.isfinite, (x, y, heading))):

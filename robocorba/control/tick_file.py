@@ -18,14 +18,14 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
-#: Columns: adaptor, program and position in it, state, and command (told_*), in s, m, rad, m/s and rad/s.
+#: Columns: adaptor, program and icon, state, and command (told_*) [s, m, rad, m/s, rad/s].
 COLUMNS = (
     *("adaptor", "program", "icon", "icons_done", "floor", "time", "x", "y", "heading", "ahead", "left", "turn"),
     *("told_ahead", "told_left", "told_turn", *JOINTS, *(f"told_{joint}" for joint in JOINTS)),
 )
-#: Most ticks in a file: one hour of programs, 100 MB.
+#: Maximum number of ticks in a file: one hour of programs, 100 MB.
 MAX_TICKS = 180_000
-#: Most ticks that wait for a slow disk.
+#: Maximum number of queued ticks, while the disk is slow.
 MAX_QUEUED = 500
 #: Timeout of `close` for writing the queued ticks [s].
 END_LIMIT_S = 5.0

@@ -7,6 +7,8 @@ from typing import Any
 import omniORB
 from omniORB import CORBA
 
+from robocorba.corba.conversion.errors import domain_error
+
 
 def set_call_timeout(reference: Any, timeout_s: float | None) -> None:
     """Set the timeout of calls through this reference object; None: the timeout of the ORB."""
@@ -19,3 +21,12 @@ def describe(error: BaseException) -> str:
         minor = omniORB.minorCodeToString(error)
         return str(minor) if isinstance(minor, str) else type(error).__name__
     return type(error).__name__
+
+
+def error_of(error: Any) -> str:
+    """A sentence that describes any error, also one of CORBA, for display."""
+    if isinstance(error, CORBA.SystemException):
+        return f"the call failed ({describe(error)})"
+    if isinstance(error, CORBA.UserException):
+        return str(domain_error(error) or f"{type(error).__name__}: {error}")
+    return str(error)

@@ -14,13 +14,13 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import msgpack
 import omniORB
 from omniORB import CORBA
 
+from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import domain_error
@@ -34,8 +34,10 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Default time for which a push is retried while the channel is not reachable [s].
 RETRY_S = 10.0
-#: Backoff between retries: first, longest [s].
-FIRST_PAUSE_S, MAX_PAUSE_S = 0.02, 0.25
+#: Pauses between the attempts of a push.
+BACKOFF = Backoff(0.02, 0.25)
+#: Pauses between checks whether a peer forwards the events of a subscription.
+POLLING = Backoff(0.02, 0.02)
 
 _log = logging.getLogger(__name__)
 
@@ -68,9 +70,7 @@ class EventClient:
     def __enter__(self) -> EventClient:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def push(
@@ -166,21 +166,23 @@ class EventClient:
         return self._proxy
 
     def _call(self, operation: Callable[[], None], retry_s: float) -> None:
-        deadline, pause = time.monotonic() + retry_s, FIRST_PAUSE_S
-        while True:
-            try:
-                return operation()
-            except CORBA.UserException as error:
-                raise (domain_error(error) or error) from None
-            except CORBA.SystemException as error:
-                if error.completed != CORBA.COMPLETED_NO:
-                    raise Unconfirmed(
-                        f"no answer from the channel, which may have received the event ({describe(error)})"
-                    ) from None
-                if not isinstance(error, CORBA.TRANSIENT | CORBA.COMM_FAILURE) or time.monotonic() + pause > deadline:
-                    raise NotReachable(f"the channel does not accept events ({describe(error)})") from None
-            time.sleep(pause)
-            pause = min(2 * pause, MAX_PAUSE_S)
+        try:
+            BACKOFF.call(lambda: _push(operation), retry_s, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
+        except CORBA.SystemException as error:
+            raise NotReachable(f"the channel does not accept events ({describe(error)})") from None
+
+
+def _push(operation: Callable[[], None]) -> None:
+    """Raises a CORBA.SystemException only if the channel has not received the event."""
+    try:
+        operation()
+    except CORBA.UserException as error:
+        raise (domain_error(error) or error) from None
+    except CORBA.SystemException as error:
+        if error.completed == CORBA.COMPLETED_NO:
+            raise
+        reason = f"no answer from the channel, which may have received the event ({describe(error)})"
+        raise Unconfirmed(reason) from None
 
 
 class EventSubscription:
@@ -202,15 +204,10 @@ class EventSubscription:
         """Wait until the channel `peer` forwards the events of this subscription; False after `timeout_s`.
 
         Raises UnknownPeer, NotReachable."""
-        deadline = time.monotonic() + timeout_s
         try:
-            while not self.proxy.isInForceAt(peer):
-                if time.monotonic() > deadline:
-                    return False
-                time.sleep(FIRST_PAUSE_S)
+            return POLLING.poll(lambda: bool(self.proxy.isInForceAt(peer)), timeout_s)
         except CORBA.Exception as error:
             raise _translated(error) from None
-        return True
 
     def end(self) -> None:
         """Stop receiving. A durable subscription keeps collecting until the channel's `unsubscribe`."""
@@ -224,9 +221,9 @@ class EventSubscription:
         self._orb.deactivate(self._consumer)
 
 
-def _translated(wrong: CORBA.Exception) -> Exception:
+def _translated(error: CORBA.Exception) -> Exception:
     """The domain error for an exception of the channel."""
-    return domain_error(wrong) or NotReachable(f"the channel does not answer ({describe(wrong)})")
+    return domain_error(error) or NotReachable(f"the channel does not answer ({describe(error)})")
 
 
 class _EventConsumerServant(RoboCorba__POA.EventConsumer):
@@ -237,8 +234,8 @@ class _EventConsumerServant(RoboCorba__POA.EventConsumer):
         self._lock = threading.Lock()  # one call after another, also if an earlier call of the channel timed out
 
     def push(self, value: Any) -> None:
-        run = events.run_of_any(value)
-        self._guard(self._receive, Event(run.header.type, run.header.source, value.value(), run.times[0], "", 0))
+        batch = events.batch_of_any(value)
+        self._guard(self._receive, Event(batch.header.type, batch.header.source, value.value(), batch.times[0], "", 0))
 
     def pushRuns(self, runs: Any) -> None:
         with self._lock:

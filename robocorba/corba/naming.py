@@ -12,16 +12,17 @@ from urllib.parse import quote
 import CosNaming
 from omniORB import CORBA
 
+from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 
 #: Interval at which a server checks that its names are still bound [s].
-BINDING_CHECK_S = 2.0
+BINDING_CHECK_INTERVAL_S = 2.0
 #: Timeout of a single call to the naming service, and of a call that probes an object [s].
 PROBE_TIMEOUT_S = 1.0
-#: Backoff between attempts: first, longest [s].
-FIRST_PAUSE_S, MAX_PAUSE_S = 0.02, 0.25
+#: Pauses between attempts to resolve or bind names.
+BACKOFF = Backoff(0.02, 0.25)
 #: Number of names in one answer of the naming service.
 _PAGE_SIZE = 500
 
@@ -50,17 +51,15 @@ class NamingService:
         which they raise CORBA.TIMEOUT."""
         if not all(name.split("/")):
             raise NotReachable(f"{self.path(name)!r} can't be a name")
-        deadline, pause = time.monotonic() + timeout_s, FIRST_PAUSE_S
-        while True:
-            try:
-                found = self._lookup(name, deadline)
-                reference = self._narrow(found, interface, name, deadline)
-                break
-            except _Retryable as reason:
-                if time.monotonic() + pause > deadline:
-                    raise NotReachable(f"{self.path(name)} is not reachable: {reason}") from None
-            time.sleep(pause)
-            pause = min(2 * pause, MAX_PAUSE_S)
+        deadline = time.monotonic() + timeout_s
+
+        def resolve() -> Any:
+            return self._narrow(self._lookup(name, deadline), interface, name, deadline)
+
+        try:
+            reference = BACKOFF.call(resolve, timeout_s, _Retryable)
+        except _Retryable as reason:
+            raise NotReachable(f"{self.path(name)} is not reachable: {reason}") from None
         set_call_timeout(reference, call_timeout_s)
         return reference
 
@@ -88,23 +87,20 @@ class NamingService:
 
         Retries for `timeout_s` while the naming service does not answer, then raises NotReachable."""
         deadline = time.monotonic() + timeout_s
-        while True:
-            try:
-                return sorted(binding.binding_name[0].id for binding in self._bindings(path, deadline))
-            except CosNaming.NamingContext.NotFound:
-                return []
-            except CORBA.SystemException as error:
-                if time.monotonic() + FIRST_PAUSE_S > deadline:
-                    reason = f"the naming service at {self.address} does not answer ({describe(error)})"
-                    raise NotReachable(reason) from None
-            time.sleep(FIRST_PAUSE_S)
+        try:
+            bindings = BACKOFF.call(lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException)
+        except CosNaming.NamingContext.NotFound:
+            return []
+        except CORBA.SystemException as error:
+            raise self._unanswered(error) from None
+        return sorted(binding.binding_name[0].id for binding in bindings)
 
     def check(self, timeout_s: float = PROBE_TIMEOUT_S) -> None:
         """Raise NotReachable unless the naming service answers a call within `timeout_s`."""
         try:
             self._root(timeout_s)._non_existent()
         except CORBA.SystemException as error:
-            raise NotReachable(f"the naming service at {self.address} does not answer ({describe(error)})") from None
+            raise self._unanswered(error) from None
 
     def bind(self, name: str, reference: Any) -> None:
         """Bind a name to an object, also if it is bound already. Raises CORBA.SystemException, NotFound."""
@@ -135,8 +131,11 @@ class NamingService:
         except CosNaming.NamingContext.NotFound:
             pass
 
+    def _unanswered(self, error: CORBA.SystemException) -> NotReachable:
+        return NotReachable(f"the naming service at {self.address} does not answer ({describe(error)})")
+
     def _bindings(self, path: str, deadline: float) -> list[Any]:
-        found = self._root(_call_limit_s(deadline)).resolve(self._components(path))
+        found = self._root(_remaining_s(deadline)).resolve(self._components(path))
         context = found._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, PROBE_TIMEOUT_S)
         bindings, rest = context.list(_PAGE_SIZE)
@@ -159,22 +158,22 @@ class NamingService:
 
     def _lookup(self, name: str, deadline: float) -> Any:
         try:
-            return self._root(_call_limit_s(deadline)).resolve(self._components(name))
+            return self._root(_remaining_s(deadline)).resolve(self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise _Retryable(f"the naming service at {self.address} does not know it") from None
         except CORBA.SystemException as error:
-            raise _Retryable(f"the naming service at {self.address} does not answer ({describe(error)})") from None
+            raise _Retryable(str(self._unanswered(error))) from None
 
     def _narrow(self, found: Any, interface: Any, name: str, deadline: float) -> Any:
         try:
             if found is None:
                 raise _Retryable("it is bound to nil")
-            set_call_timeout(found, _call_limit_s(deadline))
+            set_call_timeout(found, _remaining_s(deadline))
             reference = found._narrow(interface)
             if reference is None:
                 kind = interface._NP_RepositoryId
                 raise NotReachable(f"what is bound to {self.path(name)} at {self.address} is not a {kind}")
-            set_call_timeout(reference, _call_limit_s(deadline))
+            set_call_timeout(reference, _remaining_s(deadline))
             if reference._non_existent():
                 raise _Retryable("its server answers that the object does not exist")
         except CORBA.SystemException as error:
@@ -183,7 +182,7 @@ class NamingService:
 
 
 class BoundNames:
-    """Binds names of a server in the background, and binds lost names again, until `close`."""
+    """Binds the names of a server in the background until `close`, again after a naming service has lost them."""
 
     def __init__(self, names: NamingService) -> None:
         self._names = names
@@ -194,7 +193,7 @@ class BoundNames:
     def start(self, served: dict[str, Any]) -> None:
         """Begin to bind names to these objects; returns immediately."""
         self._served = served
-        self._thread = threading.Thread(target=self._keep, name="bindings", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
         self._thread.start()
 
     def withdraw(self, name: str) -> None:
@@ -208,10 +207,10 @@ class BoundNames:
             self._thread.join()
             self._unbind(self._served)
 
-    def _keep(self) -> None:
-        """Rebind all names at start; later bind only lost ones, so that two servers do not overwrite each other."""
+    def _run(self) -> None:
+        """Bind all names at start; later only lost ones, so that two servers do not overwrite each other's."""
         bound: set[str] = set()
-        is_reported, pause = False, FIRST_PAUSE_S
+        failures = 0
         while True:
             try:
                 for name, reference in list(self._served.items()):
@@ -219,12 +218,12 @@ class BoundNames:
                         self._names.bind(name, reference)
                         bound.add(name)
                         _log.info("bound %s at %s", self._names.path(name), self._names.address)
-                is_reported, pause = False, BINDING_CHECK_S
+                failures = 0
             except (CORBA.Exception, CosNaming.NamingContext.NotFound) as error:
-                if not is_reported:
+                failures += 1
+                if failures == 1:
                     _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
-                is_reported, pause = True, min(2 * pause, MAX_PAUSE_S)
-            if self._closing.wait(pause):
+            if self._closing.wait(BACKOFF.pause_s(failures) or BINDING_CHECK_INTERVAL_S):
                 return
 
     def _unbind(self, served: dict[str, Any]) -> None:
@@ -236,7 +235,7 @@ class BoundNames:
 
 
 class _Retryable(Exception):
-    """An attempt failed for a reason that may be temporary."""
+    """An attempt to resolve failed for a reason that may be temporary."""
 
 
 def _component(part: str, with_kinds: bool) -> Any:
@@ -252,6 +251,6 @@ def corbaname(naming: Address, name: str = "") -> str:
     return f"corbaname::{naming}#{quote(stringified, safe=';/:?@&=+$,-_.!~*()')}"
 
 
-def _call_limit_s(deadline: float) -> float:
+def _remaining_s(deadline: float) -> float:
     """Timeout of one call: the time left, at most PROBE_TIMEOUT_S, so that a stalled server leaves time for a retry."""
     return min(PROBE_TIMEOUT_S, max(0.01, deadline - time.monotonic()))

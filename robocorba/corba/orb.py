@@ -27,13 +27,12 @@ import threading
 from collections.abc import Mapping
 from functools import cached_property
 from queue import SimpleQueue
-from types import TracebackType
 from typing import Any
 
 import PortableServer
 from omniORB import CORBA, interceptors
 
-from robocorba.corba.calls import describe
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.settings import Address
@@ -135,9 +134,7 @@ class Orb:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._restore_signal_handlers()
         self._bound_names.close()
         self._shut_down()
@@ -195,17 +192,20 @@ class Orb:
         """The stringified form of a reference, which `reference` converts back in any process."""
         return str(self._orb.object_to_string(reference))
 
-    def reference(self, uri: str, interface: Any) -> Any:
+    def reference(self, uri: str, interface: Any, call_timeout_s: float | None = None) -> Any:
         """The object at an IOR, corbaloc or corbaname, cast to `interface` unchecked. Only a corbaname makes a call.
 
-        Raises NotReachable for any other URI."""
+        call_timeout_s: as for `resolve`; each reference has its own. Raises NotReachable for any other URI."""
         try:
             found = self._orb.string_to_object(uri)
         except CORBA.SystemException as error:
             raise NotReachable(f"{uri[:80]!r} leads to no object ({describe(error)})") from None
         if found is None:
             raise NotReachable(f"{uri[:80]!r} is a nil reference")
-        return found._unchecked_narrow(interface)
+        reference = found._unchecked_narrow(interface)
+        if call_timeout_s is not None:
+            set_call_timeout(reference, call_timeout_s)
+        return reference
 
     def withdraw(self, name: str) -> None:
         """Stop serving one name, and unbind it."""
@@ -274,8 +274,8 @@ class Orb:
         """The object bound to `name`, which may have a kind, in the root of another naming service; without retries.
 
         call_timeout_s: timeout of each call, also of later calls through the reference. Raises NotReachable."""
-        there = NamingService(self._connect, naming, "", with_kinds=True)
-        return there.resolve_once(name, interface, call_timeout_s)
+        other = NamingService(self._connect, naming, "", with_kinds=True)
+        return other.resolve_once(name, interface, call_timeout_s)
 
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
         """The names bound in the naming context `path`, sorted; empty if there is no such context.

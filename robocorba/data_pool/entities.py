@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from robocorba.maps.model import MapObject
-from robocorba.maps.movable import outline
+from robocorba.maps.movable import object_outline
 from robocorba.spatial.floor_update import Body, BodyKind
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.pose import XY
@@ -20,7 +20,7 @@ class FloorEntity(NamedTuple):
     [rad/s].
 
     radius_m: of a robot, or of the circle around an object. outline: of an object in its own frame, the corners of a
-    polygon or the two ends of a line. mass_kg: 0 for an object that can't be moved, because maps don't contain it."""
+    polygon or the two ends of a line. mass_kg: 0 for an object that can't be moved, whose mass maps don't contain."""
 
     name: str
     kind: BodyKind
@@ -51,9 +51,9 @@ def entity_of_body(body: Body, motion: np.void) -> FloorEntity:
 
 def entity_of_map_object(item: MapObject) -> FloorEntity:
     """An object that can't be moved, at its pose on the map."""
-    corners = shapely.get_coordinates(outline(item)).tolist()
+    corners = shapely.get_coordinates(object_outline(item)).tolist()
     if corners[0] == corners[-1]:  # a ring
         corners.pop()
     radius_m = max(math.hypot(x, y) for x, y in corners)
-    at, shape = (*item.at, item.heading), tuple((x, y) for x, y in corners)
-    return FloorEntity(item.name, BodyKind.OBJECT, *at, 0.0, 0.0, 0.0, radius_m, shape, 0.0, is_movable=False)
+    pose, shape = (*item.at, item.heading), tuple((x, y) for x, y in corners)
+    return FloorEntity(item.name, BodyKind.OBJECT, *pose, 0.0, 0.0, 0.0, radius_m, shape, 0.0, is_movable=False)

@@ -9,12 +9,13 @@ import msgspec
 
 from robocorba.errors.robots import InvalidPlan, StalePlan, UnknownPlan
 
+#: Maximum number of plans.
 MAX_PLANS = 100
-#: Longest name of a plan [characters].
+#: Maximum length of a plan's name [characters].
 MAX_NAME = 200
-#: Largest content of one plan [bytes].
+#: Maximum size of one plan's content [bytes].
 MAX_CONTENT = 1024 * 1024
-#: Largest sum of all contents [bytes], so that one CORBA message holds them.
+#: Maximum size of all contents [bytes], so that one CORBA message holds them.
 MAX_CONTENTS = 32 * 1024 * 1024
 
 
@@ -42,22 +43,27 @@ class Plans:
             raise InvalidPlan("name", f"has {len(name)} characters, not 1 to {MAX_NAME}")
         if not name.isprintable():  # a NUL or a lone surrogate does not fit into a CORBA string
             raise InvalidPlan("name", f"{name!r} can't be printed")
-        _check_content(content)
+        if len(content) > MAX_CONTENT:
+            raise InvalidPlan("content", f"has {len(content)} bytes, more than {MAX_CONTENT}")
+        try:
+            msgspec.msgpack.decode(content)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise InvalidPlan("content", f"is not msgpack: {error}") from None
         with self._lock:
-            known = self._plans.get(name)
-            current = known.version if known else 0
+            stored = self._plans.get(name)
+            current = stored.version if stored else 0
             if expected_version != current:
                 raise StalePlan(name, expected_version, current)
-            if known is None and len(self._plans) >= MAX_PLANS:
+            if stored is None and len(self._plans) >= MAX_PLANS:
                 raise InvalidPlan("name", f"the data pool already holds {MAX_PLANS} plans; remove one")
-            others = sum(len(plan.content) for plan in self._plans.values() if plan is not known)
+            others = sum(len(plan.content) for plan in self._plans.values() if plan is not stored)
             if others + len(content) > MAX_CONTENTS:
                 raise InvalidPlan("content", f"all plans together would exceed {MAX_CONTENTS} bytes")
             self._plans[name] = Plan(name, current + 1, bytes(content))
             return current + 1
 
     def get(self, name: str) -> Plan:
-        """Raises UnknownPlan."""
+        """The plan of this name. Raises UnknownPlan."""
         with self._lock:
             if name not in self._plans:
                 raise UnknownPlan(name)
@@ -69,16 +75,7 @@ class Plans:
             return sorted(self._plans.values())
 
     def remove(self, name: str) -> None:
-        """Raises UnknownPlan."""
+        """Remove a plan. Raises UnknownPlan."""
         with self._lock:
             if self._plans.pop(name, None) is None:
                 raise UnknownPlan(name)
-
-
-def _check_content(content: bytes) -> None:
-    if len(content) > MAX_CONTENT:
-        raise InvalidPlan("content", f"has {len(content)} bytes, more than {MAX_CONTENT}")
-    try:
-        msgspec.msgpack.decode(content)
-    except (ValueError, TypeError, RecursionError) as error:
-        raise InvalidPlan("content", f"is not msgpack: {error}") from None

@@ -1,4 +1,4 @@
-"""The state of a floor at one moment, for the 3D view and programs."""
+"""The state of a floor at one time, for the 3D view and programs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import shapely
 from shapely import Point
 
 from robocorba.data_pool.entities import FloorEntity, entity_of_body, entity_of_map_object
-from robocorba.data_pool.walls import NearestObstacle, Walls, nearest_of
+from robocorba.data_pool.walls import NearbyObstacle, Walls, nearest_of
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
@@ -100,7 +100,7 @@ class FloorSnapshot:
         """Other robots whose rims are within `range_m` of a point (x, y) [m], nearest first.
 
         Raises InvalidPoint, InvalidRequest."""
-        _check_place(x, y)
+        _check_point(x, y)
         if not range_m >= 0.0:  # also refuses NaN
             raise InvalidRequest("range_m", f"{range_m} is not 0 or more")
         rows = self.bodies.others
@@ -112,44 +112,22 @@ class FloorSnapshot:
             if distances_m[i] <= range_m
         ]
 
-    def nearest_obstacle(self, x: float, y: float) -> NearestObstacle | None:
-        """The fixed obstacle, object or other robot nearest to a point (x, y) [m]; None on an empty floor.
-
-        Raises InvalidPoint."""
-        found = (self.nearest_non_robot(x, y), self._nearest_robot(x, y))
-        return min((near for near in found if near), default=None)
-
-    def nearest_non_robot(self, x: float, y: float) -> NearestObstacle | None:
-        """As nearest_obstacle, without robots. Raises InvalidPoint."""
-        _check_place(x, y)
+    def nearest_non_robot(self, x: float, y: float) -> NearbyObstacle | None:
+        """The fixed obstacle or object nearest to a point (x, y) [m]; None on an empty floor. Raises InvalidPoint."""
+        _check_point(x, y)
         fixed = self.walls.nearest(x, y, self.elevators) if self.walls else None
-        found = [fixed] if fixed else []
         limit_m = fixed.distance_m if fixed else math.inf
-        return min([*found, *self._nearer_objects(x, y, limit_m)], default=None)
+        return min(self._nearer_objects(x, y, limit_m), default=fixed)
 
-    def _nearest_robot(self, x: float, y: float) -> NearestObstacle | None:
-        rows = self.bodies.others
-        if not len(rows):
-            return None
-        distances_m = self._distances_m(rows, x, y)
-        row = int(rows[np.argmin(distances_m)])
-        motion, radius_m, distance_m = self.motions[row], self.bodies.radii_m[row], float(distances_m.min())
-        if distance_m <= 0.0:
-            return NearestObstacle(0.0, x, y, self.bodies.all[row].name)
-        share = radius_m / (radius_m + distance_m)
-        center_x, center_y = float(motion["x"]), float(motion["y"])
-        at = center_x + share * (x - center_x), center_y + share * (y - center_y)
-        return NearestObstacle(distance_m, *at, self.bodies.all[row].name)
-
-    def _nearer_objects(self, x: float, y: float, limit_m: float) -> Iterator[NearestObstacle]:
+    def _nearer_objects(self, x: float, y: float, limit_m: float) -> Iterator[NearbyObstacle]:
         """Movable objects nearer than `limit_m`, each nearer than the one before."""
-        rows, place = self.bodies.objects, Point(x, y)
+        rows, point = self.bodies.objects, Point(x, y)
         distances_m = self._distances_m(rows, x, y)
         for i in np.argsort(distances_m):
             if distances_m[i] >= limit_m:  # its circle and those of all remaining objects are too far away
                 return
             entity = self._entity(rows[i])
-            near = nearest_of(place, shapely.polygons(entity.corners), entity.name)
+            near = nearest_of(point, shapely.polygons(entity.corners), entity.name)
             if near.distance_m < limit_m:
                 limit_m = near.distance_m
                 yield near
@@ -170,7 +148,7 @@ class FloorSnapshot:
         )
 
 
-def _check_place(x: float, y: float) -> None:
+def _check_point(x: float, y: float) -> None:
     for name, value in (("x", x), ("y", y)):
         if not math.isfinite(value):
             raise InvalidPoint("place", name, f"{value} is not a finite number")

@@ -11,13 +11,13 @@ from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.maps.geometry import blocking
+from robocorba.maps.geometry import compute_obstacles
 from robocorba.maps.model import Building, Elevator, Floor, GeometricalMap
 from robocorba.maps.movable import landing_doors, movables
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 
-class NearestObstacle(NamedTuple):
+class NearbyObstacle(NamedTuple):
     """The obstacle nearest to a point: its distance, 0 inside it, its nearest point (x, y) [m], and its name.
 
     The name is that of a wall, a door, an object or a robot; of the elevator for a shaft and landing doors; of the
@@ -35,54 +35,55 @@ class Walls:
 
     def __init__(self, building: Building, floor: str) -> None:
         self.floor = floor
-        self._plan = plan, about, elevators = _plan_of(building, floor)
-        alone = Building(building.name, {floor: building.floors[floor]}, building.elevators)
-        movable = {item.name for item, _ in movables(alone).values()}
-        # `obstacles` would cache this floor after the robot has left it.
+        self._plan = plan, floor_data, elevators = _plan_of(building, floor)
+        this_floor = Building(building.name, {floor: building.floors[floor]}, building.elevators)
+        movable = {item.name for item, _ in movables(this_floor).values()}
+        # Not maps.geometry.obstacles, which would cache this floor after the robot has left it.
         fixed = [
             item
-            for item in blocking(plan, about, elevators)
+            for item in compute_obstacles(plan, floor_data, elevators)
             if not item.geometry.is_empty and not (item.kind == "object" and item.name in movable)
         ]
         self._names = [item.name for item in fixed]
         self._tree = STRtree([item.geometry for item in fixed])
         self._doors = {
-            elevator.name: landing_doors(alone, elevator.name, floor)
+            elevator.name: landing_doors(this_floor, elevator.name, floor)
             for elevator in elevators
             if floor in elevator.floors()
         }
         #: The map's objects that can't be moved, by name.
         self.objects = {name: item for name, item in plan.objects.items() if name not in movable}
 
-    def are_those_of(self, building: Building) -> bool:
+    def match(self, building: Building) -> bool:
         """Whether this floor has the same plan in `building`. Raises UnknownFloor."""
         return self._plan == _plan_of(building, self.floor)
 
-    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> NearestObstacle | None:
+    def nearest(self, x: float, y: float, elevators: Mapping[str, ElevatorState]) -> NearbyObstacle | None:
         """The fixed obstacle nearest to a point (x, y) [m]; None on an empty floor.
 
         Landing doors are obstacles until the elevator's doors are open here."""
-        place = Point(x, y)
+        point = Point(x, y)
         found = [
-            nearest_of(place, lines, name) for name, lines in self._doors.items() if not self._is_open(elevators, name)
+            nearest_of(point, lines, name) for name, lines in self._doors.items() if not self._is_open(elevators, name)
         ]
-        row = self._tree.nearest(place)
+        row = self._tree.nearest(point)
         if row is not None:
-            found.append(nearest_of(place, self._tree.geometries[row], self._names[row]))
+            found.append(nearest_of(point, self._tree.geometries[row], self._names[row]))
         return min(found, default=None)
 
     def _is_open(self, elevators: Mapping[str, ElevatorState], name: str) -> bool:
-        moment = elevators.get(name)
-        return bool(moment and moment.floor == self.floor and moment.doors is Doors.OPEN)
+        state = elevators.get(name)
+        return bool(state and state.floor == self.floor and state.doors is Doors.OPEN)
 
 
-def nearest_of(place: Point, shape: BaseGeometry, name: str) -> NearestObstacle:
+def nearest_of(point: Point, shape: BaseGeometry, name: str) -> NearbyObstacle:
     """The distance of a shape from a point, and the shape's nearest point."""
-    (x, y), _ = shapely.get_coordinates(shapely.shortest_line(shape, place)).tolist()
-    return NearestObstacle(float(shapely.distance(shape, place)), x, y, name)
+    (x, y), _ = shapely.get_coordinates(shapely.shortest_line(shape, point)).tolist()
+    return NearbyObstacle(float(shapely.distance(shape, point)), x, y, name)
 
 
 def _plan_of(building: Building, floor: str) -> tuple[GeometricalMap, Floor, tuple[Elevator, ...]]:
+    """What the walls of a floor depend on."""
     if floor not in building.floors:
         raise UnknownFloor("floor", floor, list(building.floors))
     entry = building.floors[floor]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class RoboCorbaError(Exception):
-    """Root of the tree."""
+    """Root of all errors that RoboCorba raises on purpose."""
 
 
 class FieldError(RoboCorbaError):

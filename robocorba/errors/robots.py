@@ -13,7 +13,9 @@ class RobotError(RoboCorbaError):
 
 
 class InvalidProgram(RobotError):
-    """icon: a path in the program, such as icons[2].icons[0], empty for the whole program. parameter: the invalid
+    """A program is invalid.
+
+    icon: a path in the program, such as icons[2].icons[0], empty for the whole program. parameter: the invalid
     parameter of that icon."""
 
     def __init__(self, icon: str, parameter: str, reason: str) -> None:
@@ -31,7 +33,7 @@ class Unreachable(RobotError):
 
 
 class IllegalOrder(RobotError):
-    """The robot can't carry out `order` in its present `condition`."""
+    """The robot can't execute `order` in its present `condition`."""
 
     def __init__(self, order: str, condition: str) -> None:
         self.order, self.condition = order, condition

@@ -124,10 +124,10 @@ class UpdateMismatch(SimulationError):
         super().__init__(f"an update of {floor} begins at version {since}; the copy is at version {version}")
 
 
-class StateDamaged(SimulationError):
-    """The recording `path` cannot be used; `reason` explains."""
+class InvalidRecording(SimulationError):
+    """The recording `path` cannot be read or written; `reason` explains."""
 
-    def __init__(self, path: str, reason: str) -> None:
+    def __init__(self, path: object, reason: str) -> None:
         self.path, self.reason = path, reason
         super().__init__(f"{path}: {reason}")
 

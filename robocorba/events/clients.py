@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from robocorba.events.event import EventRun
+from robocorba.events.event import EventBatch
 from robocorba.events.queue import QueueItem
 
 
@@ -27,7 +27,7 @@ class ConsumerPort(ClientPort, Protocol):
     takes_batches: bool
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
-        """Deliver one event; to a consumer that takes batches also one conjunction, or any number of runs.
+        """Deliver one event; to a consumer that takes batches also one conjunction, or any number of batches.
 
         Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
 
@@ -38,12 +38,12 @@ class ConsumerPort(ClientPort, Protocol):
 class SupplierPort(ClientPort, Protocol):
     """A supplier that the channel polls."""
 
-    def try_pull(self, limit_s: float) -> EventRun | None:
-        """The supplier's next event, as a run of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
+    def try_pull(self, limit_s: float) -> EventBatch | None:
+        """The supplier's next event, as a batch of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
 
 
 class ClientFinder(Protocol):
     """Finds the clients of a restarted channel by their references."""
 
     def find(self, kind: str, reference: str) -> ClientPort:
-        """The client of a proxy of this kind (a value of proxies.ProxyKind)."""
+        """The client of a proxy of this kind (a value of proxy.ProxyKind)."""

@@ -3,18 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 
-from robocorba.events.event import CorrelatedEvents, EventRun
-from robocorba.events.subscription import Clause
-
-
-class CorrelationResult(NamedTuple):
-    """Result of one event: the correlated events, if complete, and how many waiting events were dropped."""
-
-    together: CorrelatedEvents | None
-    expired: int
-    discarded: int
+from robocorba.events.account import Account
+from robocorba.events.event import CorrelatedEvents, EventBatch
+from robocorba.events.subscription import Clause, Subscription, SubscriptionMatch
 
 
 class Correlator:
@@ -25,40 +17,69 @@ class Correlator:
 
     def __init__(self, clause_number: int, clause: Clause, limit: int) -> None:
         self.clause_number, self.clause, self.limit = clause_number, clause, limit
-        self._window = clause.window
-        self._slots: list[deque[EventRun]] = [deque() for _ in clause.patterns]
+        #: Waiting events by pattern, each a batch of one.
+        self._waiting: list[deque[EventBatch]] = [deque() for _ in clause.patterns]
 
     def __len__(self) -> int:
-        return sum(map(len, self._slots))
+        return sum(map(len, self._waiting))
 
-    def add(self, fitting: tuple[int, ...], event: EventRun, now: float) -> CorrelationResult:
-        """Add an event (a run of one) that matches the patterns with these indices. It waits in the first empty slot
-        among them, else in the first slot. `now`: s since 1970."""
-        place = next((place for place in fitting if not self._slots[place]), fitting[0])
-        slot = self._slots[place]
-        slot.append(event)
-        discarded = 0
-        while len(slot) > self.limit:
-            slot.popleft()
-            discarded += 1
-        together, expired = self._correlate(now)
-        return CorrelationResult(together, expired, discarded)
+    def add(
+        self, pattern_numbers: tuple[int, ...], event: EventBatch, now: float, account: Account
+    ) -> CorrelatedEvents | None:
+        """Add an event (a batch of one) that matches these patterns; returns the correlated events if complete.
 
-    def _correlate(self, now: float) -> tuple[CorrelatedEvents | None, int]:
-        expired = 0
+        It waits for the first of them without a waiting event, else for the first. Waiting events that are dropped are
+        counted in `account`. now: s since 1970."""
+        number = next((number for number in pattern_numbers if not self._waiting[number]), pattern_numbers[0])
+        events = self._waiting[number]
+        events.append(event)
+        while len(events) > self.limit:
+            events.popleft()
+            account.discarded += 1
         while True:
-            for slot in self._slots:
-                while slot and slot[0].unexpired(now) is None:
-                    slot.popleft()
-                    expired += 1
-            if not all(self._slots):
-                return None, expired
-            heads = [slot[0] for slot in self._slots]
-            times = [head.times[0] for head in heads]
-            if not self._window or max(times) - min(times) <= self._window:
-                for slot in self._slots:
-                    slot.popleft()
-                return CorrelatedEvents(self.clause_number, heads), expired
+            for events in self._waiting:
+                while events and events[0].unexpired(now) is None:
+                    events.popleft()
+                    account.expired += 1
+            if not all(self._waiting):
+                return None
+            oldest = [events[0] for events in self._waiting]
+            times = [event.times[0] for event in oldest]
+            if not self.clause.window or max(times) - min(times) <= self.clause.window:
+                for events in self._waiting:
+                    events.popleft()
+                return CorrelatedEvents(self.clause_number, oldest)
             # The oldest event cannot match any more: later events of the other patterns are even farther away in time.
-            self._slots[times.index(min(times))].popleft()
-            expired += 1
+            self._waiting[times.index(min(times))].popleft()
+            account.expired += 1
+
+
+class Selection:
+    """Applies a subscription to events; holds the events of conjunctions that are not complete yet."""
+
+    def __init__(self, subscription: Subscription, limit: int, before: Selection | None = None) -> None:
+        """Conjunctions that the selection `before` has too keep their waiting events."""
+        self.subscription = subscription
+        kept = {correlator.clause: correlator for correlator in before._correlators.values()} if before else {}
+        self._correlators: dict[int, Correlator] = {}
+        for number, clause in enumerate(subscription):
+            if clause.is_conjunction:
+                correlator = kept.pop(clause) if clause in kept else Correlator(number, clause, limit)
+                correlator.clause_number, correlator.limit = number, limit
+                self._correlators[number] = correlator
+
+    def __len__(self) -> int:
+        return sum(map(len, self._correlators.values()))
+
+    def correlate(
+        self, batch: EventBatch, match: SubscriptionMatch, account: Account, now: float
+    ) -> list[CorrelatedEvents]:
+        """Add the events of a batch to the matching conjunctions; returns those that are complete now."""
+        complete: list[CorrelatedEvents] = []
+        for number, pattern_numbers in match.conjunctions:
+            account.received += len(batch)
+            for index in range(len(batch)):
+                event = batch.part(index, index + 1)
+                if together := self._correlators[number].add(pattern_numbers, event, now, account):
+                    complete.append(together)
+        return complete

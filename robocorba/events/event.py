@@ -1,7 +1,7 @@
-"""Events as a channel handles them: a header, and runs of consecutive events that share it.
+"""Events as a channel handles them: a header, and batches of consecutive events that share it.
 
-All parts of a channel handle an `EventRun`, never a single event: the events of one call, or consecutive events
-of a queue. A run of a hundred events costs little more than a run of one.
+All parts of a channel handle an `EventBatch`, never a single event: the events of one call, or consecutive events
+of a queue. A batch of a hundred events costs little more than a batch of one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ MAX_SECONDS = 1e11
 
 
 class Encoding(IntEnum):
-    """Encoding of a payload. NATIVE: the unmodified `any` of a plain client, which the channel does not read."""
+    """Encoding of a payload. NATIVE: the unmodified `any` of a plain client (one that supports OMG's interfaces only),
+    which the channel does not read."""
 
     MSGPACK = 0
     CDR_ANY = 1
@@ -31,7 +32,7 @@ class Encoding(IntEnum):
 
 
 class EventHeader(NamedTuple):
-    """What the events of a run share. origin: the channel that received them from a supplier. expiry: seconds after
+    """What the events of a batch share. origin: the channel that received them from a supplier. expiry: seconds after
     each event's time, 0 for never."""
 
     type: str
@@ -55,9 +56,10 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
     return EventHeader(type, source, "", priority, expiry, encoding)
 
 
-class EventRun:
-    """Consecutive events that share a header, numbered from `first` on. `times` (s since 1970) and `payloads` have one
-    entry for each event. via: the peer that forwarded them, empty for this channel's own suppliers."""
+class EventBatch:
+    """Consecutive events that share a header, numbered from `first` on. It is an EventRun of the IDL, whose "batch", a
+    sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event. via:
+    the peer that forwarded them, empty for this channel's own suppliers."""
 
     __slots__ = ("cached", "first", "header", "payloads", "times", "via")
 
@@ -65,14 +67,14 @@ class EventRun:
         self, header: EventHeader, times: Sequence[float], payloads: Sequence[Any], first: int = 0, via: str = ""
     ) -> None:
         self.header, self.times, self.payloads, self.first, self.via = header, times, payloads, first, via
-        #: The IDL struct of this run, cached because several consumers receive the same one.
+        #: The EventRun struct of this batch, cached because several consumers receive the same one.
         self.cached: Any = None
 
     def __len__(self) -> int:
         return len(self.payloads)
 
     def __repr__(self) -> str:
-        return f"EventRun({self.header.type!r} from {self.header.origin!r}, {self.first} to {self.last})"
+        return f"EventBatch({self.header.type!r} from {self.header.origin!r}, {self.first} to {self.last})"
 
     @property
     def priority(self) -> int:
@@ -90,14 +92,14 @@ class EventRun:
         known = sum(map(len, self.payloads)) if header.encoding is not Encoding.NATIVE else 0
         return 64 + len(header.type) + len(header.source) + len(header.origin) + known + 12 * len(self.payloads)
 
-    def part(self, start: int, stop: int | None = None) -> EventRun:
+    def part(self, start: int, stop: int | None = None) -> EventBatch:
         """The events with indices from `start` to before `stop`."""
-        return EventRun(self.header, self.times[start:stop], self.payloads[start:stop], self.first + start, self.via)
+        return EventBatch(self.header, self.times[start:stop], self.payloads[start:stop], self.first + start, self.via)
 
-    def unexpired(self, now: float) -> EventRun | None:
+    def unexpired(self, now: float) -> EventBatch | None:
         """The events that have not expired at `now` (s since 1970), None if all have.
 
-        The numbers of a run are contiguous: in a numbered run, expired events between unexpired ones stay."""
+        The numbers of a batch are contiguous: in a numbered batch, expired events between unexpired ones stay."""
         expiry = self.header.expiry
         if not expiry or all(time + expiry > now for time in self.times):
             return self
@@ -107,65 +109,62 @@ class EventRun:
         if self.first:
             return self.part(keep[0], keep[-1] + 1)
         times, payloads = [self.times[index] for index in keep], [self.payloads[index] for index in keep]
-        return EventRun(self.header, times, payloads, via=self.via)
+        return EventBatch(self.header, times, payloads, via=self.via)
 
 
 class CorrelatedEvents:
-    """Events that match the conjunction with index `clause_number` of a subscription: a run of one for each pattern."""
+    """Events that match the conjunction with index `clause_number` of a subscription. batches: one event each, in the
+    order of its patterns."""
 
-    __slots__ = ("clause_number", "runs")
+    __slots__ = ("batches", "clause_number")
 
-    def __init__(self, clause_number: int, runs: Sequence[EventRun]) -> None:
-        self.clause_number, self.runs = clause_number, tuple(runs)
+    def __init__(self, clause_number: int, batches: Sequence[EventBatch]) -> None:
+        self.clause_number, self.batches = clause_number, tuple(batches)
 
     def __len__(self) -> int:
-        return len(self.runs)
+        return len(self.batches)
 
     @property
     def priority(self) -> int:
-        return max(run.priority for run in self.runs)
+        return max(batch.priority for batch in self.batches)
 
     @property
     def size(self) -> int:
-        return sum(run.size for run in self.runs)
+        return sum(batch.size for batch in self.batches)
 
     def unexpired(self, now: float) -> CorrelatedEvents | None:
         """Itself, or None if one of the events has expired."""
-        return self if all(run.unexpired(now) for run in self.runs) else None
+        return self if all(batch.unexpired(now) for batch in self.batches) else None
 
 
-def check(run: EventRun) -> None:
+def check(batch: EventBatch) -> None:
     """Check times and payloads; `checked_header` checks the header. Raises InvalidEvent."""
-    if len(run.times) != len(run.payloads):
-        raise InvalidEvent("times", f"has {len(run.times)} entries for {len(run.payloads)} payloads")
-    for time in run.times:
+    if len(batch.times) != len(batch.payloads):
+        raise InvalidEvent("times", f"has {len(batch.times)} entries for {len(batch.payloads)} payloads")
+    for time in batch.times:
         if not -MAX_SECONDS <= time <= MAX_SECONDS:  # also refuses NaN
             raise InvalidEvent("time", "is not a number" if math.isnan(time) else f"{time} is out of range")
-    if run.header.encoding is not Encoding.NATIVE:
-        for payload in run.payloads:
+    if batch.header.encoding is not Encoding.NATIVE:
+        for payload in batch.payloads:
             if len(payload) > MAX_PAYLOAD_BYTES:
                 raise InvalidEvent("payload", f"has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are allowed")
 
 
-def merged(runs: Iterable[EventRun]) -> list[EventRun]:
-    """The same events in the same order, in as few runs as possible."""
-    result: list[EventRun] = []
-    group: list[EventRun] = []
-
-    def close() -> None:
-        if len(group) == 1:
-            result.append(group[0])
-        elif group:
-            times = [time for run in group for time in run.times]
-            payloads = [payload for run in group for payload in run.payloads]
-            result.append(EventRun(group[0].header, times, payloads, group[0].first, group[0].via))
-        group.clear()
-
+def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:
+    """The same events in the same order, in as few batches as possible."""
+    groups: list[list[EventBatch]] = []
     expected = 0
-    for run in runs:
-        if group and (run.first != expected or run.header != group[0].header or run.via != group[0].via):
-            close()
-        group.append(run)
-        expected = run.first + len(run.payloads)
-    close()
-    return result
+    for batch in batches:
+        before = groups[-1][0] if groups and batch.first == expected else None
+        if before and batch.header == before.header and batch.via == before.via:
+            groups[-1].append(batch)
+        else:
+            groups.append([batch])
+        expected = batch.first + len(batch.payloads)
+    return [_joined(group) if len(group) > 1 else group[0] for group in groups]
+
+
+def _joined(group: list[EventBatch]) -> EventBatch:
+    times = [time for batch in group for time in batch.times]
+    payloads = [payload for batch in group for payload in batch.payloads]
+    return EventBatch(group[0].header, times, payloads, group[0].first, group[0].via)

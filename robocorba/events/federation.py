@@ -1,4 +1,4 @@
-"""The federation as one channel knows it: its channels, their links and their interest.
+"""The federation as one channel knows it: its channels, their links and their interest (the union of subscriptions).
 
 Each channel advertises its peers and its interest, and passes the advertisements of others on (link-state routing).
 An event goes to those peers that lie on a shortest path from its origin to a channel that wants it. So a channel
@@ -23,7 +23,8 @@ _UNREACHABLE = 1 << 30
 
 
 class Advertisement(NamedTuple):
-    """What channel `name` advertises: its peers and its interest. The higher version is the newer one."""
+    """A link-state advertisement of channel `name` (a ChannelNotice of the IDL): its peers and its interest. The higher
+    version is the newer one."""
 
     name: str
     version: int
@@ -46,10 +47,13 @@ def is_name(text: str) -> bool:
 
 
 class Federation:
-    """Advertisements by channel name, and the shortest paths between channels. Guarded by the channel's lock."""
+    """Advertisements by channel name, and the shortest paths between channels. Guarded by the channel's lock.
 
-    def __init__(self, name: str, known: Iterable[Advertisement] = ()) -> None:
+    name: of the channel that this federation is seen from. known: stored advertisements of an earlier process."""
+
+    def __init__(self, name: str, known: Iterable[Advertisement] = (), max_channels: int = MAX_CHANNELS) -> None:
         self.name = name
+        self._max_channels = max_channels
         #: Includes channels that are unreachable now. They are ignored, but kept: nobody would send them again.
         self._advertisements = {entry.name: entry for entry in known}
         own = self._advertisements.get(name)
@@ -95,9 +99,9 @@ class Federation:
                     changed = True
                 continue
             changed = True
-            if known is None and len(self._advertisements) >= MAX_CHANNELS:
+            if known is None and len(self._advertisements) >= self._max_channels:
                 self._advertisements = {reachable.name: reachable for reachable in self.advertisements}
-                if len(self._advertisements) >= MAX_CHANNELS:
+                if len(self._advertisements) >= self._max_channels:
                     continue
             self._advertisements[entry.name] = entry._replace(interest=entry.interest[:MAX_UNION])
             links_changed |= known is None or known.peers != entry.peers

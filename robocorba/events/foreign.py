@@ -1,40 +1,41 @@
-"""A link with a foreign channel: one that supports CosEventChannelAdmin only, without headers and gateways.
+"""A link with a foreign channel: another implementation of the event service, with CosEventChannelAdmin only.
 
-This channel is an ordinary supplier and an ordinary consumer of the foreign channel. Plain events stay plain in both
-directions. A foreign channel delivers all events to all its consumers, so it returns the events that this channel
-pushed (echoes). They are recognised: events with a header by origin and number, plain events by their content.
+This channel is an ordinary supplier and an ordinary consumer of the foreign channel. A plain event, which is an `any`
+without a header, stays plain in both directions. A foreign channel delivers all events to all its consumers, so it
+returns the events that this channel pushed (echoes). They are recognised: events with a header by origin and number,
+plain events by their content.
 """
 
 from __future__ import annotations
 
 import logging
-import random
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
+from robocorba.backoff import Backoff
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
+from robocorba.events.channel_store import Peer
 from robocorba.events.clients import ConsumerPort
-from robocorba.events.event import EventRun
-from robocorba.events.outlet import Outlet
-from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.event import EventBatch
+from robocorba.events.policies import DeliveryPolicy, LinkPolicy
+from robocorba.events.proxy import Proxy
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, SubscriptionMatch
 
-#: An echo is expected for at least this time [s]; a later one may be published as a new event.
+#: Echoes are expected for at least this time [s]; a later one may be published as a new event.
 ECHO_S = 30.0
 #: Maximum number of pushed events that are remembered.
 MAX_ECHOES = 10_000
-#: Maximum number of events that wait for the foreign channel.
-STORE_EVENTS = 100_000
 #: Interval between checks that the foreign channel answers [s].
-CHECK_S = 1.0
-#: Backoff between connection attempts: first, longest [s].
-FIRST_PAUSE_S, MAX_PAUSE_S = 0.05, 1.0
+CHECK_INTERVAL_S = 1.0
+#: Pauses between connection attempts.
+BACKOFF = Backoff(0.05, 1.0, jitter=0.5)
 
 _log = logging.getLogger(__name__)
 
@@ -42,13 +43,14 @@ _log = logging.getLogger(__name__)
 class Echoes:
     """Recently pushed contents, and which of them still await their echo."""
 
-    def __init__(self) -> None:
+    def __init__(self, echo_s: float = ECHO_S, max_echoes: int = MAX_ECHOES) -> None:
+        self._echo_s, self._max_echoes = echo_s, max_echoes
         self._lock = threading.Lock()
         self._count = 0
         #: Time, number and content of each push, oldest first.
         self._pushed: deque[tuple[float, int, Hashable]] = deque()
         #: Numbers of the pushes of each content whose echo has not arrived yet, oldest first.
-        self._open: dict[Hashable, deque[int]] = {}
+        self._awaited: dict[Hashable, deque[int]] = {}
 
     def expect(self, content: Hashable) -> None:
         """Expect the echo of a content that is about to be pushed."""
@@ -56,32 +58,32 @@ class Echoes:
         with self._lock:
             self._count += 1
             self._pushed.append((now, self._count, content))
-            self._open.setdefault(content, deque()).append(self._count)
-            while self._pushed and (len(self._pushed) > MAX_ECHOES or self._pushed[0][0] < now - ECHO_S):
+            self._awaited.setdefault(content, deque()).append(self._count)
+            while self._pushed and (len(self._pushed) > self._max_echoes or self._pushed[0][0] < now - self._echo_s):
                 _, number, old = self._pushed.popleft()
-                if self._open.get(old, (0,))[0] == number:
-                    self._close(old)
+                if self._awaited.get(old, (0,))[0] == number:
+                    self._end_wait(old)
 
     def recognise(self, content: Hashable) -> bool:
         """Whether a received content is an echo; each push has at most one echo."""
         with self._lock:
-            if content not in self._open:
+            if content not in self._awaited:
                 return False
-            self._close(content)
+            self._end_wait(content)
             return True
 
-    def _close(self, content: Hashable) -> None:
-        numbers = self._open[content]
+    def _end_wait(self, content: Hashable) -> None:
+        numbers = self._awaited[content]
         numbers.popleft()
         if not numbers:
-            del self._open[content]
+            del self._awaited[content]
 
 
-class ForeignOutlet(PushOutlet):
-    """Delivers all events to the foreign channel `name`, except those that it pushed."""
+class ForeignProxySupplier(ProxyPushSupplier):
+    """Delivers all events to the foreign channel `name`, except those received from it."""
 
-    def offer(self, run: EventRun, match: SubscriptionMatch, now: float) -> bool:
-        return run.via != self.name and super().offer(run, match, now)
+    def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
+        return batch.via != self.name and super().accept(batch, match, now)
 
 
 class ForeignPort(Protocol):
@@ -90,29 +92,40 @@ class ForeignPort(Protocol):
     #: The proxy of the foreign channel to push to.
     consumer: ConsumerPort
 
-    def is_there(self) -> bool:
+    def is_alive(self) -> bool:
         """Whether both connections work. Raises nothing."""
 
-    def leave(self) -> None:
+    def disconnect(self) -> None:
         """End both connections. Raises nothing."""
 
 
-#: Connects with the foreign channel, which then calls the function for each event, with a run of one and the content
-#: that identifies an echo (None for an event with an origin). Raises NotReachable.
-Attach = Callable[[Echoes, Callable[[EventRun, Hashable], None]], ForeignPort]
+#: Connects with the foreign channel. Each event that it pushes is passed to the function: a batch of one, and the
+#: content that identifies an echo, None if the event has an origin. Raises NotReachable.
+Attach = Callable[[Echoes, Callable[[EventBatch, Hashable], None]], ForeignPort]
 
 
 class ForeignLink:
-    """Maintains the link of `channel` with the foreign channel `name`."""
+    """Maintains the link of `channel` with the foreign channel `peer`."""
 
-    def __init__(self, name: str, channel: Channel, attach: Attach) -> None:
-        self.name = name
+    def __init__(self, peer: Peer, channel: Channel, attach: Attach, policy: LinkPolicy) -> None:
+        self.peer, self.name = peer, peer.name
+        #: Why the link is down, empty while it is up.
         self.problem = "not connected yet"
-        self.connects = 0
-        self.repeated = 0
+        #: Number of connections so far.
+        self.connections = 0
+        #: Number of echoes and duplicates that were dropped.
+        self.duplicates = 0
+        #: Latency of the last event, from its creation to its arrival [s].
         self.lag_s = 0.0
-        self.outlet = ForeignOutlet(
-            channel.lock, f"foreign {name}", ALL, QueuePolicy(STORE_EVENTS), self._consumer_lost, name
+        #: Serves the foreign channel as a consumer.
+        self.proxy = ForeignProxySupplier(
+            channel.lock,
+            f"foreign {self.name}",
+            ALL,
+            QueuePolicy(policy.max_queued),
+            DeliveryPolicy(),
+            self._consumer_lost,
+            self.name,
         )
         self._channel, self._attach = channel, attach
         self._echoes = Echoes()
@@ -120,12 +133,12 @@ class ForeignLink:
         self._port: ForeignPort | None = None
         self._ended = threading.Event()
         self._lost = threading.Event()
-        self._thread = threading.Thread(target=self._maintain_link, name=f"foreign {name}", daemon=True)
+        self._thread = threading.Thread(target=self._maintain_link, name=f"foreign {self.name}", daemon=True)
 
     def start(self) -> None:
         with self._channel.lock:
-            self._channel.outlets[self.outlet.id] = self.outlet
-            self._channel.changed()
+            self._channel.proxy_suppliers[self.proxy.id] = self.proxy
+            self._channel.update_routes()
         self._thread.start()
 
     def end(self) -> None:
@@ -133,58 +146,58 @@ class ForeignLink:
         self._ended.set()
         self._lost.set()
         with self._channel.lock:
-            self._channel.outlets.pop(self.outlet.id, None)
-            self.outlet.end()
-            self._channel.changed()
+            self._channel.proxy_suppliers.pop(self.proxy.id, None)
+            self.proxy.end()
+            self._channel.update_routes()
         if self._port:
-            self._port.leave()
+            self._port.disconnect()
 
-    def totals_in(self) -> Totals:
-        """The account of the events from the foreign channel."""
+    def received_totals(self) -> Totals:
+        """Counters of the events from the foreign channel."""
         return self._account.totals(0)
 
-    def receive(self, run: EventRun, content: Hashable) -> None:
+    def receive(self, batch: EventBatch, content: Hashable) -> None:
         """Publish an event from the foreign channel, unless it is an echo or a duplicate."""
-        run.via = self.name
-        if run.header.origin:
-            claimed, repeated = self._channel.forward([run])
-            self.repeated += repeated
+        batch.via = self.name
+        if batch.header.origin:
+            claimed, duplicates = self._channel.forward([batch])  # claimed: what this thread must deliver
+            self.duplicates += duplicates
             with self._channel.lock:
-                self._account.received += 1 - repeated
+                self._account.received += 1 - duplicates
                 self._account.delivered += len(claimed)
-                self._account.expired += 1 - repeated - len(claimed)
+                self._account.expired += 1 - duplicates - len(claimed)
             self._channel.deliver(claimed)
         elif content is not None and self._echoes.recognise(content):
-            self.repeated += 1
+            self.duplicates += 1
         else:
-            self._channel.publish(run, self._account)
-        self.lag_s = max(0.0, time.time() - run.times[-1])
+            self._channel.publish(batch, self._account)
+        self.lag_s = max(0.0, time.time() - batch.times[-1])
 
-    def _consumer_lost(self, outlet: Outlet, reason: str) -> None:
+    def _consumer_lost(self, proxy: Proxy, reason: str) -> None:
         """The foreign proxy is gone: connect again."""
         with self._channel.lock:
-            self.outlet.leave()
+            self.proxy.leave()
         self._lost.set()
 
     def _maintain_link(self) -> None:
-        pause = FIRST_PAUSE_S
+        failures = 0
         while not self._ended.is_set():
             try:
                 self._lost.clear()
                 self._port = port = self._attach(self._echoes, self.receive)
             except NotReachable as error:
                 self._set_problem(str(error))
-                self._ended.wait(pause * random.uniform(0.5, 1.0))
-                pause = min(2 * pause, MAX_PAUSE_S)
+                failures += 1
+                self._ended.wait(BACKOFF.pause_s(failures))
                 continue
-            pause = FIRST_PAUSE_S
+            failures = 0
             with self._channel.lock:
-                self.outlet.connect(port.consumer)
-            self.connects += 1
+                self.proxy.connect(port.consumer)
+            self.connections += 1
             self._set_problem("")
-            while not self._lost.wait(CHECK_S) and port.is_there():
+            while not self._lost.wait(CHECK_INTERVAL_S) and port.is_alive():
                 pass
-            port.leave()
+            port.disconnect()
             if not self._ended.is_set():
                 self._set_problem("it does not answer")
 

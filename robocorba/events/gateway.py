@@ -1,7 +1,7 @@
-"""The consuming end of a link: a gateway, collocated with the channel that it supplies.
+"""The consuming end of a link: the paper's gateway, a consumer of one channel that supplies another.
 
-It joins the feed of its peer and maintains the link: it sends new advertisements, acknowledges batches, and joins again
-with exponential backoff when the peer does not answer.
+It runs in the process of the channel that it supplies. It joins the feed of its peer and maintains the link: it sends
+new advertisements, acknowledges packets, and joins again with exponential backoff when the peer does not answer.
 """
 
 from __future__ import annotations
@@ -16,21 +16,16 @@ from typing import NamedTuple, Protocol
 from robocorba.errors.events import InvalidPeer, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
-from robocorba.events.channel import Channel
-from robocorba.events.event import EventRun
+from robocorba.events.channel import Channel, Claims
+from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
+from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import Pattern
 
-#: Interval between renewals of the session [s]; the feed regards the link as down after LEASE_S without one.
-RENEW_INTERVAL_S = 0.5
-#: Maximum number of batches that are kept until an earlier, missing batch arrives.
+#: Maximum number of packets that are kept until an earlier, missing packet arrives.
 MAX_EARLY = 64
-#: A gateway acknowledges after this many batches, or with the first batch after this time [s].
-ACKNOWLEDGE_BATCHES, ACKNOWLEDGE_S = 4, 0.02
-#: Backoff between attempts to join: first, longest [s].
-FIRST_PAUSE_S, MAX_PAUSE_S = 0.05, 0.5
-#: Longest backoff when the peer answers, but refuses [s].
-REFUSED_PAUSE_S = 5.0
+#: A gateway acknowledges after this many packets, or with the first packet after this time [s].
+ACKNOWLEDGE_PACKETS, ACKNOWLEDGE_S = 4, 0.02
 
 _log = logging.getLogger(__name__)
 
@@ -45,22 +40,22 @@ class FeedPort(Protocol):
         """Renew the session; the advertisements that are new to this side. Raises SessionOver, NotReachable."""
 
     def acknowledge(self, position: int) -> None:
-        """Acknowledge all batches before `position`, without waiting for an answer. Raises nothing."""
+        """Acknowledge all packets before `position`, without waiting for an answer. Raises nothing."""
 
     def leave(self) -> None:
         """Notify the peer that the link was removed. Raises nothing: the peer may be dead."""
 
 
-class GatewayState(NamedTuple):
-    """Snapshot of a gateway. lag_s: latency of the last event, from its creation to its arrival [s]."""
+class GatewaySnapshot(NamedTuple):
+    """A gateway at one moment. lag_s: latency of the last event, from its creation to its arrival [s]."""
 
     is_up: bool
     problem: str
     joins: int
     lag_s: float
-    batches: int
+    packets: int
     bytes: int
-    repeated: int
+    duplicates: int
     totals: Totals
 
 
@@ -76,24 +71,29 @@ class Gateway:
         channel: Channel,
         join: Callable[[], FeedPort],
         on_advertisements: Callable[[list[Advertisement]], None],
+        policy: LinkPolicy,
     ) -> None:
         self.peer = peer
         self._channel = channel
         self._join = join
         self._on_advertisements = on_advertisements
+        self._policy = policy
         self._lock = threading.Lock()
         self._woken = threading.Event()
         self._is_ended = self._leaves = False
         self._port: FeedPort | None = None
         self.session = ""
+        #: Position of the next packet.
         self._expected = 1
-        self._early: dict[int, list[EventRun]] = {}
+        #: Packets that arrived before an earlier one, by position.
+        self._early: dict[int, list[EventBatch]] = {}
+        #: Versions of the advertisements that the peer has received or sent in this session.
         self._known_versions: dict[str, int] = {}
         self._in_force: tuple[Pattern, ...] = ()
         self._acknowledged, self._acknowledged_at = 1, 0.0
         self._problem = "not joined yet"
         self._account = Account()
-        self._joins = self._batches = self._bytes = self._repeated = 0
+        self._joins = self._packets = self._bytes = self._duplicates = 0
         self._lag_s = 0.0
         self._thread = threading.Thread(target=self._maintain_link, name=f"gateway of {peer}", daemon=True)
 
@@ -118,24 +118,23 @@ class Gateway:
         """The interest of this channel that the peer has received; empty while the link is down."""
         return self._in_force if not self._problem else ()
 
-    def forward(self, session: str, position: int, runs: list[EventRun]) -> None:
-        """Accept a batch from the peer. Early batches wait for the missing ones; duplicates are ignored."""
+    def forward(self, session: str, position: int, batches: list[EventBatch]) -> None:
+        """Accept a packet from the peer. Early packets wait for the missing ones; duplicates are ignored."""
         with self._lock:
             if session != self.session or self._is_ended:
                 return
-            self._early.setdefault(position, runs)
-            claimed: list = []
-            while (batch := self._early.pop(self._expected, None)) is not None:
+            if position >= self._expected:
+                self._early.setdefault(position, batches)
+            claimed: list[Claims] = []
+            while (packet := self._early.pop(self._expected, None)) is not None:
                 self._expected += 1
-                claimed += self._take(batch)
-            for old in [early for early in self._early if early < self._expected]:
-                del self._early[old]
-            while len(self._early) > MAX_EARLY:  # the peer retransmits it
+                claimed += self._accept(packet)
+            if len(self._early) > MAX_EARLY:  # the peer retransmits it
                 del self._early[max(self._early)]
             position, port = self._expected, self._port
             now = time.monotonic()
             due = (
-                position - self._acknowledged >= ACKNOWLEDGE_BATCHES or now - self._acknowledged_at > ACKNOWLEDGE_S
+                position - self._acknowledged >= ACKNOWLEDGE_PACKETS or now - self._acknowledged_at > ACKNOWLEDGE_S
             ) and position > self._acknowledged
             if due:
                 self._acknowledged, self._acknowledged_at = position, now
@@ -143,54 +142,53 @@ class Gateway:
         if due and port:
             port.acknowledge(position)
 
-    def _take(self, batch: list[EventRun]) -> list:
-        for run in batch:
-            run.via = self.peer
-        claimed, repeated = self._channel.forward(batch)
-        count = sum(map(len, batch))
-        taken = sum(len(run) for run, _ in claimed)
-        self._batches += 1
-        self._bytes += sum(run.size for run in batch)
-        self._repeated += repeated
-        self._account.received += count - repeated
-        self._account.delivered += taken
-        self._account.expired += count - repeated - taken
+    def _accept(self, packet: list[EventBatch]) -> list[Claims]:
+        for batch in packet:
+            batch.via = self.peer
+        claimed, duplicates = self._channel.forward(packet)
+        count = sum(map(len, packet))
+        delivered = sum(len(batch) for batch, _ in claimed)
+        self._packets += 1
+        self._bytes += sum(batch.size for batch in packet)
+        self._duplicates += duplicates
+        self._account.received += count - duplicates
+        self._account.delivered += delivered
+        self._account.expired += count - duplicates - delivered
         if claimed:
             self._lag_s = max(0.0, time.time() - claimed[-1][0].times[-1])
         return claimed
 
-    def state(self) -> GatewayState:
-        return GatewayState(
+    def snapshot(self) -> GatewaySnapshot:
+        return GatewaySnapshot(
             not self._problem,
             self._problem,
             self._joins,
             self._lag_s,
-            self._batches,
+            self._packets,
             self._bytes,
-            self._repeated,
+            self._duplicates,
             self._account.totals(0),
         )
 
     # ---- link maintenance ----
 
     def _maintain_link(self) -> None:
-        pause = FIRST_PAUSE_S
+        policy = self._policy
+        pause = policy.backoff.first_s
         while not self._is_ended:
-            longest = MAX_PAUSE_S
+            max_pause = policy.backoff.max_s
             try:
                 self._begin(self._join())
-                pause = FIRST_PAUSE_S
+                pause = policy.backoff.first_s
                 while not self._is_ended:
                     self._renew()
-                    self._woken.wait(RENEW_INTERVAL_S)
+                    self._woken.wait(policy.renew_interval_s)
                     self._woken.clear()
-            except SessionOver as error:
-                self._set_problem(str(error))
-            except NotReachable as error:
+            except (SessionOver, NotReachable) as error:
                 self._set_problem(str(error))
             except InvalidPeer as error:
                 self._set_problem(f"refused: {error}")
-                longest = REFUSED_PAUSE_S
+                max_pause = policy.refused_pause_s
             except Exception:  # a defect must not end the link permanently
                 _log.exception("gateway of %s", self.peer)
                 self._set_problem("internal fault, see the log")
@@ -198,7 +196,7 @@ class Gateway:
                 return
             is_called = self._woken.wait(pause * random.uniform(0.5, 1.0))
             self._woken.clear()
-            pause = FIRST_PAUSE_S if is_called else min(2 * pause, longest)
+            pause = policy.backoff.first_s if is_called else min(2 * pause, max_pause)
 
     def _begin(self, port: FeedPort) -> None:
         with self._lock:
@@ -216,10 +214,9 @@ class Gateway:
         assert port is not None
         with self._channel.lock:
             known = self._known_versions
-            changed = [
-                entry for entry in self._channel.federation.advertisements if known.get(entry.name) != entry.version
-            ]
-            interest = self._channel.federation.own.interest
+            federation = self._channel.federation
+            changed = [entry for entry in federation.advertisements if known.get(entry.name) != entry.version]
+            interest = federation.own.interest
         with self._lock:
             position = self._acknowledged = self._expected
         answer = port.renew(position, changed)

@@ -16,35 +16,37 @@ from typing import NamedTuple
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import ServiceError
 from robocorba.events.channel import Channel
-from robocorba.events.event import EventRun
+from robocorba.events.channel_store import ChannelStore, Peer
+from robocorba.events.event import EventBatch
 from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name
-from robocorba.events.feed import Feed, FeedState, GatewayPort
+from robocorba.events.feed import Feed, FeedSnapshot, GatewayPort
 from robocorba.events.foreign import Attach, ForeignLink
-from robocorba.events.gateway import FeedPort, Gateway, GatewayState
-from robocorba.events.outlet import Outlet
-from robocorba.events.store import ChannelStore, PeerRecord
+from robocorba.events.gateway import FeedPort, Gateway, GatewaySnapshot
+from robocorba.events.policies import LinkPolicy
+from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.subscription import Pattern, is_covered, patterns_of
 
 _log = logging.getLogger(__name__)
 
 #: Begins a session with the feed of a peer. Also returns the stringified reference of the peer's channel, which later
 #: attempts try first. Raises NotReachable, InvalidPeer.
-Join = Callable[[PeerRecord], tuple[FeedPort, str]]
+Join = Callable[[Peer], tuple[FeedPort, str]]
 
 
-class LinkStates(NamedTuple):
-    """Snapshot of both directions of a link. wanted_there, wanted_here: the interest in force of the consuming end."""
+class LinkSnapshot(NamedTuple):
+    """Both directions of a link at one moment. interest_there, interest_here: the interest of the peer and of this
+    channel, as far as the supplying end knows it."""
 
     peer: str
-    feed: FeedState
-    wanted_there: tuple[Pattern, ...]
-    gateway: GatewayState
-    wanted_here: tuple[Pattern, ...]
+    feed: FeedSnapshot
+    interest_there: tuple[Pattern, ...]
+    gateway: GatewaySnapshot
+    interest_here: tuple[Pattern, ...]
 
 
 @dataclass(slots=True, eq=False)
 class _Link:
-    record: PeerRecord
+    peer: Peer
     feed: Feed
     gateway: Gateway
     #: Versions of the advertisements that the peer has received or sent in the current session of the feed.
@@ -52,62 +54,67 @@ class _Link:
 
 
 class Links:
-    """All links of `channel`, kept in `store`."""
+    """All links of `channel`, kept in `store`. attach: returns a function that connects with a foreign channel."""
 
     def __init__(
-        self, channel: Channel, store: ChannelStore, join: Join, attach: Callable[[PeerRecord], Attach]
+        self,
+        channel: Channel,
+        store: ChannelStore,
+        join: Join,
+        attach: Callable[[Peer], Attach],
+        policy: LinkPolicy,
     ) -> None:
         self._channel, self._store, self._join, self._attach = channel, store, join, attach
+        self._policy = policy
         self._links: dict[str, _Link] = {}
-        self._foreign: dict[str, tuple[PeerRecord, ForeignLink]] = {}
+        self._foreign: dict[str, ForeignLink] = {}
         self._removed: set[str] = set()
         self._lock = threading.RLock()  # guards the set of links
 
     def restore(self) -> None:
         """Restore the links that the store holds."""
-        for record in self._store.peers():
-            if record.removed:
-                self._removed.add(record.name)
-            elif record.foreign:
-                self._link_foreign(record)
+        for peer in self._store.peers():
+            if peer.removed:
+                self._removed.add(peer.name)
+            elif peer.foreign:
+                self._link_foreign(peer)
             else:
-                self._link(record)
+                self._link(peer)
 
     @property
-    def peers(self) -> list[PeerRecord]:
-        foreign = [record for record, _ in list(self._foreign.values())]
-        return [link.record for link in list(self._links.values())] + foreign
+    def peers(self) -> list[Peer]:
+        return [link.peer for link in list(self._links.values())] + [link.peer for link in self.foreign]
 
     @property
     def foreign(self) -> list[ForeignLink]:
-        return [link for _, link in list(self._foreign.values())]
+        return list(self._foreign.values())
 
-    def add(self, record: PeerRecord) -> None:
+    def add(self, peer: Peer) -> None:
         """Link with a peer, or change the address of a linked one. Raises InvalidPeer."""
-        self._check(record.name, "name")
+        self._check(peer.name, "name")
         with self._lock:
-            before = self._links.get(record.name)
-            if before and not record.foreign and (before.record.address == record.address or not record.address):
+            before = self._links.get(peer.name)
+            if before and not peer.foreign and (before.peer.address == peer.address or not peer.address):
                 return
-            if record.foreign:
-                self._add_foreign(record)
-                self.interest_changed()
+            if peer.foreign:
+                self._add_foreign(peer)
+                self.send_advertisements()
                 return
-            if record.name in self._foreign:
-                raise InvalidPeer("name", f"{record.name} is linked as a foreign channel; remove it first")
-            self._removed.discard(record.name)
-            self._store.save_peer(record)
+            if peer.name in self._foreign:
+                raise InvalidPeer("name", f"{peer.name} is linked as a foreign channel; remove it first")
+            self._removed.discard(peer.name)
+            self._store.save_peer(peer)
             if before:
                 before.gateway.end()
-            self._link(record, before.feed if before else None)
-        self.interest_changed()
+            self._link(peer, before.feed if before else None)
+        self.send_advertisements()
 
     def remove(self, name: str, by_peer: bool = False) -> None:
         """Remove a link at both ends. by_peer: the peer has removed it already. Raises UnknownPeer."""
         with self._lock:
             if name in self._foreign and not by_peer:
                 self._remove_foreign(name)
-                self.interest_changed()
+                self.send_advertisements()
                 return
             link = self._links.pop(name, None)
             if link is None:
@@ -115,14 +122,14 @@ class Links:
             if by_peer:  # the peer may add this channel again
                 self._store.forget_peer(name)
             else:
-                self._store.save_peer(_removed(link.record))
+                self._store.save_peer(Peer(name, removed=True))
                 self._removed.add(name)
             with self._channel.lock:
                 self._channel.feeds.pop(name, None)
                 link.feed.end()
-                self._channel.changed()
+                self._channel.update_routes()
         link.gateway.end(leave=not by_peer)
-        self.interest_changed()
+        self.send_advertisements()
 
     def close(self) -> None:
         """End all threads of links; the links stay in the store, and peers wait for the next process."""
@@ -134,45 +141,53 @@ class Links:
                 with self._channel.lock:
                     link.feed.end()
 
-    def interest_changed(self) -> None:
+    def send_advertisements(self) -> None:
         """Save the advertisements, and send the new ones to the peers."""
-        self._save_advertisements()
+        with self._channel.lock:
+            advertisements = self._channel.federation.advertisements
+        try:
+            self._store.save_advertisements(advertisements)
+        except ServiceError as error:  # after a restart the peers send the advertisements again
+            _log.error("%s", error)
         with self._lock:
             gateways = [link.gateway for link in self._links.values()]
         for gateway in gateways:
             gateway.wake()
 
-    def is_in_force(self, outlet: Outlet, peer: str) -> bool:
-        """Whether `peer` has received an interest that covers an outlet's subscription. Raises UnknownPeer."""
-        in_force = self._get(peer).gateway.in_force
-        return all(is_covered(pattern, in_force) for pattern in patterns_of(outlet.subscription))
+    def is_in_force(self, proxy: ProxySupplier, peer: str) -> bool:
+        """Whether `peer` has received an interest that covers the subscription of a proxy. Raises UnknownPeer."""
+        link = self._links.get(peer)
+        if link is None:
+            raise UnknownPeer(peer, sorted(self._links))
+        in_force = link.gateway.in_force
+        return all(is_covered(pattern, in_force) for pattern in patterns_of(proxy.subscription))
 
-    def states(self) -> list[LinkStates]:
+    def snapshots(self) -> list[LinkSnapshot]:
         with self._lock:
             links = list(self._links.values())
         result = []
         for link in links:
-            name = link.record.name
+            name = link.peer.name
             with self._channel.lock:
-                feed = link.feed.state()
-                wanted_there = self._channel.federation.interest_of(name)
-            result.append(LinkStates(name, feed, wanted_there, link.gateway.state(), link.gateway.in_force))
+                feed = link.feed.snapshot()
+                interest_there = self._channel.federation.interest_of(name)
+            result.append(LinkSnapshot(name, feed, interest_there, link.gateway.snapshot(), link.gateway.in_force))
         return result
 
-    # ---- what peers call ----
+    # ---- called for peers ----
 
     def join(self, consuming: str, reference: str, port: GatewayPort) -> tuple[str, int]:
         """Begin a session for the gateway of channel `consuming`, which has this reference, and link back to it.
 
-        Returns the session and the position of its first batch. Raises InvalidPeer."""
+        Returns the session and the position of its first packet. Raises InvalidPeer."""
         self._check(consuming, "consuming")
         with self._lock:
             if consuming in self._removed:
                 raise InvalidPeer("consuming", f"{self._channel.name} has removed {consuming}; add it there again")
             if consuming not in self._links:
-                self.add(PeerRecord(consuming, reference=reference))
+                self.add(Peer(consuming, reference=reference))
             link = self._links[consuming]
-            self._note_reference(link.record, reference)
+            self._note_reference(link.peer, reference)
             with self._channel.lock:
                 terms = link.feed.join(port)
                 link.known_versions = {}
@@ -189,12 +204,14 @@ class Links:
         if advertisements:
             self.learn(advertisements)
         with self._channel.lock:
-            answer = [n for n in self._channel.federation.advertisements if known.get(n.name, 0) < n.version]
+            answer = [
+                entry for entry in self._channel.federation.advertisements if known.get(entry.name, 0) < entry.version
+            ]
         known.update((entry.name, entry.version) for entry in answer)
         return answer
 
     def acknowledge(self, session: str, position: int) -> None:
-        """A peer has received all batches before `position`. Raises SessionOver."""
+        """A peer has received all packets before `position`. Raises SessionOver."""
         link = self._link_of(session)
         with self._channel.lock:
             link.feed.acknowledge(session, position)
@@ -202,69 +219,69 @@ class Links:
     def leave(self, session: str) -> None:
         """A peer has removed this channel. Raises SessionOver."""
         with contextlib.suppress(UnknownPeer):
-            self.remove(self._link_of(session).record.name, by_peer=True)
+            self.remove(self._link_of(session).peer.name, by_peer=True)
 
-    def forward(self, session: str, position: int, runs: list[EventRun]) -> None:
-        """Accept a batch from the feed of a peer; a batch of an ended session is ignored."""
+    def forward(self, session: str, position: int, batches: list[EventBatch]) -> None:
+        """Accept a packet from the feed of a peer; a packet of an ended session is ignored."""
         for link in list(self._links.values()):
             if link.gateway.session == session:
-                link.gateway.forward(session, position, runs)
+                link.gateway.forward(session, position, batches)
 
     def learn(self, advertisements: list[Advertisement]) -> None:
         """Merge advertisements, and pass new ones on to the peers."""
         with self._channel.lock:
             changed = self._channel.federation.learn(advertisements)
             if changed:
-                self._channel.changed()
+                self._channel.update_routes()
         if changed:
-            self.interest_changed()
+            self.send_advertisements()
 
-    # ---- inside ----
+    # ---- private ----
 
-    def _link(self, record: PeerRecord, feed: Feed | None = None) -> None:
-        feed = feed or Feed(self._channel.lock, record.name)
-        gateway = Gateway(record.name, self._channel, lambda: self._begin(record), self.learn)
-        self._links[record.name] = _Link(record, feed, gateway, {})
+    def _link(self, peer: Peer, feed: Feed | None = None) -> None:
+        feed = feed or Feed(self._channel.lock, peer.name, self._policy)
+        gateway = Gateway(peer.name, self._channel, lambda: self._join_feed(peer), self.learn, self._policy)
+        self._links[peer.name] = _Link(peer, feed, gateway, {})
         with self._channel.lock:
-            self._channel.feeds[record.name] = feed
-            self._channel.changed()
+            self._channel.feeds[peer.name] = feed
+            self._channel.update_routes()
         gateway.start()
 
-    def _begin(self, record: PeerRecord) -> FeedPort:
-        port, reference = self._join(record)
+    def _join_feed(self, peer: Peer) -> FeedPort:
+        port, reference = self._join(peer)
         with self._lock:
-            self._note_reference(record, reference)
+            self._note_reference(peer, reference)
         return port
 
-    def _note_reference(self, record: PeerRecord, reference: str) -> None:
+    def _note_reference(self, peer: Peer, reference: str) -> None:
         """Save the current reference of a peer, which is tried first, also after a restart."""
-        link = self._links.get(record.name)
-        if reference != record.reference and link and link.record is record:
-            record.reference = reference
+        link = self._links.get(peer.name)
+        if reference != peer.reference and link and link.peer is peer:
+            peer.reference = reference
             try:
-                self._store.save_peer(record)
+                self._store.save_peer(peer)
             except ServiceError as error:  # after a restart the peer is found by its address or name
                 _log.error("%s", error)
 
-    def _link_foreign(self, record: PeerRecord) -> None:
-        link = ForeignLink(record.name, self._channel, self._attach(record))
-        self._foreign[record.name] = (record, link)
+    def _link_foreign(self, peer: Peer) -> None:
+        link = ForeignLink(peer, self._channel, self._attach(peer), self._policy)
+        self._foreign[peer.name] = link
         link.start()
 
-    def _add_foreign(self, record: PeerRecord) -> None:
-        if record.name in self._links:
-            raise InvalidPeer("name", f"{record.name} is linked as an ordinary peer; remove it first")
-        if not record.address:
+    def _add_foreign(self, peer: Peer) -> None:
+        if peer.name in self._links:
+            raise InvalidPeer("name", f"{peer.name} is linked as an ordinary peer; remove it first")
+        if not peer.address:
             raise InvalidPeer("address", "a foreign channel needs an address")
-        if record.name in self._foreign:
-            if self._foreign[record.name][0].address == record.address:
+        if peer.name in self._foreign:
+            if self._foreign[peer.name].peer.address == peer.address:
                 return
-            self._remove_foreign(record.name)
-        self._store.save_peer(record)
-        self._link_foreign(record)
+            self._remove_foreign(peer.name)
+        self._store.save_peer(peer)
+        self._link_foreign(peer)
 
     def _remove_foreign(self, name: str) -> None:
-        _, link = self._foreign.pop(name)
+        link = self._foreign.pop(name)
         self._store.forget_peer(name)
         link.end()
 
@@ -275,26 +292,8 @@ class Links:
         if name not in self._links and len(self._links) >= MAX_CHANNELS - 1:
             raise InvalidPeer(field, f"the channel has {MAX_CHANNELS - 1} peers, the maximum")
 
-    def _get(self, name: str) -> _Link:
-        link = self._links.get(name)
-        if link is None:
-            raise UnknownPeer(name, sorted(self._links))
-        return link
-
     def _link_of(self, session: str) -> _Link:
         for link in list(self._links.values()):
             if link.feed.session == session:
                 return link
         raise SessionOver("this session has ended")
-
-    def _save_advertisements(self) -> None:
-        with self._channel.lock:
-            advertisements = self._channel.federation.advertisements
-        try:
-            self._store.save_advertisements(advertisements)
-        except ServiceError as error:  # after a restart the peers send the advertisements again
-            _log.error("%s", error)
-
-
-def _removed(record: PeerRecord) -> PeerRecord:
-    return PeerRecord(record.name, removed=True)

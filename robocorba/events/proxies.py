@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from enum import Enum
 from typing import Any, NamedTuple
 
 from robocorba.errors.base import RoboCorbaError
@@ -16,35 +15,24 @@ from robocorba.errors.events import AlreadyConnected, ProxyGone, TooManyProxies,
 from robocorba.errors.services import ServiceError
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
+from robocorba.events.channel_store import ChannelStore, StoredProxy
 from robocorba.events.clients import ClientFinder, ClientPort, ConsumerPort
-from robocorba.events.inlet import Inlet, PolledInlet
-from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
-from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.policies import ProxyPolicy
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.store import ChannelStore, ProxyRecord
 from robocorba.events.subscription import ALL, Subscription
 
-#: Maximum number of proxies of a channel.
-MAX_PROXIES = 10_000
-#: When the channel is full, an inlet without a known client is removed if it was unused for this time [s].
-UNUSED_S = 3600.0
 #: Threads that disconnect clients when the channel is destroyed; a client that hangs takes a second.
 DISCONNECT_THREADS = 16
 
 _log = logging.getLogger(__name__)
 
 
-class ProxyKind(Enum):
-    """Named as by OMG: a push supplier proxy serves a push consumer."""
-
-    PUSH_CONSUMER = "push consumer"
-    PULL_CONSUMER = "pull consumer"
-    PUSH_SUPPLIER = "push supplier"
-    PULL_SUPPLIER = "pull supplier"
-
-
-class ProxyState(NamedTuple):
-    """Snapshot of a proxy."""
+class ProxySnapshot(NamedTuple):
+    """A proxy at one moment. policy: of its queue."""
 
     id: str
     kind: ProxyKind
@@ -57,36 +45,37 @@ class ProxyState(NamedTuple):
     totals: Totals
 
 
-Proxy = Inlet | Outlet
-
-
 class Proxies:
-    """All proxies of `channel`, kept in `store`. policy: queue policy of proxies that are obtained from an admin.
+    """All proxies of `channel`, kept in `store`.
 
-    on_interest: called when this channel's own advertisement has changed. on_removed: called with the id of a proxy
-    that has ended, before its client is notified. Both are called without the channel's lock."""
+    queue: queue policy of proxies that are obtained through OMG's ConsumerAdmin and SupplierAdmin.
+    on_advertisement_changed: called when this channel's own advertisement (its peers and subscriptions) has changed.
+    on_removed: called with the id of a proxy that has ended, before its client is notified. Both are called without
+    the channel's lock."""
 
     def __init__(
         self,
         channel: Channel,
         store: ChannelStore,
-        policy: QueuePolicy,
-        on_interest: Callable[[], None],
+        queue: QueuePolicy,
+        on_advertisement_changed: Callable[[], None],
         on_removed: Callable[[str], None],
+        policy: ProxyPolicy,
     ) -> None:
-        self.evicted = 0
-        self._channel, self._store, self._policy = channel, store, policy
-        self._on_interest, self._on_removed = on_interest, on_removed
+        #: Number of clients that were disconnected after failed calls.
+        self.lost_clients = 0
+        self._channel, self._store, self._queue, self._policy = channel, store, queue, policy
+        self._on_advertisement_changed, self._on_removed = on_advertisement_changed, on_removed
         self._all: dict[str, Proxy] = {}
         self._lock = threading.RLock()  # guards the set of proxies; never held while clients are called
         self._is_destroyed = False
 
-    # ---- from a client ----
+    # ---- called for clients ----
 
     def obtain(self, kind: ProxyKind) -> Proxy:
         """Create a proxy without a client. Raises TooManyProxies, ProxyGone."""
         with self._lock:
-            proxy = self._make(kind, self._new_id(), ALL, self._policy)
+            proxy = self._make(kind, self._new_id(), ALL, self._queue)
             self._add(proxy)
             self._save(proxy)
         return proxy
@@ -96,83 +85,80 @@ class Proxies:
 
         Raises AlreadyConnected, ProxyGone."""
         with self._lock:
-            self._check(proxy)
+            self._check_not_ended(proxy)
             if proxy.condition is not ProxyCondition.WAITING:
                 raise AlreadyConnected(f"proxy {proxy.id} is connected already")
             with self._channel.lock:
                 proxy.connect(client)
             self._save(proxy)
-        self._interest_changed()
+        self._update_routes()
 
-    def supply(self, name: str) -> Inlet:
+    def supply(self, name: str) -> ProxyConsumer:
         """A connected proxy to push to; the same name returns the same proxy. Raises TooManyProxies, ProxyGone."""
         with self._lock:
-            for proxy in self._all.values():
-                if name and isinstance(proxy, Inlet) and proxy.name == name:
-                    return proxy
-            inlet = self._make(ProxyKind.PUSH_CONSUMER, self._new_id(), ALL, self._policy, name)
-            assert isinstance(inlet, Inlet)
-            with self._channel.lock:
-                inlet.connect(None)
-            self._add(inlet)
-            self._save(inlet)
-        return inlet
+            for known in self._all.values():
+                if name and isinstance(known, ProxyConsumer) and known.name == name:
+                    return known
+            proxy = ProxyConsumer(self._channel.lock, self._new_id(), self._channel.publish, name)
+            proxy.connect(None)
+            self._add(proxy)
+            self._save(proxy)
+        return proxy
 
-    def subscribe(self, name: str, client: ConsumerPort, subscription: Subscription, policy: QueuePolicy) -> PushOutlet:
-        """Connect a consumer. A name makes the subscription durable, or takes over the subscription of that name.
-
-        Raises InvalidQueue, TooManyProxies, ProxyGone."""
-        policy = policy.checked()
+    def subscribe(
+        self, name: str, client: ConsumerPort, subscription: Subscription, queue: QueuePolicy
+    ) -> ProxyPushSupplier:
+        """Connect a consumer. A name makes the subscription durable, or replaces the consumer of that name, which is
+        disconnected. Raises InvalidQueue, TooManyProxies, ProxyGone."""
+        queue = queue.checked()
         before: ClientPort | None = None
         with self._lock:
-            outlet = self._durable(name) if name else None
-            if outlet is None:
-                made = self._make(ProxyKind.PUSH_SUPPLIER, self._new_id(), subscription, policy, name)
-                assert isinstance(made, PushOutlet)
-                outlet = made
-                self._add(outlet)
-            if outlet.client and outlet.client.reference != client.reference:
-                before = outlet.client
+            proxy = self._durable(name) if name else None
+            if proxy is None:
+                proxy = self._make_push_supplier(self._new_id(), subscription, queue, name)
+                self._add(proxy)
+            if proxy.client and proxy.client.reference != client.reference:
+                before = proxy.client
             with self._channel.lock:
-                outlet.resize(policy)
-                outlet.select(subscription)
-                outlet.connect(client)
-            self._save(outlet)
-        self._interest_changed()
+                proxy.resize(queue)
+                proxy.select(subscription)
+                proxy.connect(client)
+            self._save(proxy)
+        self._update_routes()
         if before:
             before.disconnect()
-        return outlet
+        return proxy
 
     def unsubscribe(self, name: str) -> None:
         """End a durable subscription. Raises UnknownSubscription."""
         with self._lock:
-            outlet = self._durable(name)
-        if outlet is None:
+            proxy = self._durable(name)
+        if proxy is None:
             raise UnknownSubscription(name)
-        self._remove(outlet)
+        self._remove(proxy)
 
-    def change(self, outlet: Outlet, subscription: Subscription) -> None:
-        """Change an outlet's subscription. Raises ProxyGone."""
+    def change(self, proxy: ProxySupplier, subscription: Subscription) -> None:
+        """Change the subscription of a proxy. Raises ProxyGone."""
         with self._lock:
-            self._check(outlet)
+            self._check_not_ended(proxy)
             with self._channel.lock:
-                outlet.select(subscription)
-            self._save(outlet)
-        self._interest_changed()
+                proxy.select(subscription)
+            self._save(proxy)
+        self._update_routes()
 
-    def suspend(self, outlet: PushOutlet, suspended: bool) -> None:
+    def suspend(self, proxy: ProxyPushSupplier, suspended: bool) -> None:
         """Suspend or resume delivery; events wait meanwhile. Raises ProxyGone."""
         with self._lock:
-            self._check(outlet)
+            self._check_not_ended(proxy)
             with self._channel.lock:
-                outlet.suspend() if suspended else outlet.resume()
-            self._save(outlet)
+                proxy.suspend() if suspended else proxy.resume()
+            self._save(proxy)
 
     def disconnect(self, proxy: Proxy) -> None:
         """Disconnect the client and notify it once. A durable subscription stays. Raises ProxyGone."""
-        if isinstance(proxy, PushOutlet) and proxy.name:
+        if isinstance(proxy, ProxyPushSupplier) and proxy.name:
             with self._lock:
-                self._check(proxy)
+                self._check_not_ended(proxy)
                 client = proxy.client
                 if client is None:
                     raise ProxyGone(f"proxy {proxy.id} has no client")
@@ -187,170 +173,166 @@ class Proxies:
     def destroy(self) -> None:
         """Disconnect all clients permanently. Raises ProxyGone if the channel was destroyed before."""
         with self._lock:
-            self.check()
+            self.check_not_destroyed()
             self._is_destroyed = True
             everything = list(self._all.values())
             with self._channel.lock:
                 self._channel.is_destroyed = True
         with ThreadPoolExecutor(DISCONNECT_THREADS) as callers:
-            list(callers.map(self._remove_if_there, everything))
-        self._interest_changed()
+            list(callers.map(self._remove_if_present, everything))
+        self._update_routes()
 
-    def check(self) -> None:
+    def check_not_destroyed(self) -> None:
         """Raise ProxyGone if the channel was destroyed: a call may arrive while its object is being deactivated."""
         if self._is_destroyed:
             raise ProxyGone(f"channel {self._channel.name} was destroyed")
 
-    # ---- from the server ----
+    # ---- called by the server process ----
 
     def restore(self, clients: ClientFinder) -> list[Proxy]:
         """Restore the proxies of the store, connected as before."""
-        # Polled suppliers last: their events arrive as soon as they are connected, and all consumers must be there.
-        for record in sorted(self._store.proxies(), key=lambda record: record.kind == ProxyKind.PULL_CONSUMER.value):
-            kind = ProxyKind(record.kind)
-            proxy = self._make(kind, record.id, record.subscription, record.policy or self._policy, record.name)
-            self._all[record.id] = proxy
+        # Proxies that poll last: their events arrive immediately, when all consumers must be connected.
+        for stored in sorted(self._store.proxies(), key=lambda stored: stored.kind == ProxyKind.PULL_CONSUMER.value):
+            kind, queue = ProxyKind(stored.kind), stored.policy or self._queue
+            proxy = self._make(kind, stored.id, stored.subscription, queue, stored.name)
+            self._add(proxy)
             with self._channel.lock:
-                if isinstance(proxy, Outlet):
-                    self._channel.outlets[record.id] = proxy
-                if record.is_connected:
-                    client: Any = clients.find(record.kind, record.client) if record.client else None
-                    proxy.connect(client)
-                if record.is_suspended and isinstance(proxy, PushOutlet):
+                if stored.is_connected:
+                    proxy.connect(clients.find(stored.kind, stored.client) if stored.client else None)
+                if stored.is_suspended and isinstance(proxy, ProxyPushSupplier):
                     proxy.suspend()
-        self._interest_changed()
+        self._update_routes()
         return list(self._all.values())
 
     def close(self) -> None:
         """Let all waiting pull calls return, because the process ends."""
         with self._lock, self._channel.lock:
             for proxy in self._all.values():
-                if isinstance(proxy, PullOutlet):
+                if isinstance(proxy, ProxyPullSupplier):
                     proxy.release()
 
-    def states(self) -> list[ProxyState]:
+    def snapshots(self) -> list[ProxySnapshot]:
         """Snapshots of all proxies, taken one after another."""
         with self._lock:
             everything = list(self._all.values())
-        return [self.state(proxy) for proxy in everything]
+        return [self.snapshot(proxy) for proxy in everything]
 
-    def state(self, proxy: Proxy) -> ProxyState:
+    def snapshot(self, proxy: Proxy) -> ProxySnapshot:
         with self._channel.lock:
-            outlet = proxy if isinstance(proxy, Outlet) else None
-            return ProxyState(
+            supplier = proxy if isinstance(proxy, ProxySupplier) else None
+            return ProxySnapshot(
                 proxy.id,
-                _kind(proxy),
+                proxy.kind,
                 proxy.condition,
                 proxy.name,
                 proxy.client.address if proxy.client else "",
-                outlet.subscription if outlet else (),
-                outlet.policy if outlet else self._policy,
+                supplier.subscription if supplier else (),
+                supplier.policy if supplier else self._queue,
                 proxy.failures,
                 proxy.totals(),
             )
 
-    # ---- inside ----
+    # ---- private ----
 
-    def _make(self, kind: ProxyKind, id: str, subscription: Subscription, policy: QueuePolicy, name: str = "") -> Proxy:
+    def _make(self, kind: ProxyKind, id: str, subscription: Subscription, queue: QueuePolicy, name: str = "") -> Proxy:
         lock, publish = self._channel.lock, self._channel.publish
         if kind is ProxyKind.PUSH_CONSUMER:
-            return Inlet(lock, id, publish, name)
+            return ProxyConsumer(lock, id, publish, name)
         if kind is ProxyKind.PULL_CONSUMER:
-            return PolledInlet(lock, id, publish, self._client_lost)
+            return ProxyPullConsumer(lock, id, publish, self._policy.polling, self._client_lost)
         if kind is ProxyKind.PULL_SUPPLIER:
-            return PullOutlet(lock, id, subscription, policy)
-        return PushOutlet(lock, id, subscription, policy, self._client_lost, name)
+            return ProxyPullSupplier(lock, id, subscription, queue)
+        return self._make_push_supplier(id, subscription, queue, name)
+
+    def _make_push_supplier(
+        self, id: str, subscription: Subscription, queue: QueuePolicy, name: str
+    ) -> ProxyPushSupplier:
+        lock, delivery = self._channel.lock, self._policy.delivery
+        return ProxyPushSupplier(lock, id, subscription, queue, delivery, self._client_lost, name)
 
     def _add(self, proxy: Proxy) -> None:
         self._all[proxy.id] = proxy
-        if isinstance(proxy, Outlet):
+        if isinstance(proxy, ProxySupplier):
             with self._channel.lock:
-                self._channel.outlets[proxy.id] = proxy
+                self._channel.proxy_suppliers[proxy.id] = proxy
 
     def _new_id(self) -> str:
-        self.check()
-        if len(self._all) >= MAX_PROXIES:
+        self.check_not_destroyed()
+        if len(self._all) >= self._policy.max_proxies:
+            used_since = time.monotonic() - self._policy.unused_s
             unused = [
                 proxy
                 for proxy in self._all.values()
-                if isinstance(proxy, Inlet) and not proxy.client and proxy.used_at < time.monotonic() - UNUSED_S
+                if isinstance(proxy, ProxyConsumer) and not proxy.client and proxy.used_at < used_since
             ]
             if not unused:
-                raise TooManyProxies(MAX_PROXIES)
+                raise TooManyProxies(self._policy.max_proxies)
             self._remove(min(unused, key=lambda proxy: proxy.used_at))
         return str(self._store.next_id())
 
-    def _durable(self, name: str) -> PushOutlet | None:
-        found = (proxy for proxy in self._all.values() if isinstance(proxy, PushOutlet) and proxy.name == name)
+    def _durable(self, name: str) -> ProxyPushSupplier | None:
+        found = (proxy for proxy in self._all.values() if isinstance(proxy, ProxyPushSupplier) and proxy.name == name)
         return next(found, None)
 
-    def _check(self, proxy: Proxy) -> None:
+    def _check_not_ended(self, proxy: Proxy) -> None:
         if proxy.is_ended:
             raise ProxyGone(f"proxy {proxy.id} was disconnected")
 
     def _remove(self, proxy: Proxy) -> None:
         """End a proxy. Its object is deactivated before the client is called, so that a mutual disconnect ends here."""
         with self._lock:
-            self._check(proxy)
+            self._check_not_ended(proxy)
             with self._channel.lock:
                 proxy.end()
-                self._channel.outlets.pop(proxy.id, None)
+                self._channel.proxy_suppliers.pop(proxy.id, None)
             self._all.pop(proxy.id, None)
             try:
                 self._store.forget_proxy(proxy.id)
-            except ServiceError as error:  # it ends all the same; after a restart its client is found dead
+            except ServiceError as error:  # a restart restores the proxy, and finds its client dead
                 _log.error("%s", error)
         self._on_removed(proxy.id)
-        if not self._is_destroyed:  # else `destroy` updates the interest once at its end
-            self._interest_changed()
+        if not self._is_destroyed:  # else `destroy` updates the routes once at its end
+            self._update_routes()
         if proxy.client:
             proxy.client.disconnect()
 
-    def _remove_if_there(self, proxy: Proxy) -> None:
+    def _remove_if_present(self, proxy: Proxy) -> None:
         with contextlib.suppress(ProxyGone):  # it was removed meanwhile
             self._remove(proxy)
 
     def _client_lost(self, proxy: Proxy, reason: str) -> None:
-        """A client is gone. A durable subscription waits for its next consumer; any other proxy ends."""
-        _log.warning("disconnected the client of %s %s: %s", _kind(proxy).value, proxy.id, reason)
+        """A client is lost. A durable subscription waits for its next consumer; any other proxy ends."""
+        _log.warning("disconnected the client of proxy %s %s: %s", proxy.kind.value, proxy.id, reason)
         try:
-            if isinstance(proxy, PushOutlet) and proxy.name:
+            if isinstance(proxy, ProxyPushSupplier) and proxy.name:
                 with self._lock:
-                    self._check(proxy)
+                    self._check_not_ended(proxy)
                     with self._channel.lock:
                         proxy.leave()
                     self._save(proxy)
             else:
                 self._remove(proxy)
-            self.evicted += 1
+            self.lost_clients += 1
         except ProxyGone:
             return
         except RoboCorbaError as error:
             _log.error("%s", error)
 
     def _save(self, proxy: Proxy) -> None:
-        record = ProxyRecord(
+        stored = StoredProxy(
             proxy.id,
-            _kind(proxy).value,
+            proxy.kind.value,
             proxy.name,
             proxy.condition is not ProxyCondition.WAITING,
             proxy.condition is ProxyCondition.SUSPENDED,
             proxy.client.reference if proxy.client else "",
         )
-        if isinstance(proxy, Outlet):
-            record.subscription, record.policy = proxy.subscription, proxy.policy
-        self._store.save_proxy(record)
+        if isinstance(proxy, ProxySupplier):
+            stored.subscription, stored.policy = proxy.subscription, proxy.policy
+        self._store.save_proxy(stored)
 
-    def _interest_changed(self) -> None:
+    def _update_routes(self) -> None:
         with self._channel.lock:
-            changed = self._channel.changed()
+            changed = self._channel.update_routes()
         if changed:
-            self._on_interest()
-
-
-def _kind(proxy: Proxy) -> ProxyKind:
-    if isinstance(proxy, PolledInlet):
-        return ProxyKind.PULL_CONSUMER
-    if isinstance(proxy, Inlet):
-        return ProxyKind.PUSH_CONSUMER
-    return ProxyKind.PULL_SUPPLIER if isinstance(proxy, PullOutlet) else ProxyKind.PUSH_SUPPLIER
+            self._on_advertisement_changed()

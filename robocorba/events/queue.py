@@ -8,9 +8,9 @@ from enum import Enum
 from typing import NamedTuple, TypeAlias
 
 from robocorba.errors.events import InvalidQueue
-from robocorba.events.event import CorrelatedEvents, EventRun
+from robocorba.events.event import CorrelatedEvents, EventBatch
 
-QueueItem: TypeAlias = EventRun | CorrelatedEvents
+QueueItem: TypeAlias = EventBatch | CorrelatedEvents
 
 #: Maximum size of a queue [events].
 MAX_SIZE = 1_000_000
@@ -43,9 +43,9 @@ class QueuePolicy(NamedTuple):
 
 
 class EventQueue:
-    """Waiting runs and conjunctions. Not thread-safe: the owner locks.
+    """Waiting batches and conjunctions. Not thread-safe: the owner locks.
 
-    `len`, or `length`, counts events. Each priority has a lane. Every item has a sequence number: `take` follows the
+    `length` counts events. Each priority has a lane. Every item has a sequence number: `take` follows the
     sequence numbers, discarding starts with the lane of the lowest priority.
     """
 
@@ -68,7 +68,7 @@ class EventQueue:
         self._lane(item.priority).append((self._next_sequence, item))
         self._next_sequence += 1
         self.length += len(item)
-        return self._trim(self.policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
+        return self._trim()
 
     def put_back(self, items: list[QueueItem]) -> int:
         """Put items back at the head of the queue; returns how many events were discarded."""
@@ -76,7 +76,7 @@ class EventQueue:
             self._first_sequence -= 1
             self._lane(item.priority).appendleft((self._first_sequence, item))
             self.length += len(item)
-        return self._trim(self.policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
+        return self._trim()
 
     def take(self, max_events: int, now: float, max_bytes: int = 2**62) -> tuple[list[QueueItem], int]:
         """Remove and return the next items: at most `max_events` events and about `max_bytes`, but at least one item if
@@ -93,7 +93,7 @@ class EventQueue:
             alive = item.unexpired(now)
             if alive is not item:
                 expired += len(item) - (len(alive) if alive else 0)
-            if isinstance(alive, EventRun) and len(alive) > max_events - events:
+            if isinstance(alive, EventBatch) and len(alive) > max_events - events:
                 rest = alive.part(max_events - events)
                 lane[0] = (sequence, rest)
                 alive = alive.part(0, max_events - events)
@@ -114,12 +114,12 @@ class EventQueue:
         if not self.length:
             return None
         item = self._first_lane()[0][1]
-        return item.times[0] if isinstance(item, EventRun) else item.runs[0].times[0]
+        return item.times[0] if isinstance(item, EventBatch) else item.batches[0].times[0]
 
     def resize(self, policy: QueuePolicy) -> int:
         """Change the policy; returns how many events were discarded."""
         self.policy = policy
-        return self._trim(policy.when_full is OverflowRule.DISCARD_OLDEST) if self.room < 0 else 0
+        return self._trim()
 
     def clear(self) -> int:
         """Discard all events; returns their number."""
@@ -145,13 +145,17 @@ class EventQueue:
         for priority in [priority for priority, lane in self._lanes.items() if not lane]:
             del self._lanes[priority]
 
-    def _trim(self, oldest: bool) -> int:
-        before = self.length
-        while (excess := -self.room) > 0:
+    def _trim(self) -> int:
+        """Discard what exceeds the size of the queue; returns how many events were discarded."""
+        before, size = self.length, self.policy.size
+        if before <= size:
+            return 0
+        oldest = self.policy.when_full is OverflowRule.DISCARD_OLDEST
+        while (excess := self.length - size) > 0:
             self._drop_empty_lanes()
             lane = self._lanes[min(self._lanes)]
             sequence, item = lane[0] if oldest else lane[-1]
-            if isinstance(item, EventRun) and len(item) > excess:
+            if isinstance(item, EventBatch) and len(item) > excess:
                 kept = item.part(excess) if oldest else item.part(0, len(item) - excess)
                 lane[0 if oldest else -1] = (sequence, kept)
                 self.length -= excess

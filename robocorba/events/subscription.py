@@ -53,15 +53,16 @@ class Clause(NamedTuple):
 #: The disjunction of its clauses.
 Subscription = tuple[Clause, ...]
 
-#: The subscription of a plain consumer.
+#: The subscription of a plain consumer, one that supports OMG's interfaces only.
 ALL: Subscription = (Clause((EVERYTHING,)),)
 
 
 class SubscriptionMatch(NamedTuple):
-    """How events of a type and source match a subscription: singly, and in which slots of its conjunctions."""
+    """How events of a type and source match a subscription. single: a clause with one pattern."""
 
     single: bool
-    slots: tuple[tuple[int, tuple[int, ...]], ...]  # index of the clause, indices of its patterns
+    #: Index of each conjunction that matches, and indices of its matching patterns.
+    conjunctions: tuple[tuple[int, tuple[int, ...]], ...]
 
 
 def checked(clauses: Iterable[tuple[Sequence[tuple[str, str]], float]]) -> Subscription:
@@ -75,11 +76,11 @@ def checked(clauses: Iterable[tuple[Sequence[tuple[str, str]], float]]) -> Subsc
             raise InvalidSubscription(f"{where}.patterns", f"{len(patterns)} patterns; 1 to {MAX_PATTERNS} are allowed")
         if not (math.isfinite(window) and window >= 0):
             raise InvalidSubscription(f"{where}.window", f"{window} is not a number of seconds from 0 on")
-        for place, pattern in enumerate(patterns):
+        for index, pattern in enumerate(patterns):
             for field, text in zip(("type", "source"), pattern, strict=True):
                 if len(text) > MAX_NAME:
                     raise InvalidSubscription(
-                        f"{where}.patterns[{place}].{field}", f"{len(text)} characters; at most {MAX_NAME} are allowed"
+                        f"{where}.patterns[{index}].{field}", f"{len(text)} characters; at most {MAX_NAME} are allowed"
                     )
         result.append(Clause(tuple(Pattern(type or "*", source or "*") for type, source in patterns), window))
     return tuple(result)
@@ -88,14 +89,14 @@ def checked(clauses: Iterable[tuple[Sequence[tuple[str, str]], float]]) -> Subsc
 def match_subscription(subscription: Subscription, type: str, source: str) -> SubscriptionMatch | None:
     """How events of this type and source match; None if they do not."""
     single = False
-    slots: list[tuple[int, tuple[int, ...]]] = []
+    conjunctions: list[tuple[int, tuple[int, ...]]] = []
     for number, clause in enumerate(subscription):
-        fitting = tuple(place for place, pattern in enumerate(clause.patterns) if pattern.matches(type, source))
-        if fitting and clause.is_conjunction:
-            slots.append((number, fitting))
-        elif fitting:
+        indices = tuple(index for index, pattern in enumerate(clause.patterns) if pattern.matches(type, source))
+        if indices and clause.is_conjunction:
+            conjunctions.append((number, indices))
+        elif indices:
             single = True
-    return SubscriptionMatch(single, tuple(slots)) if single or slots else None
+    return SubscriptionMatch(single, tuple(conjunctions)) if single or conjunctions else None
 
 
 def union(patterns: Iterable[Pattern]) -> tuple[Pattern, ...]:
@@ -110,13 +111,13 @@ def union(patterns: Iterable[Pattern]) -> tuple[Pattern, ...]:
             group = general.setdefault("" if _has_wildcards(pattern.type) else pattern.type, [])
             if len(group) < MAX_COMPARED:
                 group.append(pattern)
-    left = dict.fromkeys(unique)
+    remaining = dict.fromkeys(unique)
     for pattern in unique:
         wider = chain(general.get("", ()), general.get(pattern.type, ()))
         # Of two patterns that cover each other, such as a* and a**, one must stay: a removed pattern covers nothing.
-        if any(other is not pattern and other in left and other.covers(pattern) for other in wider):
-            del left[pattern]
-    return tuple(left)
+        if any(other is not pattern and other in remaining and other.covers(pattern) for other in wider):
+            del remaining[pattern]
+    return tuple(remaining)
 
 
 def patterns_of(subscription: Subscription) -> Iterable[Pattern]:
@@ -140,20 +141,20 @@ def _matches(pattern: str, text: str, text_is_pattern: bool = False) -> bool:
     text_is_pattern: only * matches a * in `text`."""
     if pattern == "*":
         return True
-    at = place = 0
-    star, retry = -1, 0
-    while place < len(text):
+    at = index = 0  # positions in the pattern and in the text
+    star, retry = -1, 0  # the last * in the pattern, and where the text after it begins
+    while index < len(text):
         if at < len(pattern) and pattern[at] == "*":
-            star, retry = at, place
+            star, retry = at, index
             at += 1
         elif at < len(pattern) and (
-            pattern[at] == text[place] or (pattern[at] == "?" and not (text_is_pattern and text[place] == "*"))
+            pattern[at] == text[index] or (pattern[at] == "?" and not (text_is_pattern and text[index] == "*"))
         ):
             at += 1
-            place += 1
+            index += 1
         elif star >= 0:
             retry += 1
-            at, place = star + 1, retry
+            at, index = star + 1, retry
         else:
             return False
     return all(rest == "*" for rest in pattern[at:])

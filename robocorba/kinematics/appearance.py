@@ -12,19 +12,19 @@ from enum import Enum
 from typing import NamedTuple
 
 from robocorba.kinematics.model import (
-    BACK_M,
-    BASE_M,
-    BESIDE_M,
+    BASE_BACK_M,
+    BASE_HEIGHT_M,
+    BASE_HALF_WIDTH_M,
     ELBOW_OFFSET_M,
     FIXED_FINGER_M,
     FOREARM_M,
-    FRONT_M,
+    BASE_FRONT_M,
     HEIGHT_M,
     LASER_M,
-    LUMBAR_LOWER_M,
-    LUMBAR_UPPER_M,
-    PROXIMITY_M,
-    PROXIMITY_SENSORS,
+    LUMBAR_LOWER_HEIGHT_M,
+    LUMBAR_UPPER_HEIGHT_M,
+    PROXIMITY_HEIGHT_M,
+    PROXIMITY_COUNT,
     SHOULDER_M,
     UPPER_ARM_M,
 )
@@ -72,32 +72,32 @@ def parts() -> list[Part]:
 
 
 def _base() -> list[Part]:
-    middle, half = (BACK_M + FRONT_M) / 2, (FRONT_M - BACK_M) / 2
+    middle, half = (BASE_BACK_M + BASE_FRONT_M) / 2, (BASE_FRONT_M - BASE_BACK_M) / 2
     found = [
-        _cone("base", (half, BESIDE_M), 0.97, 0.14, (middle, 0, 0.10), "dark"),  # the skirt
-        _cone("base", (half * 0.97, BESIDE_M * 0.97), 0.80, 0.10, (middle, 0, 0.22), "white"),
-        _cone("base", (half * 0.72, BESIDE_M * 0.72), 0.72, 0.05, (middle + 0.02, 0, 0.295), "grey"),
-        _box("base", (0.10, 0.22, 0.012), (BACK_M + 0.10, 0, BASE_M - 0.025), "dark"),  # the battery's lid
+        _cone("base", (half, BASE_HALF_WIDTH_M), 0.97, 0.14, (middle, 0, 0.10), "dark"),  # the skirt
+        _cone("base", (half * 0.97, BASE_HALF_WIDTH_M * 0.97), 0.80, 0.10, (middle, 0, 0.22), "white"),
+        _cone("base", (half * 0.72, BASE_HALF_WIDTH_M * 0.72), 0.72, 0.05, (middle + 0.02, 0, 0.295), "grey"),
+        _box("base", (0.10, 0.22, 0.012), (BASE_BACK_M + 0.10, 0, BASE_HEIGHT_M - 0.025), "dark"),  # the battery's lid
     ]
     for wheel in range(4):
         bearing = math.pi / 4 + wheel * _QUARTER
         at = (middle + 0.20 * math.cos(bearing), 0.18 * math.sin(bearing), 0.05)
         found.append(Part("base", Shape.CONE, (0.05, 0.05, 1.0, 0.05), at, (_QUARTER, 0, bearing), "glass"))
-    for sensor in range(PROXIMITY_SENSORS):
-        bearing = sensor * math.tau / PROXIMITY_SENSORS
-        at = (middle + math.cos(bearing) * half * 0.985, math.sin(bearing) * BESIDE_M * 0.985, PROXIMITY_M - 0.03)
+    for sensor in range(PROXIMITY_COUNT):
+        bearing = sensor * math.tau / PROXIMITY_COUNT
+        at = (middle + math.cos(bearing) * half * 0.985, math.sin(bearing) * BASE_HALF_WIDTH_M * 0.985, PROXIMITY_HEIGHT_M - 0.03)
         found.append(Part("base", Shape.BOX, (0.012, 0.06, 0.03), at, (0, 0, bearing), "glass"))
     return found
 
 
 def _waist() -> list[Part]:
-    length = LUMBAR_UPPER_M - LUMBAR_LOWER_M
+    length = LUMBAR_UPPER_HEIGHT_M - LUMBAR_LOWER_HEIGHT_M
     bellows = [
         _cone("waist", (0.105, 0.125), 1.0, 0.018, (0, 0, 0.02 + ring * (length - 0.08) / 8), "dark")
         for ring in range(9)
-        if not _is_near_laser(LUMBAR_LOWER_M + 0.02 + ring * (length - 0.08) / 8)
+        if not _is_near_laser(LUMBAR_LOWER_HEIGHT_M + 0.02 + ring * (length - 0.08) / 8)
     ]
-    laser = (LASER_M[0] - 0.03, LASER_M[1], LASER_M[2] - LUMBAR_LOWER_M)
+    laser = (LASER_M[0] - 0.03, LASER_M[1], LASER_M[2] - LUMBAR_LOWER_HEIGHT_M)
     return [
         *bellows,
         _cone("waist", (0.085, 0.105), 1.0, length, (0, 0, length / 2), "glass"),
@@ -113,7 +113,7 @@ def _is_near_laser(height_m: float) -> bool:
 
 
 def _trunk() -> list[Part]:
-    shoulder = SHOULDER_M[2] - LUMBAR_UPPER_M
+    shoulder = SHOULDER_M[2] - LUMBAR_UPPER_HEIGHT_M
     return [
         *_disc("trunk", (0, 0, 0), 0.13),
         _cone("trunk", (0.10, 0.125), 1.25, shoulder - 0.06, (-0.02, 0, 0.03 + shoulder / 2), "white"),

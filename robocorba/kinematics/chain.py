@@ -1,8 +1,7 @@
-"""Both arms on the lumbar as one tree of joints, in compiled functions: poses of the hands, and joints that bring the
-hands nearer to their targets.
+"""Compiled kinematics of both arms on the lumbar: poses of the hands, and joints that bring the hands to target poses.
 
-A joint is a line at zero angles: a point and a direction. Turning about these lines one after the other, from the
-lumbar on, carries a hand from its pose at zero angles to its pose (product of exponentials).
+A joint is a line at zero angles: a point and a direction. Turning about these lines one after the other, starting with
+the lumbar, moves a hand from its pose at zero angles to its present pose (product of exponentials).
 """
 
 from __future__ import annotations
@@ -17,28 +16,32 @@ from robocorba.kernels import kernel
 from robocorba.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
 from robocorba.spatial.grids import Floats, Longs
 
-#: Weight of a rotation: a radian counts as this distance [m].
-TURN_M = 0.3
-#: Tolerance of `solve_pose` [m]. It is far below the accuracy of a robot, so that equal requests have equal answers.
-NEAR = 1e-6
+#: Weight of a rotation in the error: one radian counts as this distance [m].
+ROTATION_WEIGHT_M = 0.3
+#: Error at which `solve_pose` ends [m], far below the accuracy of a robot, so that equal requests have equal answers.
+TOLERANCE_M = 1e-6
 _MAX_ITERATIONS = 60
+#: Maximum change of a joint in one iteration [rad].
 _MAX_STEP_RAD = 0.6
+#: Damping of the least squares for each square metre of squared error, and its minimum.
 _DAMPING, _MIN_DAMPING = 0.5, 1e-8
-#: Share of the way to the comfortable posture that is added to a step, for each metre of error. A larger share would
-#: keep hands from poses that only odd postures reach.
+#: Pull towards the comfortable posture, for each metre of error: the fraction of the distance to it that is added to a
+#: step. With a stronger pull hands would miss poses that only uncomfortable postures reach.
 _COMFORT_PER_M = 0.2
-#: Number of steps without a tenth less error after which a seed is abandoned.
+#: Number of steps after which a seed is abandoned if they do not reduce the error by a tenth.
 _PATIENCE = 8
 
 
 class Chains(NamedTuple):
-    """Of both hands, left first. order (2, 9): the joints that move it, from the lumbar on; anchors, axes (18, 3):
-    the joints' lines; places (2, 3), attitudes (2, 3, 3): the hands at zero angles."""
+    """The kinematic chains of both hands, left first.
+
+    order (2, 9): the joints that move each hand, the lumbar's first. anchors, axes (18, 3): points and directions of
+    all joints' lines. positions (2, 3), attitudes (2, 3, 3): the hands at zero angles."""
 
     order: Longs
     anchors: Floats
     axes: Floats
-    places: Floats
+    positions: Floats
     attitudes: Floats
 
 
@@ -59,8 +62,8 @@ def chains_of(model: mujoco.MjModel) -> Chains:
 
 @kernel
 def locate(chains: Chains, hand: int, joints: Floats, lines: Floats) -> tuple[Floats, Floats]:
-    """Position (3,) [m] and rotation (3, 3) of a hand. `lines` (9, 6) is filled with the present direction and a
-    point of each of its joints."""
+    """Position (3,) [m] and rotation (3, 3) of a hand. `lines` (9, 6) is an output: present
+    direction and a point of each of its joints."""
     turn, shift = _rotation(np.zeros(3), 0.0), np.zeros(3)  # identity
     for i in range(chains.order.shape[1]):
         joint = chains.order[hand, i]
@@ -70,14 +73,14 @@ def locate(chains: Chains, hand: int, joints: Floats, lines: Floats) -> tuple[Fl
             lines[i, k], lines[i, 3 + k] = direction[k], anchor[k]
         turn = _product(turn, _rotation(chains.axes[joint], joints[joint]))
         shift = anchor - _turned(turn, chains.anchors[joint])
-    return _turned(turn, chains.places[hand]) + shift, _product(turn, chains.attitudes[hand])
+    return _turned(turn, chains.positions[hand]) + shift, _product(turn, chains.attitudes[hand])
 
 
 @kernel
 def solve_pose(
     chains: Chains,
     joints: Floats,
-    places: Floats,
+    positions: Floats,
     attitudes: Floats,
     weights: Floats,
     free: Longs,
@@ -85,51 +88,54 @@ def solve_pose(
     upper: Floats,
     comfort: Floats,
 ) -> float:
-    """Move the `free` ones of the joints (18,), within their limits, until the hands are at `places` (2, 3) with
-    `attitudes` (2, 3, 3). Returns the remaining error [m]; below NEAR the hands are there. `weights` (2, 2) of each
-    hand's place and attitude: 0 for what does not matter, TURN_M for an attitude.
+    """Move the `free` ones of `joints` (18,) in place, within their limits, until the hands are at `positions` (2, 3)
+    with `attitudes` (2, 3, 3). Returns the remaining error [m]; below TOLERANCE_M the targets are reached.
+
+    weights (2, 2): of each hand's position and attitude, 0 for what is not constrained, 1 for a position,
+    ROTATION_WEIGHT_M for an attitude.
 
     Damped least squares with damping proportional to the square of the error (Sugihara 2011). The null space is
-    pulled towards `comfort`, less with a smaller error, so that the elbow of a stationary hand does not drift."""
+    pulled towards the posture `comfort`, in proportion to the error, so that the elbow of a stationary hand does not
+    drift."""
     count = len(free)
     error, jacobian = np.zeros(12), np.zeros((12, count))
     lines = np.zeros((chains.order.shape[1], 6))
-    least, most, wish = np.empty(count), np.empty(count), np.empty(count)
-    best, steps_without_progress, left = np.inf, 0, np.inf
+    min_step, max_step, pull = np.empty(count), np.empty(count), np.empty(count)
+    best, steps_without_progress, residual = np.inf, 0, np.inf
     for _ in range(_MAX_ITERATIONS):
         for hand in range(2):
             if weights[hand, 0] or weights[hand, 1]:
-                place, attitude = locate(chains, hand, joints, lines)
-                _pose_error(place, attitude, places[hand], attitudes[hand], weights[hand], error[6 * hand :])
-                _fill_jacobian(chains.order[hand], lines, place, weights[hand], free, jacobian[6 * hand :])
-        left = math.sqrt((error * error).sum())
-        if left < NEAR:
+                position, attitude = locate(chains, hand, joints, lines)
+                _pose_error(position, attitude, positions[hand], attitudes[hand], weights[hand], error[6 * hand :])
+                _fill_jacobian(chains.order[hand], lines, position, weights[hand], free, jacobian[6 * hand :])
+        residual = math.sqrt((error * error).sum())
+        if residual < TOLERANCE_M:
             break
         steps_without_progress += 1
-        if left < 0.9 * best:
-            best, steps_without_progress = left, 0
+        if residual < 0.9 * best:
+            best, steps_without_progress = residual, 0
         if steps_without_progress > _PATIENCE:
             break
-        damping = _DAMPING * left * left + _MIN_DAMPING
-        comforting = _COMFORT_PER_M * min(left, 1.0)
+        damping = _DAMPING * residual * residual + _MIN_DAMPING
+        comforting = _COMFORT_PER_M * min(residual, 1.0)
         for i in range(count):
             joint = free[i]
-            least[i], most[i] = lower[joint] - joints[joint], upper[joint] - joints[joint]
-            wish[i] = comforting * (comfort[joint] - joints[joint])
-        step = _step(jacobian, error, damping, wish, least, most)
+            min_step[i], max_step[i] = lower[joint] - joints[joint], upper[joint] - joints[joint]
+            pull[i] = comforting * (comfort[joint] - joints[joint])
+        step = _step(jacobian, error, damping, pull, min_step, max_step)
         longest = _MAX_STEP_RAD
         for i in range(count):
             longest = max(longest, abs(step[i]))
         for i in range(count):
             joints[free[i]] += step[i] * _MAX_STEP_RAD / longest
-    return left
+    return residual
 
 
 @kernel
 def _pose_error(
-    place: Floats, attitude: Floats, goal: Floats, goal_attitude: Floats, weight: Floats, error: Floats
+    position: Floats, attitude: Floats, goal: Floats, goal_attitude: Floats, weight: Floats, error: Floats
 ) -> None:
-    """error (6,): displacement to the goal and rotation vector to its attitude, weighted."""
+    """Set error (6,): displacement to the goal and rotation vector to its attitude, weighted."""
     turn = _product(goal_attitude, attitude.T)
     x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
     sine, cosine = math.sqrt(x * x + y * y + z * z), turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0
@@ -140,29 +146,31 @@ def _pose_error(
         x, y, z = (x + 1.0, y, z) if k == 0 else (x, y + 1.0, z) if k == 1 else (x, y, z + 1.0)
         scale = math.pi / math.sqrt(x * x + y * y + z * z)
     for i in range(3):
-        error[i] = weight[0] * (goal[i] - place[i])
+        error[i] = weight[0] * (goal[i] - position[i])
     error[3], error[4], error[5] = weight[1] * scale * x, weight[1] * scale * y, weight[1] * scale * z
 
 
 @kernel
-def _fill_jacobian(order: Longs, lines: Floats, place: Floats, weight: Floats, free: Longs, jacobian: Floats) -> None:
-    """jacobian (6, free): how a hand at `place` moves and turns with each joint, weighted."""
+def _fill_jacobian(
+    order: Longs, lines: Floats, position: Floats, weight: Floats, free: Longs, jacobian: Floats
+) -> None:
+    """Set jacobian (6, free): how a hand at `position` moves and turns with each free joint, weighted."""
     for i in range(len(free)):
         for j in range(len(order)):
             if order[j] == free[i]:
                 a, b, c = lines[j, 0], lines[j, 1], lines[j, 2]
-                x, y, z = place[0] - lines[j, 3], place[1] - lines[j, 4], place[2] - lines[j, 5]
+                x, y, z = position[0] - lines[j, 3], position[1] - lines[j, 4], position[2] - lines[j, 5]
                 jacobian[0, i], jacobian[3, i] = weight[0] * (b * z - c * y), weight[1] * a
                 jacobian[1, i], jacobian[4, i] = weight[0] * (c * x - a * z), weight[1] * b
                 jacobian[2, i], jacobian[5, i] = weight[0] * (a * y - b * x), weight[1] * c
 
 
 @kernel
-def _step(jacobian: Floats, error: Floats, damping: float, wish: Floats, least: Floats, most: Floats) -> Floats:
-    """The step between `least` and `most` that reduces the error most and comes near to the wish in the null space.
-    A joint at its limit stops there, and the others compensate."""
-    count, rows = len(wish), len(error)
-    normal, wanted = np.empty((count, count)), damping * wish
+def _step(jacobian: Floats, error: Floats, damping: float, pull: Floats, min_step: Floats, max_step: Floats) -> Floats:
+    """The step between `min_step` and `max_step` that reduces the error most, and approaches `pull` in the null space.
+    A joint that reaches its limit stays there, and the others compensate."""
+    count, rows = len(pull), len(error)
+    normal, wanted = np.empty((count, count)), damping * pull
     for i in range(count):
         for k in range(rows):
             wanted[i] += jacobian[k, i] * error[k]
@@ -176,8 +184,8 @@ def _step(jacobian: Floats, error: Floats, damping: float, wish: Floats, least: 
     for _ in range(count):
         beyond = False
         for i in range(count):
-            if not stopped[i] and (step[i] < least[i] or step[i] > most[i]):
-                step[i] = min(max(step[i], least[i]), most[i])
+            if not stopped[i] and (step[i] < min_step[i] or step[i] > max_step[i]):
+                step[i] = min(max(step[i], min_step[i]), max_step[i])
                 stopped[i] = beyond = True
                 for j in range(count):
                     if j != i:

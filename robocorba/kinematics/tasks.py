@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.kinematics.pose import HandPose
+from robocorba.kinematics.smartpal import Side
 from robocorba.spatial.grids import Floats
 
-#: Joints of one arm (7,) [rad]. Both arms can take the same posture simultaneously. tuck keeps the arm over the base,
-#: for narrow passages.
+#: Joints of one arm (7,) [rad]. Both arms can take the same posture simultaneously. `tuck` keeps the arms above
+#: the base, for narrow passages.
 POSTURES: dict[str, Floats] = {
     name: np.radians(degrees)
     for name, degrees in {
@@ -22,17 +23,10 @@ POSTURES: dict[str, Floats] = {
     }.items()
 }
 
-#: How far the fingers reach over a gripped edge [m].
+#: Distance by which the fingers extend over a gripped edge [m].
 GRIP_DEPTH_M = 0.03
 #: Long side of an A4 sheet of paper [m].
 SHEET_M = 0.297
-
-
-class TwoHands(NamedTuple):
-    """Target poses of both hands of a robot, in its frame."""
-
-    left: HandPose
-    right: HandPose
 
 
 class HandOverPoses(NamedTuple):
@@ -42,17 +36,17 @@ class HandOverPoses(NamedTuple):
     taker: HandPose
 
 
-def grip_table(height_m: float, distance_m: float, spacing_m: float) -> TwoHands:
-    """Hands that grip the edge of a table in front of the robot, fingers above and below the board.
+def grip_table(height_m: float, distance_m: float, spacing_m: float) -> dict[Side, HandPose]:
+    """Target poses of both hands on the edge of a table in front of the robot, fingers above and below the board.
 
     height_m: height of the board's middle above the floor. distance_m: from the base's centre to the edge.
     spacing_m: between the hands. Tables lower than 0.9 m need the lumbar."""
     ahead, aside = distance_m + GRIP_DEPTH_M, spacing_m / 2
-    return TwoHands(HandPose(ahead, aside, height_m), HandPose(ahead, -aside, height_m))
+    return {Side.LEFT: HandPose(ahead, aside, height_m), Side.RIGHT: HandPose(ahead, -aside, height_m)}
 
 
 def hand_over(between_m: float, height_m: float, aside_m: float = 0.0, sheet_m: float = SHEET_M) -> HandOverPoses:
-    """Hands that hold the two ends of one level sheet, half way between two robots that face each other.
+    """Target poses of hands at the two ends of a level sheet, half way between two robots that face each other.
 
     between_m: distance between the centres of the bases. height_m: height of the sheet above the floor. aside_m:
     offset to the left of the giver, which is the taker's right; sheet_m: length of the sheet. The taker grips before

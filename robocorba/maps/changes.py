@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from robocorba.maps.model import KIND_OF, PLACE, Building, Element, ElementKind, FloorMap
+from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, Element, ElementKind
 
 
-class Key(NamedTuple):
+class ElementKey(NamedTuple):
     """Identifies an element. `floor` is empty for floors and elevators."""
 
     kind: ElementKind
@@ -28,14 +28,14 @@ class Key(NamedTuple):
         return self.kind.value, self.floor, self.name
 
 
-def key_of(floor: str, element: Element) -> Key:
+def key_of(floor: str, element: Element) -> ElementKey:
     """The key of an element on `floor`."""
     return key(KIND_OF[type(element)], floor, element.name)
 
 
-def key(kind: ElementKind, floor: str, name: str) -> Key:
+def key(kind: ElementKind, floor: str, name: str) -> ElementKey:
     """A key; `floor` is ignored for floors and elevators."""
-    return Key(kind, floor if kind in PLACE else "", name)
+    return ElementKey(kind, floor if kind in COLLECTION_OF else "", name)
 
 
 class ChangeKind(str, Enum):
@@ -50,7 +50,7 @@ class Change(msgspec.Struct, frozen=True):
     """An element before and after the change to `version`; None if it did not exist before, or was removed."""
 
     version: int
-    key: Key
+    key: ElementKey
     before: Element | None
     after: Element | None
 
@@ -88,61 +88,24 @@ def inverse(changes: Iterable[Change], version: int) -> list[Change]:
     return ordered(Change(version, change.key, change.after, change.before) for change in changes)
 
 
-def difference(before: Building, after: Building) -> dict[Key, Element | None]:
+def difference(before: Building, after: Building) -> dict[ElementKey, Element | None]:
     """The elements that differ between two buildings, as in `after`; None for those that `after` does not have."""
     old, new = dict(elements_of(before)), dict(elements_of(after))
-    found: dict[Key, Element | None] = {key: None for key in old if key not in new}
-    found.update((key, element) for key, element in new.items() if old.get(key) != element)
-    return found
+    removed = {key: None for key in old if key not in new}
+    return {**removed, **{key: element for key, element in new.items() if old.get(key) != element}}
 
 
-def elements_of(building: Building) -> Iterator[tuple[Key, Element]]:
+def elements_of(building: Building) -> Iterator[tuple[ElementKey, Element]]:
     """Every element of a building with its key, each floor before its elements."""
     for name, elevator in building.elevators.items():
-        yield Key(ElementKind.ELEVATOR, "", name), elevator
+        yield ElementKey(ElementKind.ELEVATOR, "", name), elevator
     for floor, entry in building.floors.items():
-        yield Key(ElementKind.FLOOR, "", floor), entry.floor
-        for kind in PLACE:
+        yield ElementKey(ElementKind.FLOOR, "", floor), entry.floor
+        for kind in COLLECTION_OF:
             for name, element in building.elements(kind, floor).items():
-                yield Key(kind, floor, name), element
+                yield ElementKey(kind, floor, name), element
 
 
 def apply(building: Building, changes: Iterable[Change]) -> Building:
-    """The building after `ordered` changes. It shares all unchanged parts.
-
-    Each dictionary is copied once, however many of its elements change.
-    Raises KeyError if the floor of a change does not exist."""
-    elevators: dict[str, Element] | None = None
-    floors = dict(building.floors)
-    copies: dict[tuple[str, ElementKind], dict[str, Element]] = {}
-    for change in changes:
-        kind, floor, name = change.key
-        if kind is ElementKind.FLOOR:
-            if change.after is None:
-                del floors[name]
-                copies = {place: copy for place, copy in copies.items() if place[0] != name}
-            else:
-                floors[name] = msgspec.structs.replace(
-                    floors.get(name) or FloorMap(change.after),  # type: ignore[arg-type]
-                    floor=change.after,
-                )
-            continue
-        if kind is ElementKind.ELEVATOR:
-            elements = elevators = dict(building.elevators) if elevators is None else elevators
-        else:
-            if (floor, kind) not in copies:
-                copies[floor, kind] = dict(getattr(getattr(floors[floor], PLACE[kind][0]), PLACE[kind][1]))
-            elements = copies[floor, kind]
-        if change.after is None:
-            del elements[name]
-        else:
-            elements[name] = change.after
-    for (floor, kind), copy in copies.items():
-        layer, collection = PLACE[kind]
-        changed = msgspec.structs.replace(getattr(floors[floor], layer), **{collection: copy})
-        floors[floor] = msgspec.structs.replace(floors[floor], **{layer: changed})
-    return Building(
-        building.name,
-        dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0]))),
-        building.elevators if elevators is None else elevators,  # type: ignore[arg-type]
-    )
+    """The building after `ordered` changes. Raises KeyError if the floor of a change does not exist."""
+    return building.with_changes((*change.key, change.after) for change in changes)

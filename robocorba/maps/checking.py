@@ -12,13 +12,11 @@ from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
 from robocorba.maps.reachability import Reachability
-
-#: Radius of the robot that should reach every node [m]: SmartPal's.
-DEFAULT_RADIUS_M = 0.40
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 
-class Finding(NamedTuple):
-    """A finding about one element, and its place: floor, x and y [m].
+class MapFinding(NamedTuple):
+    """A finding about one element, and `where` it is: floor, x and y [m].
 
     `reason` describes this finding alone. `summary` is the sentence for all findings of the same kind, with
     {n} for their number and {names} for their `subject`s."""
@@ -32,7 +30,7 @@ class Finding(NamedTuple):
     subject: str
 
 
-def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[Finding]:
+def findings(building: Building, radius_m: float = SMARTPAL_RADIUS_M) -> list[MapFinding]:
     """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
     reach = Reachability(building, radius_m)
     found = list(blocked(building))
@@ -41,7 +39,7 @@ def findings(building: Building, radius_m: float = DEFAULT_RADIUS_M) -> list[Fin
     return found + list(_floors(building, reach)) + list(_elevators(building, reach))
 
 
-def blocked(building: Building) -> Iterator[Finding]:
+def blocked(building: Building) -> Iterator[MapFinding]:
     """The nodes and edges that a wall, an object or a locked door blocks."""
     for floor in building.floors:
         by_element: dict[tuple[ElementKind, str], list[Collision]] = {}
@@ -51,7 +49,7 @@ def blocked(building: Building) -> Iterator[Finding]:
         for (kind, name), collisions in by_element.items():
             x, y = collisions[0].at()
             causes = ", ".join(dict.fromkeys(collision.cause for collision in collisions))
-            yield Finding(
+            yield MapFinding(
                 kind,
                 floor,
                 name,
@@ -62,7 +60,7 @@ def blocked(building: Building) -> Iterator[Finding]:
             )
 
 
-def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
+def summaries(found: Iterable[MapFinding]) -> tuple[str, ...]:
     """One sentence for each kind of finding on a floor, with the number and names of its subjects."""
     # Imported here: the formats take 0.3 s to load, and a server must restart quickly.
     from robocorba.maps.losses import Losses
@@ -73,13 +71,13 @@ def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
     return kinds.sentences()
 
 
-def _nodes(building: Building, floor: str, reach: Reachability) -> Iterator[Finding]:
+def _nodes(building: Building, floor: str, reach: Reachability) -> Iterator[MapFinding]:
     """Nodes of a floor that a robot can't reach or can't leave."""
     nodes, robot = building.floors[floor].topological.nodes, _robot(reach)
 
-    def finding(name: str, reason: str, kind: str, subject: str = "") -> Finding:
+    def finding(name: str, reason: str, kind: str, subject: str = "") -> MapFinding:
         where, summary = (floor, *nodes[name].at), f"nodes of {floor} {kind} ({{n}}): {{names}}"
-        return Finding(ElementKind.NODE, floor, name, where, reason, summary, subject or name)
+        return MapFinding(ElementKind.NODE, floor, name, where, reason, summary, subject or name)
 
     for name, cause in reach.too_close(floor).items():
         yield finding(name, f"{robot} does not fit: {cause}", f"where {robot} does not fit", f"{name} ({cause})")
@@ -104,7 +102,7 @@ def _count_of(more: list[str]) -> str:
     return f" with {len(more)} more" if more else ""
 
 
-def _floors(building: Building, reach: Reachability) -> Iterator[Finding]:
+def _floors(building: Building, reach: Reachability) -> Iterator[MapFinding]:
     """Floors without a connection to the others."""
     if len(building.floors) < 2:
         return
@@ -116,14 +114,14 @@ def _floors(building: Building, reach: Reachability) -> Iterator[Finding]:
         if floor not in served:
             summary = "floors without an elevator to other floors ({n}): {names}"
             reason = "no elevator leads from it to another floor"
-            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
+            yield MapFinding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
         elif reach.is_cut_off(floor):
             reason = f"no elevator connects its roadmap with other floors for {_robot(reach)}"
             summary = f"floors that no elevator connects with the others for {_robot(reach)} ({{n}}): {{names}}"
-            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
+            yield MapFinding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
 
 
-def _elevators(building: Building, reach: Reachability) -> Iterator[Finding]:
+def _elevators(building: Building, reach: Reachability) -> Iterator[MapFinding]:
     """Elevators that a robot can't enter on any floor."""
     for name, elevator in building.elevators.items():
         cause = _closed(elevator, building, reach)
@@ -131,7 +129,7 @@ def _elevators(building: Building, reach: Reachability) -> Iterator[Finding]:
             where = (elevator.floors()[0], *elevator.at)
             reason = f"{_robot(reach)} can't enter it: {cause}"
             summary = f"elevators that {_robot(reach)} can't enter ({{n}}): {{names}}"
-            yield Finding(ElementKind.ELEVATOR, "", name, where, reason, summary, f"{name} ({cause})")
+            yield MapFinding(ElementKind.ELEVATOR, "", name, where, reason, summary, f"{name} ({cause})")
 
 
 def _closed(elevator: Elevator, building: Building, reach: Reachability) -> str:

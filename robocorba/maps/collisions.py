@@ -15,9 +15,9 @@ import shapely
 from shapely import LineString, STRtree
 
 from robocorba.errors.maps import InvalidElement, describe
-from robocorba.maps.geometry import Obstacle, obstacles
+from robocorba.maps.geometry import IdentityKey, Obstacle, obstacles
 from robocorba.maps.model import KIND_OF, Building, PathEdge, PathNode, TopologicalMap
-from robocorba.maps.vicinity import Box, IdentityKey
+from robocorba.maps.vicinity import Box
 from robocorba.spatial.pose import XY
 
 #: A node closer than this to an obstacle collides with it [m].

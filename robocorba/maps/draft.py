@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from robocorba.errors.maps import DuplicateElement, StaleEdit, UnknownElement
-from robocorba.maps.changes import Change, Key, key, key_of, ordered
+from robocorba.maps.changes import Change, ElementKey, key, key_of, ordered
 from robocorba.maps.element_rules import size_of
-from robocorba.maps.model import PLACE, Building, Element, ElementKind
+from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind
 from robocorba.maps.validation import check_element
 
 #: By kind and floor: the version that last changed each element, by name. Never changed in place.
@@ -28,7 +28,7 @@ class EditorState(NamedTuple):
     versions: Versions
     size: int
 
-    def version_of(self, key: Key) -> int:
+    def version_of(self, key: ElementKey) -> int:
         """The version that last changed an element, 0 if it does not exist."""
         return self.versions.get((key.kind, key.floor), {}).get(key.name, 0)
 
@@ -38,15 +38,15 @@ class Draft:
     at which the draft first touched the element, and 0 for an element that the draft created."""
 
     def __init__(self) -> None:
-        self._after: dict[Key, Element | None] = {}
-        self._read: dict[Key, int] = {}
+        self._after: dict[ElementKey, Element | None] = {}
+        self._read: dict[ElementKey, int] = {}
         self._removed_floors: set[str] = set()
         self.size = 0
 
     def create(self, state: EditorState, floor: str, element: Element) -> None:
         """Add an element. Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
         new = key_of(floor, element)
-        if new.kind in PLACE and not self._exists(state, _floor_key(new.floor)):
+        if new.kind in COLLECTION_OF and not self._exists(state, _floor_key(new.floor)):
             raise UnknownElement(*_floor_key(new.floor).words)
         if self._exists(state, new):
             raise DuplicateElement(*new.words)
@@ -88,9 +88,9 @@ class Draft:
             raise StaleEdit(*touched.words, read, current)
         after = dict(self._after)
         for floor in self._removed_floors & state.building.floors.keys():
-            for kind in PLACE:
+            for kind in COLLECTION_OF:
                 for name in state.building.elements(kind, floor):
-                    after.setdefault(Key(kind, floor, name), None)
+                    after.setdefault(ElementKey(kind, floor, name), None)
         for touched, element in after.items():
             if element is not None and touched.floor and not self._exists(state, _floor_key(touched.floor)):
                 raise UnknownElement(*_floor_key(touched.floor).words)
@@ -101,28 +101,28 @@ class Draft:
             if before is not None or element is not None
         )
 
-    def _exists(self, state: EditorState, wanted: Key) -> bool:
+    def _exists(self, state: EditorState, wanted: ElementKey) -> bool:
         if wanted in self._after:
             return self._after[wanted] is not None
         return wanted.floor not in self._removed_floors and state.version_of(wanted) > 0
 
-    def _check_version(self, state: EditorState, wanted: Key, expected: int) -> None:
+    def _check_version(self, state: EditorState, wanted: ElementKey, expected: int) -> None:
         if not self._exists(state, wanted):
             raise UnknownElement(*wanted.words)
         current = self._read.get(wanted, state.version_of(wanted))
         if expected != current:
             raise StaleEdit(*wanted.words, expected, current)
 
-    def _put(self, state: EditorState, touched: Key, element: Element | None) -> None:
+    def _put(self, state: EditorState, touched: ElementKey, element: Element | None) -> None:
         fresh = touched.floor in self._removed_floors
         self._read.setdefault(touched, 0 if fresh else state.version_of(touched))
         self.size += size_of(element) - size_of(self._after.get(touched))
         self._after[touched] = element
 
-    def _drop(self, touched: Key) -> None:
+    def _drop(self, touched: ElementKey) -> None:
         self.size -= size_of(self._after.pop(touched))
         del self._read[touched]
 
 
-def _floor_key(floor: str) -> Key:
-    return Key(ElementKind.FLOOR, "", floor)
+def _floor_key(floor: str) -> ElementKey:
+    return ElementKey(ElementKind.FLOOR, "", floor)

@@ -5,7 +5,6 @@ Several threads may draw simultaneously.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -85,7 +84,19 @@ def draw_floor(
     if not 200 <= width_px <= MAX_PIXELS:
         raise ValueError(f"width_px must be 200 to {MAX_PIXELS}, not {width_px}")
     title = f"{building.name} · {floor}" if title is None else title
-    return _draw_layers(Sheet(Frame(building, floor, width_px, bool(title))), building, floor, path or (), title)
+    path, entry = path or (), building.floors[floor]
+    sheet = Sheet(Frame(building, floor, width_px, bool(title)))
+    # From bottom to top. Names come last and never overlap.
+    draw_geometrical_map(sheet, building, floor)
+    nodes = {name: node.at for name, node in entry.topological.nodes.items()}
+    edges = entry.topological.edges.values()
+    _draw_edges(sheet, nodes, [edge for edge in edges if {edge.a, edge.b} <= nodes.keys()])
+    _draw_path(sheet, path)
+    draw_title_and_legend(sheet, title)
+    for point in [*nodes.values(), *((mark.x, mark.y) for mark in path)]:
+        sheet.keep_clear(point)
+    write_labels(sheet, entry, building.elevators.values(), path)
+    return sheet.image()
 
 
 def draw_building(
@@ -116,19 +127,6 @@ def draw_building(
     return sheet
 
 
-def png_bytes(picture: Image.Image) -> bytes:
-    """A picture as the bytes of a PNG file."""
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
-
-
-def to_pixel(building: Building, floor: str, point: XY, width_px: int = 1200, titled: bool = True) -> tuple[int, int]:
-    """Pixel column and row, from the top left, of a point [m] in the picture of draw_floor."""
-    frame = Frame(building, floor, width_px, titled)
-    return int((point[0] - frame.x0) * frame.scale), int((frame.y1 - point[1]) * frame.scale)
-
-
 def draw_geometrical_map(sheet: Sheet, building: Building, floor: str) -> None:
     """Draw areas, walls, objects, doors and elevators without names."""
     plan = building.floors[floor].geometrical
@@ -138,21 +136,6 @@ def draw_geometrical_map(sheet: Sheet, building: Building, floor: str) -> None:
         _draw_door(sheet, door)
     for elevator in building.elevators.values():
         _draw_elevator(sheet, elevator, floor)
-
-
-def _draw_layers(sheet: Sheet, building: Building, floor: str, path: Sequence[PathMark], title: str) -> Image.Image:
-    """Draw the layers from bottom to top. Names come last and never overlap."""
-    entry = building.floors[floor]
-    topology = entry.topological
-    draw_geometrical_map(sheet, building, floor)
-    places = {name: node.at for name, node in topology.nodes.items()}
-    _draw_edges(sheet, places, [edge for edge in topology.edges.values() if {edge.a, edge.b} <= places.keys()])
-    _draw_path(sheet, path)
-    draw_title_and_legend(sheet, title)
-    for place in [*places.values(), *((mark.x, mark.y) for mark in path)]:
-        sheet.keep_clear(place)
-    write_labels(sheet, entry, building.elevators.values(), path)
-    return sheet.image()
 
 
 def write_labels(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], path: Sequence[PathMark]) -> None:
@@ -227,15 +210,15 @@ def _draw_elevator(sheet: Sheet, elevator: Elevator, floor: str) -> None:
             sheet.lines([line], DOOR, sheet.px(0.09, 2, 4), zorder=7)
 
 
-def _draw_edges(sheet: Sheet, places: Mapping[str, XY], edges: Sequence[PathEdge]) -> None:
+def _draw_edges(sheet: Sheet, nodes: Mapping[str, XY], edges: Sequence[PathEdge]) -> None:
     for one_way in (False, True):
-        lines = [(places[edge.a], places[edge.b]) for edge in edges if edge.one_way is one_way]
+        lines = [(nodes[edge.a], nodes[edge.b]) for edge in edges if edge.one_way is one_way]
         sheet.lines(lines, ONE_WAY if one_way else EDGE, sheet.px(0.05, 1.2, 2.2), zorder=8)
         if one_way:
             for a, b in lines:
                 sheet.arrow(a, b, ONE_WAY, sheet.px(0.35, 8, 13), zorder=8)
-    if places:
-        x, y = np.array(list(places.values())).T
+    if nodes:
+        x, y = np.array(list(nodes.values())).T
         size = sheet.px(0.22, 4, 7)
         sheet.axes.plot(x, y, "o", color=NODE, markersize=size * 72 / DPI, markeredgewidth=0, zorder=9)
 
@@ -280,8 +263,8 @@ def _label_position(polygon: Sequence[XY]) -> XY:
     x, y = (x0 + x1) / 2, y0 + 0.62 * (y1 - y0)
     if not area.is_valid or area.contains(shapely.Point(x, y)):
         return x, y
-    place = area.representative_point()
-    return place.x, place.y
+    inside = area.representative_point()
+    return inside.x, inside.y
 
 
 def _round_length(about: float) -> float:

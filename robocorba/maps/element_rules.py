@@ -17,6 +17,7 @@ from shapely import LineString, Polygon
 from robocorba.maps.model import (
     Area,
     BoxShape,
+    CabinSide,
     CircleShape,
     Door,
     Element,
@@ -26,18 +27,16 @@ from robocorba.maps.model import (
     MapObject,
     PathEdge,
     PathNode,
-    PolygonShape,
     SegmentShape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
 
-#: Longest name [characters].
+#: Maximum length of a name [characters].
 MAX_NAME = 200
-#: Largest coordinate, length [m], speed [m/s] or time [s].
+#: Maximum coordinate, length [m], speed [m/s] or time [s].
 MAX_NUMBER = 1e6
-#: Smallest length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
+#: Minimum length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
 MIN_LENGTH = 1e-3
 #: Maximum number of points of a polygon, doors of an elevator, graphs of an edge.
 MAX_POINTS, MAX_DOORS, MAX_GRAPHS = 10_000, 1_000, 100
@@ -141,7 +140,7 @@ def _elevator(elevator: Elevator) -> Iterator[str]:
 
 
 def _elevator_doors(elevator: Elevator) -> Iterator[str]:
-    valid: dict[tuple[str, Side], list[ElevatorDoor]] = {}
+    valid: dict[tuple[str, CabinSide], list[ElevatorDoor]] = {}
     for door in elevator.doors:
         wrong = [
             *name_violations("the floor of a door", door.floor),
@@ -152,7 +151,7 @@ def _elevator_doors(elevator: Elevator) -> Iterator[str]:
         if not wrong:
             valid.setdefault((door.floor, door.side), []).append(door)
     for (floor, side), doors in valid.items():
-        room = elevator.size[0 if side in (Side.FRONT, Side.BACK) else 1]
+        room = elevator.size[0 if side in (CabinSide.FRONT, CabinSide.BACK) else 1]
         for door in doors:
             if door.width > room + TOLERANCE_M:
                 yield f"its {side.value} door on {floor!r} is {door.width:g} m wide, the side {room:g} m"
@@ -223,18 +222,13 @@ _RULES: dict[type, Callable[[Any], Iterator[str]]] = {
 }
 
 
+_PARTS = {PathEdge: "graphs", Floor: "outline", Area: "polygon", Elevator: "doors"}
+
+
 def size_of(element: Element | None) -> int:
     """The size of an element in limits: 1, and 1 for each point, door or graph in it. 0 for None."""
-    if isinstance(element, PathNode | Wall | Door):
-        return 1
-    if isinstance(element, PathEdge):
-        return 1 + len(element.graphs)
-    if isinstance(element, Floor):
-        return 1 + len(element.outline)
-    if isinstance(element, Area):
-        return 1 + len(element.polygon)
-    if isinstance(element, Elevator):
-        return 1 + len(element.doors)
-    if isinstance(element, MapObject) and isinstance(element.shape, PolygonShape):
-        return 1 + len(element.shape.points)
-    return 0 if element is None else 1
+    if element is None:
+        return 0
+    if isinstance(element, MapObject):
+        return 1 + len(getattr(element.shape, "points", ()))
+    return 1 + len(getattr(element, _PARTS.get(type(element), ""), ()))

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import chain
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 import shapely
@@ -21,6 +21,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Elevator,
@@ -30,7 +31,6 @@ from robocorba.maps.model import (
     MapObject,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
@@ -50,6 +50,26 @@ _ANGLES = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
 _DISC: Array = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / math.cos(math.pi / CIRCLE_SIDES)
 
 
+T = TypeVar("T")
+
+
+class IdentityKey(Generic[T]):
+    """A cache key that compares by the identity of `value`, or of the given parts of it, and keeps it alive.
+
+    Buildings share all parts that an edit did not change."""
+
+    __slots__ = ("_ids", "value")
+
+    def __init__(self, value: T, parts: tuple[object, ...] | None = None) -> None:
+        self.value, self._ids = value, tuple(map(id, parts or (value,)))
+
+    def __hash__(self) -> int:
+        return hash(self._ids)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, IdentityKey) and self._ids == other._ids
+
+
 class Obstacle(NamedTuple):
     """An obstacle: kind and name as in the map, geometry a line or a (solid) polygon."""
 
@@ -63,31 +83,18 @@ def obstacles(building: Building, floor: str) -> tuple[Obstacle, ...]:
 
     The last 64 results are cached: an unchanged floor gives the identical tuple.
     Raises KeyError if the floor is unknown."""
-    entry = building.floors[floor]
-    return _obstacles(_CacheKey(entry.geometrical, entry.floor, tuple(building.elevators.values())))
-
-
-class _CacheKey:
-    """Compares maps by object identity, since buildings share what an edit did not change."""
-
-    def __init__(self, geometrical: GeometricalMap, floor: Floor, elevators: tuple[Elevator, ...]) -> None:
-        self.geometrical, self.floor, self.elevators = geometrical, floor, elevators
-        blocking_parts = (geometrical.walls, geometrical.objects, geometrical.doors, floor, *elevators)
-        self.ids = tuple(map(id, blocking_parts))
-
-    def __hash__(self) -> int:
-        return hash(self.ids)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _CacheKey) and self.ids == other.ids
+    entry, elevators = building.floors[floor], tuple(building.elevators.values())
+    plan = entry.geometrical
+    blocking_parts = (plan.walls, plan.objects, plan.doors, entry.floor, *elevators)
+    return _obstacles(IdentityKey((plan, entry.floor, elevators), blocking_parts))
 
 
 @lru_cache(maxsize=64)
-def _obstacles(key: _CacheKey) -> tuple[Obstacle, ...]:
-    return blocking(key.geometrical, key.floor, key.elevators)
+def _obstacles(key: IdentityKey[tuple[GeometricalMap, Floor, tuple[Elevator, ...]]]) -> tuple[Obstacle, ...]:
+    return compute_obstacles(*key.value)
 
 
-def blocking(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
+def compute_obstacles(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
     """The result of `obstacles`, not cached: for a map that is used once."""
     doors = _end_points(plan.doors.values())
     landings = [
@@ -130,7 +137,7 @@ def _cut_open(walls: Array, openings: Array, reaches: Array) -> list[BaseGeometr
 
 def object_geometry(map_object: MapObject) -> BaseGeometry:
     """An object's footprint in the floor's frame: a line for a segment, else a polygon."""
-    corners = _to_floor_frame(_corners(map_object.shape), map_object.at, map_object.heading)
+    corners = to_floor_frame(_corners(map_object.shape), map_object.at, map_object.heading)
     return shapely.linestrings(corners) if isinstance(map_object.shape, SegmentShape) else shapely.polygons(corners)
 
 
@@ -150,7 +157,7 @@ def _rectangle(size: XY) -> Sequence[XY]:
     return (-x, -y), (x, -y), (x, y), (-x, y)
 
 
-def _to_floor_frame(points: Sequence[XY] | Array, at: XY, heading: float) -> Array:
+def to_floor_frame(points: Sequence[XY] | Array, at: XY, heading: float) -> Array:
     """Points (n, 2) of the frame at pose (`at`, `heading`), in the floor's frame."""
     cos, sin = math.cos(heading), math.sin(heading)
     x, y = np.asarray(points, dtype=float).T
@@ -159,20 +166,20 @@ def _to_floor_frame(points: Sequence[XY] | Array, at: XY, heading: float) -> Arr
 
 def shaft_polygon(elevator: Elevator) -> Polygon:
     """The shaft's footprint in the floor's frame."""
-    return shapely.polygons(_to_floor_frame(_rectangle(elevator.size), elevator.at, elevator.heading))
+    return shapely.polygons(to_floor_frame(_rectangle(elevator.size), elevator.at, elevator.heading))
 
 
 def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
     """The doorway of an elevator door, as a line on the shaft's side."""
     x, y, half = elevator.size[0] / 2, elevator.size[1] / 2, door.width / 2
     low, high = door.offset - half, door.offset + half
-    ends: dict[Side, tuple[XY, XY]] = {
-        Side.FRONT: ((low, -y), (high, -y)),
-        Side.BACK: ((low, y), (high, y)),
-        Side.LEFT: ((-x, low), (-x, high)),
-        Side.RIGHT: ((x, low), (x, high)),
+    ends: dict[CabinSide, tuple[XY, XY]] = {
+        CabinSide.FRONT: ((low, -y), (high, -y)),
+        CabinSide.BACK: ((low, y), (high, y)),
+        CabinSide.LEFT: ((-x, low), (-x, high)),
+        CabinSide.RIGHT: ((x, low), (x, high)),
     }
-    return shapely.linestrings(_to_floor_frame(ends[door.side], elevator.at, elevator.heading))
+    return shapely.linestrings(to_floor_frame(ends[door.side], elevator.at, elevator.heading))
 
 
 def bounds(building: Building, floor: str, margin_m: float = 1.0) -> tuple[float, float, float, float]:

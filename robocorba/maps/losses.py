@@ -1,4 +1,4 @@
-"""Losses of a conversion between formats: one sentence for each kind."""
+"""Losses of a conversion between formats, and its assumptions: one sentence for each kind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import msgspec
 
 from robocorba.errors.maps import InvalidElement
 from robocorba.maps import validation
-from robocorba.maps.model import Building, ElementKind, Elevator
+from robocorba.maps.model import Building, ElementKind
 from robocorba.maps.yaml_file import YamlFile
 
 #: Names listed in one sentence; the others are counted.
@@ -74,7 +74,12 @@ def remove_invalid_elements(building: Building, losses: Losses, file: YamlFile) 
         of_edges = [wrong for wrong in problems if wrong.kind == ElementKind.EDGE.value]
         others = [wrong for wrong in problems if wrong.kind != ElementKind.EDGE.value]
         building = _without_invalid(building, others, losses)
-        building = _without_loose_edges(building, losses)
+        for floor, entry in building.floors.items():
+            nodes = entry.topological.nodes
+            for name, edge in entry.topological.edges.items():
+                if not (edge.a in nodes and edge.b in nodes):
+                    losses.add(f"left out: edges of {floor} ({{n}}): a node at its end is left out: {{names}}", name)
+                    building = building.without(ElementKind.EDGE, floor, name)
         building = _without_invalid(building, of_edges, losses)
         if building is before:
             raise file.error("$", str(problems[0]))
@@ -92,18 +97,10 @@ def _without_invalid(building: Building, problems: Iterable[InvalidElement], los
     return building
 
 
-def _without_loose_edges(building: Building, losses: Losses) -> Building:
-    for floor, entry in building.floors.items():
-        nodes = entry.topological.nodes
-        for name, edge in entry.topological.edges.items():
-            if not (edge.a in nodes and edge.b in nodes):
-                losses.add(f"left out: edges of {floor} ({{n}}): a node at its end is left out: {{names}}", name)
-                building = building.without(ElementKind.EDGE, floor, name)
-    return building
-
-
 def _without(building: Building, what: str, floor: str, name: str) -> Building:
-    """The building without that element; the identical building if there is nothing to remove."""
+    """The building without that element; the identical building if there is nothing to remove.
+
+    Nodes in the cabin of a removed elevator become ordinary nodes."""
     if what not in TYPE_NAMES:
         return building
     kind = ElementKind(what)
@@ -115,14 +112,8 @@ def _without(building: Building, what: str, floor: str, name: str) -> Building:
     if building.find(kind, floor, name) is None:
         return building
     if kind is ElementKind.ELEVATOR:
-        return _without_elevator(building, building.elevators[name])
+        for other, entry in building.floors.items():
+            for node in entry.topological.nodes.values():
+                if node.elevator == name:
+                    building = building.with_element(other, msgspec.structs.replace(node, elevator=""))
     return building.without(kind, floor, name)
-
-
-def _without_elevator(building: Building, elevator: Elevator) -> Building:
-    """The building without an elevator. Nodes in its cabin become ordinary nodes."""
-    for entry in building.floors.values():
-        for node in entry.topological.nodes.values():
-            if node.elevator == elevator.name:
-                building = building.with_element(entry.floor.name, msgspec.structs.replace(node, elevator=""))
-    return building.without(ElementKind.ELEVATOR, "", elevator.name)

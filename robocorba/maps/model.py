@@ -11,8 +11,9 @@ never be changed in place.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from enum import Enum
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 
@@ -42,7 +43,7 @@ class DoorKind(str, Enum):
     DOUBLE_SLIDING = "double_sliding"
 
 
-class Side(str, Enum):
+class CabinSide(str, Enum):
     """A side of an elevator cabin in its own frame: front is -y, back +y, left -x, right +x."""
 
     FRONT = "front"
@@ -159,7 +160,7 @@ class ElevatorDoor(_Struct, frozen=True):
     """A door of an elevator on one floor: its `width` [m] and its `offset` [m] from the middle of its side."""
 
     floor: str
-    side: Side = Side.FRONT
+    side: CabinSide = CabinSide.FRONT
     width: float = 1.0
     offset: float = 0.0
 
@@ -221,9 +222,17 @@ class FloorMap(msgspec.Struct, frozen=True):
     geometrical: GeometricalMap = GeometricalMap()
     topological: TopologicalMap = TopologicalMap()
 
+    @classmethod
+    def of(cls, floor: Floor, elements: Mapping[ElementKind, dict[str, Any]]) -> FloorMap:
+        """A floor with its elements, by kind and name."""
+        layers: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
+        for kind, collection in elements.items():
+            layers[COLLECTION_OF[kind][0]][COLLECTION_OF[kind][1]] = collection
+        return cls(floor, GeometricalMap(**layers["geometrical"]), TopologicalMap(**layers["topological"]))
+
 
 #: Where a floor stores each kind of element: attribute of FloorMap, attribute of that map.
-PLACE: dict[ElementKind, tuple[str, str]] = {
+COLLECTION_OF: dict[ElementKind, tuple[str, str]] = {
     ElementKind.WALL: ("geometrical", "walls"),
     ElementKind.OBJECT: ("geometrical", "objects"),
     ElementKind.DOOR: ("geometrical", "doors"),
@@ -246,11 +255,7 @@ class Building(msgspec.Struct, frozen=True):
             return {name: entry.floor for name, entry in self.floors.items()}
         if kind is ElementKind.ELEVATOR:
             return dict(self.elevators)
-        entry = self.floors.get(floor)
-        if entry is None:
-            return {}
-        layer, collection = PLACE[kind]
-        return getattr(getattr(entry, layer), collection)
+        return _collection(self.floors[floor], kind) if floor in self.floors else {}
 
     def find(self, kind: ElementKind, floor: str, name: str) -> Element | None:
         """The element, or None."""
@@ -260,30 +265,54 @@ class Building(msgspec.Struct, frozen=True):
         """A building with `element` added, or replaced if its kind and name exist.
 
         Raises KeyError if the floor does not exist."""
-        if isinstance(element, Floor):
-            entry = self.floors.get(element.name, FloorMap(element))
-            floors = {**self.floors, element.name: msgspec.structs.replace(entry, floor=element)}
-            ordered = dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0])))
-            return msgspec.structs.replace(self, floors=ordered)
-        if isinstance(element, Elevator):
-            return msgspec.structs.replace(self, elevators={**self.elevators, element.name: element})
-        kind = KIND_OF[type(element)]
-        return self._with_collection(kind, floor, {**self.elements(kind, floor), element.name: element})
+        return self.with_changes([(KIND_OF[type(element)], floor, element.name, element)])
 
     def without(self, kind: ElementKind, floor: str, name: str) -> Building:
         """A building without that element. Raises KeyError if it does not exist."""
-        remaining = dict(self.floors if kind is ElementKind.FLOOR else self.elements(kind, floor))
-        del remaining[name]
-        if kind is ElementKind.FLOOR:
-            return msgspec.structs.replace(self, floors=remaining)
-        if kind is ElementKind.ELEVATOR:
-            return msgspec.structs.replace(self, elevators=remaining)
-        return self._with_collection(kind, floor, remaining)
+        return self.with_changes([(kind, floor, name, None)])
 
-    def _with_collection(self, kind: ElementKind, floor: str, elements: dict) -> Building:
-        layer, collection = PLACE[kind]
-        entry = self.floors[floor]
-        changed = msgspec.structs.replace(getattr(entry, layer), **{collection: elements})
-        return msgspec.structs.replace(
-            self, floors={**self.floors, floor: msgspec.structs.replace(entry, **{layer: changed})}
-        )
+    def with_changes(self, changes: Iterable[tuple[ElementKind, str, str, Element | None]]) -> Building:
+        """A building with elements (kind, floor, name, element) added, replaced, or removed (None), in this order.
+
+        Each dictionary is copied once, however many of its elements change. `floor` is ignored for floors and
+        elevators. Raises KeyError if a floor or a removed element does not exist."""
+        floors = dict(self.floors)
+        copies: dict[tuple[ElementKind, str], dict[str, Any]] = {}
+        for kind, floor, name, element in changes:
+            if kind is ElementKind.FLOOR:
+                if element is None:
+                    del floors[name]
+                    copies = {key: copy for key, copy in copies.items() if key[1] != name}
+                else:
+                    entry: Any = floors.get(name) or FloorMap(element)  # type: ignore[arg-type]
+                    floors[name] = msgspec.structs.replace(entry, floor=element)
+                continue
+            key = kind, floor if kind in COLLECTION_OF else ""
+            if key not in copies:
+                copies[key] = dict(_collection(floors[floor], kind) if kind in COLLECTION_OF else self.elevators)
+            if element is None:
+                del copies[key][name]
+            else:
+                copies[key][name] = element
+        elevators = copies.pop((ElementKind.ELEVATOR, ""), self.elevators)
+        for (kind, floor), copy in copies.items():
+            layer, collection = COLLECTION_OF[kind]
+            changed = msgspec.structs.replace(getattr(floors[floor], layer), **{collection: copy})
+            floors[floor] = msgspec.structs.replace(floors[floor], **{layer: changed})
+        return Building(self.name, by_level(floors), elevators)
+
+
+def _collection(entry: FloorMap, kind: ElementKind) -> dict[str, Any]:
+    layer, collection = COLLECTION_OF[kind]
+    return getattr(getattr(entry, layer), collection)
+
+
+def with_topology(building: Building, floor: str, topology: TopologicalMap) -> Building:
+    """A building with another topological map of a floor."""
+    entry = msgspec.structs.replace(building.floors[floor], topological=topology)
+    return msgspec.structs.replace(building, floors={**building.floors, floor: entry})
+
+
+def by_level(floors: dict[str, FloorMap]) -> dict[str, FloorMap]:
+    """Floors in the order of a building: by level."""
+    return dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0])))

@@ -13,7 +13,7 @@ from robocorba.maps.geometry import landing_line, object_geometry, obstacles
 from robocorba.maps.model import Building, MapObject, SegmentShape
 
 
-def standing(building: Building, floor: str) -> list[BaseGeometry]:
+def fixed_obstacles(building: Building, floor: str) -> list[BaseGeometry]:
     """The obstacles of a floor that do not move, without the landing doors of elevators."""
     map_objects = building.floors[floor].geometrical.objects
     return [
@@ -39,7 +39,7 @@ def movables(building: Building) -> dict[str, tuple[MapObject, str]]:
     }
 
 
-def outline(map_object: MapObject) -> Polygon:
+def object_outline(map_object: MapObject) -> Polygon:
     """The footprint of an object in its own frame."""
     turned = shapely.affinity.translate(object_geometry(map_object), -map_object.at[0], -map_object.at[1])
     return shapely.affinity.rotate(turned, -map_object.heading, (0, 0), use_radians=True)

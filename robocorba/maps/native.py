@@ -15,43 +15,29 @@ import msgspec
 from robocorba.errors.maps import InvalidElement, MapFileError
 from robocorba.maps import validation
 from robocorba.maps.model import (
+    COLLECTION_OF,
     Area,
     Building,
     Door,
     Element,
+    ElementKind,
     Elevator,
     Floor,
     FloorMap,
-    GeometricalMap,
     MapObject,
     PathEdge,
     PathNode,
-    TopologicalMap,
     Wall,
+    by_level,
 )
 from robocorba.maps.yaml_file import YamlFile, parse_yaml, read_yaml
-from robocorba.spatial.pose import XY
 
 FORMAT_VERSION = 1
-
-#: Keys of a floor's lists in the order of the file, and the element kind of each.
-_LISTS = {
-    "walls": "wall",
-    "objects": "object",
-    "doors": "door",
-    "areas": "area",
-    "nodes": "node",
-    "edges": "edge",
-}
 E_ = TypeVar("E_", bound=Element)
 
 
-class _FloorEntry(msgspec.Struct, forbid_unknown_fields=True):
-    name: str
-    level: int
-    elevation: float
-    height: float = 3.0
-    outline: tuple[XY, ...] = ()
+class _FloorEntry(Floor, frozen=True):
+    height: float = 3.0  # not the object that Floor has as its default, which msgspec would omit
     walls: tuple[Wall, ...] = ()
     objects: tuple[MapObject, ...] = ()
     doors: tuple[Door, ...] = ()
@@ -86,7 +72,7 @@ def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
     """The first `limit` errors of a file, empty if `load` accepts it."""
     try:
         file = read_yaml(path)
-        return [_located(file, wrong) for wrong in validation.problems(parse(file), limit)]
+        return [file.error(_key_of(file, wrong), str(wrong)) for wrong in validation.problems(parse(file), limit)]
     except MapFileError as error:
         return [error]
 
@@ -94,12 +80,8 @@ def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
 def _checked(file: YamlFile) -> Building:
     building = parse(file)
     for wrong in validation.problems(building, limit=1):
-        raise _located(file, wrong)
+        raise file.error(_key_of(file, wrong), str(wrong))
     return building
-
-
-def _located(file: YamlFile, wrong: InvalidElement) -> MapFileError:
-    return file.error(_key_of(file, wrong), str(wrong))
 
 
 def parse(file: YamlFile) -> Building:
@@ -115,35 +97,18 @@ def parse(file: YamlFile) -> Building:
         at = f"$.floors[{i}]"
         if entry.name in floors:
             raise file.error(f"{at}.name", f"there is a floor {entry.name!r} already")
-        edges = tuple(
-            edge if edge.name else msgspec.structs.replace(edge, name=_default_name(edge)) for edge in entry.edges
+        floors[entry.name] = FloorMap.of(
+            Floor(entry.name, entry.level, entry.elevation, entry.height, entry.outline),
+            {kind: _by_name(getattr(entry, key), f"{at}.{key}", file) for kind, (_layer, key) in COLLECTION_OF.items()},
         )
-        floors[entry.name] = FloorMap(
-            Floor(
-                name=entry.name,
-                level=entry.level,
-                elevation=entry.elevation,
-                height=entry.height,
-                outline=entry.outline,
-            ),
-            GeometricalMap(
-                walls=_by_name(entry.walls, f"{at}.walls", file),
-                objects=_by_name(entry.objects, f"{at}.objects", file),
-                doors=_by_name(entry.doors, f"{at}.doors", file),
-                areas=_by_name(entry.areas, f"{at}.areas", file),
-            ),
-            TopologicalMap(
-                nodes=_by_name(entry.nodes, f"{at}.nodes", file),
-                edges=_by_name(edges, f"{at}.edges", file),
-            ),
-        )
-    ordered = dict(sorted(floors.items(), key=lambda item: (item[1].floor.level, item[0])))
-    return Building(content.name, ordered, _by_name(content.elevators, "$.elevators", file))
+    return Building(content.name, by_level(floors), _by_name(content.elevators, "$.elevators", file))
 
 
 def _by_name(elements: Iterable[E_], at: str, file: YamlFile) -> dict[str, E_]:
     found: dict[str, E_] = {}
     for i, element in enumerate(elements):
+        if isinstance(element, PathEdge) and not element.name:
+            element = msgspec.structs.replace(element, name=_default_name(element))
         if element.name in found:
             raise file.error(f"{at}[{i}]", f"the name {element.name!r} is used twice")
         found[element.name] = element
@@ -158,11 +123,11 @@ def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
         return _index("$.elevators", file.data.get("elevators") or [], wrong.name)
     floor = wrong.name if wrong.kind == "floor" else wrong.floor
     at = _index("$.floors", file.data["floors"], floor)
-    for key, kind in _LISTS.items():
-        if kind == wrong.kind and "]" in at:
-            entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key) or []
-            return _index(f"{at}.{key}", entries, wrong.name)
-    return at
+    if wrong.kind == "floor" or "]" not in at:
+        return at
+    _layer, key = COLLECTION_OF[ElementKind(wrong.kind)]
+    entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key) or []
+    return _index(f"{at}.{key}", entries, wrong.name)
 
 
 def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:
@@ -179,12 +144,11 @@ def dumps(building: Building) -> str:
         f"name: {_flow(building.name)}",
         "floors:" if building.floors else "floors: []",
     ]
-    for entry in building.floors.values():
+    for name, entry in building.floors.items():
         floor = msgspec.to_builtins(entry.floor)
         out += [f"{'- ' if i == 0 else '  '}{key}: {_flow(value)}" for i, (key, value) in enumerate(floor.items())]
-        for key in _LISTS:
-            layer = entry.topological if key in ("nodes", "edges") else entry.geometrical
-            out += _listed(f"  {key}:", "  ", getattr(layer, key).values())
+        for kind, (_layer, key) in COLLECTION_OF.items():
+            out += _listed(f"  {key}:", "  ", building.elements(kind, name).values())
     out += _listed("elevators:", "", building.elevators.values())
     return "\n".join(out) + "\n"
 

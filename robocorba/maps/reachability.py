@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -10,16 +11,19 @@ import shapely
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
-from shapely import STRtree
+from shapely import Polygon, STRtree
 
 from robocorba.errors.maps import describe
 from robocorba.maps.collisions import TOUCH_M, all_paths, obstacle_label
-from robocorba.maps.enclosure import Enclosures
-from robocorba.maps.geometry import obstacles
+from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import Building
+from robocorba.spatial.pose import XY
 
 IN_ONLY, OUT_ONLY = "entered but not left", "left but not entered"
 APART = "neither entered from the rest of the roadmap nor left for it"
+#: Half side of the window around a point [m]. A robot that reaches its border counts as not enclosed. A larger
+#: window finds larger enclosures; its cost grows with its square.
+WINDOW_M = 30.0
 
 #: Why the robot does not fit, by name of the node.
 Causes = dict[str, str]
@@ -39,8 +43,8 @@ class Reachability:
 
     def __init__(self, building: Building, radius_m: float) -> None:
         self._building, self.radius_m = building, radius_m
-        places = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
-        self._index = {place: i for i, place in enumerate(places)}
+        nodes = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
+        self._index = {node: i for i, node in enumerate(nodes)}
         self._stops = _stops(building)
         self._closed = {floor: self._edges_closed(floor) for floor in building.floors}
         drives = np.concatenate([np.empty((0, 2), int), *(self._drives(floor) for floor in building.floors)])
@@ -164,7 +168,7 @@ class Reachability:
             return []  # there is no roadmap to be separated from
         lifts = [lift.at for lift in self._building.elevators.values() if floor in lift.floors()]
         anchors = np.array([*(nodes[name].at for name in parts[0]), *lifts])
-        enclosures = Enclosures(obstacles(self._building, floor), self.radius_m, anchors)
+        enclosures = _Enclosures(obstacles(self._building, floor), self.radius_m, anchors)
         rest = (name for part in parts[1:] for name in part if name not in self._too_close[floor])
         return [name for name in rest if enclosures.is_enclosed(nodes[name].at)]
 
@@ -177,6 +181,36 @@ class Reachability:
         by_distance = np.argsort(-apart, kind="stable").tolist()  # the nearest last
         nearest = {int(which[i]): i for i in by_distance}
         return {shape: (float(apart[i]), obstacle_label(found[near[i]])) for shape, i in sorted(nearest.items())}
+
+
+class _Enclosures:
+    """The enclosed regions of a floor for a robot of `radius_m`. A region that contains one of the `anchors`
+    (n, 2) is not enclosed."""
+
+    def __init__(self, found: Sequence[Obstacle], radius_m: float, anchors: NDArray[np.float64]) -> None:
+        self._tree = STRtree([item.geometry for item in found])
+        self._growth_m = max(radius_m - TOUCH_M, 0.0)
+        self._anchors = anchors
+        self._known: list[tuple[Polygon, bool]] = []
+
+    def is_enclosed(self, at: XY) -> bool:
+        """Whether a robot at `at` reaches neither an anchor nor the border of the window."""
+        for part, is_enclosed in self._known:
+            if shapely.intersects_xy(part, *at):
+                return is_enclosed
+        window = shapely.box(at[0] - WINDOW_M, at[1] - WINDOW_M, at[0] + WINDOW_M, at[1] + WINDOW_M)
+        near = self._tree.query(window, predicate="dwithin", distance=self._growth_m)
+        # Chords within the arcs approximate round corners, so a gap appears up to 1 % wider.
+        space = window.difference(shapely.union_all(shapely.buffer(self._tree.geometries[near], self._growth_m)))
+        parts = shapely.get_parts(space)
+        local = parts[shapely.dwithin(parts, shapely.Point(at), TOUCH_M)]
+        if not len(local):
+            return True
+        part = local[0]
+        shapely.prepare(part)
+        is_open = shapely.dwithin(part, window.exterior, TOUCH_M) or shapely.intersects_xy(part, self._anchors).any()
+        self._known.append((part, not is_open))
+        return not is_open
 
 
 def _stops(building: Building) -> dict[str, list[tuple[str, str]]]:

@@ -149,19 +149,19 @@ class Sheet:
             return
         x, y = self.frame.pixel(at)
         sides = _sides(apart, box.width, box.height, fixed=within is not None)
-        places = [_around(x + dx, y + dy, box.width, box.height) for dx, dy in sides]
-        free = (i for i, place in enumerate(places) if self._is_free(place))
+        boxes = [_around(x + dx, y + dy, box.width, box.height) for dx, dy in sides]
+        free = (i for i, candidate in enumerate(boxes) if self._is_free(candidate))
         chosen = next(free, 0 if must else None)
         if chosen is None:
             label.remove()
             return
         dx, dy = sides[chosen]
         label.set_position((at[0] + dx / self.frame.scale, at[1] + dy / self.frame.scale))
-        self._taken.append(places[chosen])
+        self._taken.append(boxes[chosen])
 
-    def _is_free(self, place: PixelBox) -> bool:
-        inside = place[0] >= 0 and place[2] <= self.frame.width
-        return inside and not any(_overlap(place, other) for other in self._taken)
+    def _is_free(self, box: PixelBox) -> bool:
+        inside = box[0] >= 0 and box[2] <= self.frame.width
+        return inside and not any(_overlap(box, other) for other in self._taken)
 
 
 def _sides(apart: float, width: float, height: float, fixed: bool) -> list[XY]:

@@ -22,7 +22,7 @@ from shapely import Polygon
 from robocorba.errors.maps import InvalidElement, describe
 from robocorba.maps.collisions import STRUCTURAL_KINDS, TOUCH_M, Collision, Pair, PathArrays, all_paths, collisions
 from robocorba.maps.element_rules import MIN_LENGTH, TOLERANCE_M, name_violations, violations
-from robocorba.maps.geometry import DOOR_REACH_M, obstacles, shaft_polygon
+from robocorba.maps.geometry import DOOR_REACH_M, IdentityKey, obstacles, shaft_polygon
 from robocorba.maps.model import (
     KIND_OF,
     Building,
@@ -35,7 +35,6 @@ from robocorba.maps.model import (
     TopologicalMap,
 )
 from robocorba.maps.vicinity import (
-    IdentityKey,
     bounding_box,
     elevator_box,
     line_box,
@@ -46,7 +45,7 @@ from robocorba.maps.vicinity import (
     walls_intersecting,
 )
 
-#: Largest common area of two shafts that touch but don't overlap [m²].
+#: Maximum common area of two shafts that touch but don't overlap [m²].
 MAX_SHAFT_OVERLAP_M2 = 1e-6
 
 

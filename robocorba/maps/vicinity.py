@@ -9,9 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import lru_cache
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
-from robocorba.maps.geometry import CIRCLE_SIDES, DOOR_REACH_M, LANDING_REACH_M, Obstacle, blocking
+from robocorba.maps.geometry import (
+    CIRCLE_SIDES,
+    DOOR_REACH_M,
+    LANDING_REACH_M,
+    IdentityKey,
+    Obstacle,
+    compute_obstacles,
+)
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -28,23 +35,6 @@ from robocorba.spatial.pose import XY
 
 #: Maximum number of boxes to test one by one; above it, their common bounding box is used.
 MAX_SEPARATE_BOXES = 50
-
-T = TypeVar("T")
-
-
-class IdentityKey(Generic[T]):
-    """A cache key that compares by object identity, and keeps the object alive."""
-
-    __slots__ = ("value",)
-
-    def __init__(self, value: T) -> None:
-        self.value = value
-
-    def __hash__(self) -> int:
-        return id(self.value)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, IdentityKey) and self.value is other.value
 
 
 class Box(NamedTuple):
@@ -71,7 +61,7 @@ def obstacles_near(building: Building, floor: str, box: Box) -> tuple[Obstacle, 
         doors={door.name: door for door in plan.doors.values() if line_box(door, 2 * DOOR_REACH_M).intersects(box)},
     )
     lifts = [lift for lift in building.elevators.values() if elevator_box(lift).intersects(box)]
-    return blocking(nearby, building.floors[floor].floor, lifts)
+    return compute_obstacles(nearby, building.floors[floor].floor, lifts)
 
 
 def walls_in(plan: GeometricalMap, box: Box) -> Iterator[Wall]:
@@ -92,7 +82,7 @@ def named_obstacles(building: Building, floor: str, names: Collection[tuple[str,
         objects={name: plan.objects[name] for kind, name in names if kind == "object" and name in plan.objects},
         doors=plan.doors,
     )
-    found = blocking(nearby, entry.floor, list(building.elevators.values()))
+    found = compute_obstacles(nearby, entry.floor, list(building.elevators.values()))
     return tuple(item for item in found if (item.kind, item.name) in names)
 
 

@@ -18,18 +18,24 @@ import yaml
 
 from robocorba.errors.maps import MapFileError
 
-#: Maximum file size [bytes].
-MAX_BYTES = 64 * 1024 * 1024
-#: Maximum nesting depth.
-MAX_DEPTH = 40
-#: Maximum number of scalars, mappings and sequences, keys included.
-MAX_VALUES = 5_000_000
 #: A longer scalar is text [characters]: Python needs minutes to parse a number of a million digits.
 MAX_NUMBER_LENGTH = 100
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _NULL, _BOOL, _INT, _FLOAT, _STR = (f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str"))
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class YamlLimits:
+    """Limits of a file: its size, its scalars, mappings and sequences (keys included), and their nesting depth."""
+
+    size_bytes: int = 64 * 1024 * 1024
+    values: int = 5_000_000
+    depth: int = 40
+
+
+DEFAULT_LIMITS = YamlLimits()
 
 
 @dataclass(frozen=True)
@@ -62,34 +68,27 @@ class YamlFile:
             raise self.error(key, f"a key is wrong: {reason}" if of_key else reason) from None
 
 
-def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
-    """A file's bytes. Raises MapFileError if it can't be read or is larger than `limit`."""
+def read_yaml(path: str | Path, limits: YamlLimits = DEFAULT_LIMITS) -> YamlFile:
+    """Read a YAML file. Raises MapFileError with the line if it is not acceptable YAML."""
     try:
         with open(path, "rb") as file:
-            data = file.read(limit + 1)
+            raw = file.read(limits.size_bytes + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise MapFileError(_short(str(path)), 0, "", reason or str(error)) from None
-    if len(data) > limit:
-        raise MapFileError(str(path), 0, "", f"larger than {limit // 1024} KiB")
-    return data
+    return parse_yaml(raw, str(path), limits)
 
 
-def read_yaml(path: str | Path) -> YamlFile:
-    """Read a YAML file. Raises MapFileError with the line if it is not acceptable YAML."""
-    return parse_yaml(read_bytes(path), str(path))
-
-
-def parse_yaml(raw: bytes, name: str) -> YamlFile:
+def parse_yaml(raw: bytes, name: str, limits: YamlLimits = DEFAULT_LIMITS) -> YamlFile:
     """Parse YAML from bytes. Errors use `name` as the file name. Raises MapFileError."""
-    if len(raw) > MAX_BYTES:
-        raise MapFileError(name, 0, "", f"larger than {MAX_BYTES // 1024} KiB")
+    if len(raw) > limits.size_bytes:
+        raise MapFileError(name, 0, "", f"larger than {limits.size_bytes // 1024} KiB")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise MapFileError(name, raw[: error.start].count(b"\n") + 1, "", "not UTF-8 text") from None
     try:
-        return YamlFile(name, _Reader(text, name).document(), text)
+        return YamlFile(name, _Reader(text, name, limits).document(), text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         if "quoted scalar" in str(error.context):
@@ -105,9 +104,9 @@ def parse_yaml(raw: bytes, name: str) -> YamlFile:
 class _Reader:
     """Converts the parser events of one document to plain data."""
 
-    def __init__(self, text: str, name: str) -> None:
-        self._events, self._name = _events(text), name
-        self._left = MAX_VALUES
+    def __init__(self, text: str, name: str, limits: YamlLimits) -> None:
+        self._events, self._name, self._limits = _events(text), name, limits
+        self._left = limits.values
         self._path: list[Any] = []
         self._resolver = yaml.resolver.Resolver()
 
@@ -124,13 +123,13 @@ class _Reader:
     def _value(self, event: yaml.Event) -> Any:
         self._left -= 1
         if self._left < 0:
-            raise self._error(event, f"more than {MAX_VALUES} values")
+            raise self._error(event, f"more than {self._limits.values} values")
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
         if isinstance(event, yaml.AliasEvent):
             raise self._error(event, "aliases are not accepted")
-        if len(self._path) >= MAX_DEPTH:
-            raise self._error(event, f"nested deeper than {MAX_DEPTH}")
+        if len(self._path) >= self._limits.depth:
+            raise self._error(event, f"nested deeper than {self._limits.depth}")
         return self._sequence() if isinstance(event, yaml.SequenceStartEvent) else self._mapping()
 
     def _sequence(self) -> list[Any]:
@@ -200,40 +199,37 @@ def _events(text: str) -> Iterator[yaml.Event]:
 
 def _child_indices(data: Any, path: str) -> list[int]:
     """Child indices along a key path, as far as it exists. If several labels match, the longest wins."""
-    places: list[int] = []
+    children: list[int] = []
     while path:
         if isinstance(data, list):
             index = re.match(r"\[(\d{1,9})\]", path)
             if not index or int(index[1]) >= len(data):
                 break
-            place, length, data = int(index[1]), index.end(), data[int(index[1])]
+            child, length, data = int(index[1]), index.end(), data[int(index[1])]
         elif isinstance(data, dict):
             fitting = [
-                (len(f".{label}"), place, label) for place, label in enumerate(data) if _starts_with_label(path, label)
+                (len(start), child, label)
+                for child, label in enumerate(data)
+                if path.startswith(start := f".{label}") and path[len(start) : len(start) + 1] in ("", ".", "[")
             ]
             if not fitting:
                 break
-            length, place, label = max(fitting, key=lambda found: found[0])
+            length, child, label = max(fitting, key=lambda found: found[0])
             data = data[label]
         else:
             break
-        places.append(place)
+        children.append(child)
         path = path[length:]
-    return places
+    return children
 
 
-def _starts_with_label(path: str, label: Any) -> bool:
-    start = f".{label}"
-    return path.startswith(start) and path[len(start) : len(start) + 1] in ("", ".", "[")
-
-
-def _line_at(text: str, places: list[int]) -> int:
+def _line_at(text: str, children: list[int]) -> int:
     """The line of the value at the given child index of each level."""
     events = _events(text)
     event = next(events)
-    for place in places:
+    for child in children:
         mapping = isinstance(event, yaml.MappingStartEvent)
-        for _ in range(2 * place + 1 if mapping else place):
+        for _ in range(2 * child + 1 if mapping else child):
             _skip(next(events), events)
         event = next(events)
     return _line(event)

@@ -13,18 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import LineString, Polygon
+from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import Blocker
 from robocorba.errors.robots import ImpossibleCarry
 from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
-from robocorba.missions.formation import Formation, Pose, width_of
-from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, NearestObstacle, placed
-from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, remaining
+from robocorba.missions.formation import MARGIN_M, Formation, width_of
+from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, ObstacleInMargin, placed
+from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, distances_to_goal
 from robocorba.spatial.grids import Floats
-from robocorba.spatial.pose import XY
+from robocorba.spatial.pose import XY, Pose
 
 #: Radius of the disc that shows whether start and goal are connected at all [m].
 THIN_RADIUS_M = 0.05
@@ -32,11 +32,12 @@ THIN_RADIUS_M = 0.05
 NEAR_M = 5.0
 
 
-class SearchResult(NamedTuple):
-    """A failed search. left: `remaining` for a disc of radius `core_m`. reached: lattice points reached by the body."""
+class FailedSearch(NamedTuple):
+    """A search without a route. to_goal_m: distance from each lattice point to a goal for a disc of radius `core_m`.
+    reached: lattice points that the body reached."""
 
     lattice: Lattice
-    left: Floats
+    to_goal_m: Floats
     core_m: float
     reached: Bytes
     start: XY
@@ -45,60 +46,57 @@ class SearchResult(NamedTuple):
 
 class Attempt(NamedTuple):
     """A leg for which a formation has no path. leg: number of rides before it. cabin: at the end of the leg, None at
-    the goal. searched: None if the body does not fit into the cabin."""
+    the goal. search: None if the body does not fit into the cabin."""
 
     leg: int
     formation: Formation
     footprint: BaseGeometry
     obstacles: FloorObstacles
     cabin: Elevator | None
-    searched: SearchResult | None
+    search: FailedSearch | None
 
 
-def why_not_free(
-    which: str, floor: str, pose: Pose, part: str, near: NearestObstacle, margin_m: float
-) -> ImpossibleCarry:
+def why_not_free(which: str, pose: Pose, part: str, near: ObstacleInMargin, margin_m: float) -> ImpossibleCarry:
     """The error for an obstacle too near to a part of the body at `which`: the start or the goal."""
     needed = f"{near.distance_m:.2f} m from {part}, {margin_m:.2f} m needed" if near.distance_m else f"is in {part}"
     return ImpossibleCarry(
-        f"{which} {floor}:{pose[0]:g},{pose[1]:g} is not free for {part}", [_blocker(near, floor, needed)]
+        f"{which} {pose.floor}:{pose.x:g},{pose.y:g} is not free for {part}", [_blocker(near, pose.floor, needed)]
     )
 
 
-def why_impossible(
-    building_obstacles: BuildingObstacles, outline: Polygon, attempts: Sequence[Attempt], margin_m: float
-) -> ImpossibleCarry:
+def why_impossible(building_obstacles: BuildingObstacles, attempts: Sequence[Attempt]) -> ImpossibleCarry:
     """The error for the attempts that got farthest."""
     farthest = max(attempt.leg for attempt in attempts)
     last = [attempt for attempt in attempts if attempt.leg == farthest]
-    searched = [attempt for attempt in last if attempt.searched]
+    searched = [(attempt, attempt.search) for attempt in last if attempt.search]
     if not searched:
-        return ImpossibleCarry("it does not fit into any elevator", _small_cabins(last, margin_m))
-    stuck = [(_progress(attempt), attempt) for attempt in searched]
-    paths = [(share, path, at, attempt) for (share, path, at), attempt in stuck if path]
+        return ImpossibleCarry("it does not fit into any elevator", _small_cabins(last))
+    progress = [(*_progress(search), attempt) for attempt, search in searched]
+    paths = [(share, path, at, attempt) for share, path, at, attempt in progress if path]
     if not paths:
-        return ImpossibleCarry("start and goal are not connected", _barriers(searched[0].obstacles, building_obstacles))
+        return ImpossibleCarry(
+            "start and goal are not connected", _barriers(searched[0][0].obstacles, building_obstacles)
+        )
     _, path, at, attempt = max(paths, key=lambda item: item[0])
-    needed = min(width_of(each.footprint) for each in searched) + 2 * margin_m
-    blocker = _narrow_door(building_obstacles, attempt, path, at, needed) or _tight_spot(attempt, path[at], margin_m)
+    needed_m = min(width_of(each.footprint) for each, _ in searched) + 2 * MARGIN_M
+    blocker = _narrow_door(building_obstacles, attempt, path, at, needed_m) or _tight_spot(attempt, path[at])
     count = len(attempt.formation.grips)
     return ImpossibleCarry(
         f"{count} {'robot' if count == 1 else 'robots'} can't carry it through {attempt.obstacles.floor}", [blocker]
     )
 
 
-def _blocker(near: NearestObstacle, floor: str, reason: str) -> Blocker:
+def _blocker(near: ObstacleInMargin, floor: str, reason: str) -> Blocker:
     kind, name = near.item.kind, near.item.name
     return Blocker(kind, "" if kind in ("elevator", "floor") else floor, name, reason)
 
 
-def _small_cabins(attempts: Sequence[Attempt], margin_m: float) -> list[Blocker]:
+def _small_cabins(attempts: Sequence[Attempt]) -> list[Blocker]:
     sizes = []
     for attempt in attempts:
         corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(attempt.footprint))
-        sides = sorted(math.dist(a, b) + 2 * margin_m for a, b in pairwise(corners[:3].tolist()))
-        sizes.append((sides[0] * sides[1], sides))
-    _, (short, long) = min(sizes)
+        sizes.append(sorted(math.dist(a, b) + 2 * MARGIN_M for a, b in pairwise(corners[:3].tolist())))
+    short, long = min(sizes, key=math.prod)
     cabins = {attempt.cabin.name: attempt.cabin for attempt in attempts if attempt.cabin}
     return [
         Blocker(
@@ -111,53 +109,51 @@ def _small_cabins(attempts: Sequence[Attempt], margin_m: float) -> list[Blocker]
     ]
 
 
-def _progress(attempt: Attempt) -> tuple[float, list[XY], int]:
+def _progress(search: FailedSearch) -> tuple[float, list[XY], int]:
     """Share of a disc's path that the body reached, the path, and the index of its first point not reached; an empty
     path if even a thin disc has none."""
-    assert attempt.searched
-    lattice, left, core_m, reached, start, goals = attempt.searched
-    path = _downhill(lattice, left, start) or _downhill(lattice, remaining(lattice, goals, THIN_RADIUS_M), start)
+    lattice, to_goal_m, core_m, reached, start, goals = search
+    path = _downhill(lattice, to_goal_m, start) or _downhill(
+        lattice, distances_to_goal(lattice, goals, THIN_RADIUS_M), start
+    )
     if not path:
         return 0.0, [], 0
     if reached.any():
-        been = np.array([_was_near(lattice, reached, point) for point in path])
-        at = min(int(np.flatnonzero(been).max(initial=-1)) + 1, len(path) - 1)
+        last = max((i for i, point in enumerate(path) if _was_near(lattice, reached, point)), default=-1)
+        at = min(last + 1, len(path) - 1)
     else:  # the object alone is too wide
-        at = next((i for i, point in enumerate(path) if _clearance_at(lattice, point) < core_m), 0)
+        at = next((i for i, point in enumerate(path) if lattice.open_m[_cell(lattice, point)] < core_m), 0)
     return at / len(path), path, at
 
 
-def _downhill(lattice: Lattice, left: Floats, start: XY) -> list[XY]:
-    """The path from a point to where `left` is 0; empty if there is none."""
-    x0, y0, _, step, columns, rows, _ = lattice.frame.tolist()
-    column, row = round((start[0] - x0) / step), round((start[1] - y0) / step)
+def _cell(lattice: Lattice, point: XY) -> tuple[int, int]:
+    """Row and column of the lattice point nearest to a point."""
+    x0, y0, _, step, _, _, _ = lattice.frame.tolist()
+    return round((point[1] - y0) / step), round((point[0] - x0) / step)
 
-    def around(column: int, row: int) -> list[tuple[float, int, int]]:
-        return [
-            (float(left[r, c]), c, r)
+
+def _downhill(lattice: Lattice, to_goal_m: Floats, start: XY) -> list[XY]:
+    """The path from a point to where `to_goal_m` is 0; empty if there is none."""
+    x0, y0, _, step, columns, rows, _ = lattice.frame.tolist()
+    row, column = _cell(lattice, start)
+    path: list[XY] = []
+    here_m = math.inf
+    while here_m > 0.0:
+        around = (
+            (float(to_goal_m[r, c]), c, r)
             for r in range(max(row - 1, 0), min(row + 2, int(rows)))
             for c in range(max(column - 1, 0), min(column + 2, int(columns)))
-        ]
-
-    path: list[XY] = []
-    here = math.inf
-    while here > 0.0:
-        lower, column, row = min(around(column, row), default=(math.inf, 0, 0))
-        if not lower < here:
+        )
+        lower_m, column, row = min(around, default=(math.inf, 0, 0))
+        if not lower_m < here_m:
             return []
-        here = lower
+        here_m = lower_m
         path.append((x0 + column * step, y0 + row * step))
     return path
 
 
-def _clearance_at(lattice: Lattice, point: XY) -> float:
-    x0, y0, _, step, _, _, _ = lattice.frame.tolist()
-    return float(lattice.open_m[round((point[1] - y0) / step), round((point[0] - x0) / step)])
-
-
 def _was_near(lattice: Lattice, reached: Bytes, point: XY) -> bool:
-    x0, y0, _, step, _, _, _ = lattice.frame.tolist()
-    column, row = round((point[0] - x0) / step), round((point[1] - y0) / step)
+    row, column = _cell(lattice, point)
     return bool(reached[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].any())
 
 
@@ -182,29 +178,25 @@ def _narrow_door(
         for door in elevator.doors:
             if door.floor == floor:
                 doors.append((landing_line(elevator, door), Blocker("elevator", "", elevator.name, "its door ")))
-    reach = float(np.hypot(*shapely.get_coordinates(attempt.footprint).T).max()) + THIN_RADIUS_M
-    here = shapely.Point(path[at])
-    found = []
     if len(path) < 2:
         return None
+    reach_m = float(np.hypot(*shapely.get_coordinates(attempt.footprint).T).max()) + THIN_RADIUS_M
+    here = shapely.Point(path[at])
+    found = []
     for line, blocker in doors:
-        if line.length < needed_m and line.distance(here) <= reach and line.intersects(LineString(path)):
+        if line.length < needed_m and line.distance(here) <= reach_m and line.intersects(LineString(path)):
             reason = f"{blocker.reason}is {line.length:.2f} m wide, {needed_m:.2f} m needed"
             found.append((line.distance(here), Blocker(blocker.kind, blocker.floor, blocker.name, reason)))
     return min(found, key=lambda item: item[0])[1] if found else None
 
 
-def _tight_spot(attempt: Attempt, at: XY, margin_m: float) -> Blocker:
+def _tight_spot(attempt: Attempt, at: XY) -> Blocker:
     """The obstacle that blocks the body at a point, at the heading with the largest clearance."""
     floor = attempt.obstacles.floor
-    nearest = []
-    for layer in range(HEADINGS):
-        pose = (*at, math.tau * layer / HEADINGS)
-        near = attempt.obstacles.nearest(placed(attempt.footprint, pose), NEAR_M)
-        if near:
-            nearest.append(near)
-    if not nearest:
+    poses = [(*at, math.tau * heading_index / HEADINGS) for heading_index in range(HEADINGS)]
+    nearest = [attempt.obstacles.nearest(placed(attempt.footprint, pose), NEAR_M) for pose in poses]
+    best = max(filter(None, nearest), key=lambda near: near.distance_m, default=None)
+    if not best:
         return Blocker("floor", "", floor, f"no path found beyond ({at[0]:.1f}, {at[1]:.1f})")
-    best = max(nearest, key=lambda near: near.distance_m)
-    what = "to turn" if best.distance_m >= margin_m else "for it"
+    what = "to turn" if best.distance_m >= MARGIN_M else "for it"
     return _blocker(best, floor, f"leaves no room {what} at {floor} ({at[0]:.1f}, {at[1]:.1f})")

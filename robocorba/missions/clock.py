@@ -10,19 +10,20 @@ MAX_EXCHANGES = 50
 
 
 class LeaderClock:
-    """Offset of the leader's clock from the local one [s].
-
-    Each exchange yields one estimate: a message sent at `sent`, received by the leader at `came`, answered at
-    `answered` and received back at `back`. Both directions are assumed to take equally long."""
+    """Offset of the leader's clock from the local one [s], as in NTP: a message and its answer are assumed to take
+    equally long."""
 
     def __init__(self) -> None:
+        #: Round trip and offset of each exchange.
         self._measured: deque[tuple[float, float]] = deque(maxlen=MAX_EXCHANGES)
 
-    def measure(self, sent: float, came: float, answered: float, back: float) -> None:
-        """Add an exchange: `sent` and `back` by the local clock, `came` and `answered` by the leader's."""
-        delay = (back - sent) - (answered - came)
-        if delay >= 0.0:
-            self._measured.append((delay, ((came - sent) + (answered - back)) / 2.0))
+    def measure(self, sent: float, received: float, answered: float, answer_received: float) -> None:
+        """Add an exchange: `sent` and `answer_received` by the local clock, `received` and `answered` by the
+        leader's."""
+        round_trip_s = (answer_received - sent) - (answered - received)
+        if round_trip_s >= 0.0:
+            offset_s = ((received - sent) + (answered - answer_received)) / 2.0
+            self._measured.append((round_trip_s, offset_s))
 
     @property
     def offset_s(self) -> float:
@@ -30,8 +31,8 @@ class LeaderClock:
         return min(self._measured, default=(0.0, 0.0))[1]
 
     @property
-    def delay_s(self) -> float:
-        """The shortest round trip."""
+    def round_trip_s(self) -> float:
+        """The shortest round trip [s]; 0 before the first exchange."""
         return min(self._measured, default=(0.0, 0.0))[0]
 
     def now(self) -> float:

@@ -17,17 +17,18 @@ from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD,
 from robocorba.kinematics.tasks import POSTURES, grip_table
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions import subplan
-from robocorba.missions.carry_progress import CarryProgress
-from robocorba.missions.carrying import CarryMotion
+from robocorba.missions.carry_control import CarryMotion, CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import Trajectory
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.frames import Frame, into, out_of
 
 #: Speed limit near the object and other robots.
 NEAR_SPEED_M_S = 0.2
 #: Distance between the two hands on an edge [m].
 HAND_SPACING_M = 0.4
+#: Distance that a robot backs off from the object after an abort [m].
+ABORT_BACK_M = 0.2
 #: Tolerance between an object's pose and its pose in the plan [m, rad]; beyond it the plan is invalid.
 MOVED_M, MOVED_RAD = 0.03, math.radians(3)
 #: The pose of an object in the robot's frame (x, y, heading), None if unknown.
@@ -37,21 +38,30 @@ _log = logging.getLogger(__name__)
 
 
 class StepExecutor:
-    """Does steps on a robot. locate: must take robot and object from the same simulation step."""
+    """Does steps on a robot. locate: must take robot and object from the same simulation step. driving_posture: of the
+    arms, a name in POSTURES."""
 
-    def __init__(self, robot: Robot, progress: CarryProgress, clock: LeaderClock, locate: ObjectLocator) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        progress: CarryProgress,
+        clock: LeaderClock,
+        locate: ObjectLocator,
+        driving_posture: str = "tuck",
+    ) -> None:
         self._robot, self._progress, self._clock, self._locate = robot, progress, clock, locate
+        self._driving_posture = driving_posture
         self.carry: CarryMotion | None = None
         #: The grip point in the frames of the object and of the robot [m].
         self._grip_in_object: tuple[float, float] | None = None
-        self._hand_m: tuple[float, float] = (0.0, 0.0)
+        self._hand_m = (0.0, 0.0)
         self._held = ""
         #: Reserved areas, one for each remaining floor of the path.
         self._areas: tuple[FloorArea, ...] = ()
 
     @property
     def error_m(self) -> float:
-        """Distance of the base from its setpoint while carrying."""
+        """Distance of the base from its setpoint while carrying [m]."""
         return self.carry.error_m if self.carry else 0.0
 
     @singledispatchmethod
@@ -60,7 +70,7 @@ class StepExecutor:
         raise NotImplementedError(type(step).__name__)
 
     @execute.register
-    def _(self, step: subplan.Wait) -> None:
+    def _(self, step: subplan.Idle) -> None:
         pass
 
     @execute.register
@@ -81,7 +91,7 @@ class StepExecutor:
 
     @execute.register
     def _(self, step: subplan.Gather) -> None:
-        self._posture("tuck")
+        self._tuck_arms()
         self._robot.drive_path(step.floor, step.x, step.y, step.heading, around_obstacles=True)
 
     @execute.register
@@ -92,8 +102,7 @@ class StepExecutor:
     def _(self, step: subplan.TakeHold) -> None:
         self._check_place(step)
         state = self._robot.controller.state
-        ahead_m = math.dist((state.x, state.y), (step.x, step.y))
-        self._hands_at(ahead_m, step.height_m)
+        self._hands_at(math.dist((state.x, state.y), (step.x, step.y)), step.height_m)
         self._robot.grip(tuple(Side), SHUT_RAD, 5.0)
         self._robot.hold(step.thing, step.x, step.y)
         self._held = step.thing
@@ -102,7 +111,7 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Carry) -> None:
         trajectory = Trajectory.from_rows(step.rows)
-        self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slipped_m)
+        self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slip_m)
         self._robot.move(self.carry)
 
     @execute.register
@@ -112,7 +121,7 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Ride) -> None:
         otherwise = f"{step.elevator} did not arrive at {step.destination}"
-        self._robot.wait_for_ride(Phase.ALIGHTING, otherwise, self._check_hold)
+        self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, self._check_hold)
         if self._areas:
             self._areas = self._areas[1:]
             self._robot.session.keep_areas(self._areas)
@@ -125,12 +134,12 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.BackOff) -> None:
         self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED_M_S, until_blocked=True)
-        self._posture("tuck")
+        self._tuck_arms()
 
     @execute.register
     def _(self, step: subplan.Reach) -> None:
         side = Side(step.hand)
-        joints = self._robot.kinematics.solve(side, HandPose(*step.pose), self._robot.joints, use_lumbar=True)
+        joints = self._robot.kinematics.solve({side: HandPose(*step.pose)}, self._robot.joints, use_lumbar=True)
         self._robot.move_joints_along([joints])
 
     @execute.register
@@ -158,13 +167,13 @@ class StepExecutor:
             if was_holding:
                 self._robot.grip(tuple(Side), OPEN_RAD)
                 with contextlib.suppress(MotionFailed):
-                    self._robot.drive_by(-0.2, 0.0, 0.0, NEAR_SPEED_M_S, until_blocked=True)
-            self._posture("tuck")
+                    self._robot.drive_by(-ABORT_BACK_M, 0.0, 0.0, NEAR_SPEED_M_S, until_blocked=True)
+            self._tuck_arms()
 
-    def _posture(self, name: str) -> None:
+    def _tuck_arms(self) -> None:
         joints = self._robot.joints
         for side in Side:
-            joints[ARM[side]] = POSTURES[name]
+            joints[ARM[side]] = POSTURES[self._driving_posture]
         joints[LUMBAR] = 0.0
         self._robot.move_joints_along([joints])
 
@@ -174,18 +183,18 @@ class StepExecutor:
         joints[[GRIP[side] for side in Side]] = OPEN_RAD
         hands = grip_table(height_m, ahead_m, HAND_SPACING_M)
         try:
-            joints = self._robot.kinematics.solve_both(*hands, joints, use_lumbar=True)
-        except Unreachable as too_far:
-            _log.warning("the hands cannot reach the edge at height %.2f m: %s", height_m, too_far)
+            joints = self._robot.kinematics.solve(hands, joints, use_lumbar=True)
+        except Unreachable as error:
+            _log.warning("the hands cannot reach the edge at height %.2f m: %s", height_m, error)
             for side in Side:
                 joints[ARM[side]] = POSTURES["reach"]
         self._robot.move_joints_along([joints])
 
     def _remember_grip(self, step: subplan.TakeHold) -> None:
         """Store the grip point in the frames of the object and of the robot; the two must stay together."""
-        at, state = self._locate(step.thing), self._robot.controller.state
+        pose, state = self._locate(step.thing), self._robot.controller.state
         self._hand_m = into(step.x, step.y, (state.x, state.y, state.heading))
-        self._grip_in_object = into(*self._hand_m, at) if at else None
+        self._grip_in_object = into(*self._hand_m, pose) if pose else None
 
     def _check_place(self, step: subplan.TakeHold) -> None:
         """Raise MotionFailed if the object has moved from its pose in the plan."""
@@ -197,13 +206,13 @@ class StepExecutor:
         if math.dist((x, y), step.at[:2]) > MOVED_M or abs(turned) > MOVED_RAD:
             raise MotionFailed(f"{step.thing} was moved to ({x:.2f}, {y:.2f}) after planning")
 
-    def _slipped_m(self) -> float:
+    def _slip_m(self) -> float:
         """Current distance of the grip point from the hand [m]. Raises MotionFailed."""
         self._check_hold()
-        at = self._locate(self._held) if self._held else None
-        if at is None or self._grip_in_object is None:
+        pose = self._locate(self._held) if self._held else None
+        if pose is None or self._grip_in_object is None:
             return 0.0
-        return math.dist(out_of(*self._grip_in_object, at), self._hand_m)
+        return math.dist(out_of(*self._grip_in_object, pose), self._hand_m)
 
     def _check_hold(self) -> None:
         """Raise MotionFailed if the simulation no longer has the robot hold the object."""

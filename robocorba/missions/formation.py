@@ -15,29 +15,32 @@ from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import InvalidCarry
-from robocorba.planning.request import SMARTPAL_RADIUS_M
+from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.spatial.grids import Floats
-
-Pose = tuple[float, float, float]
+from robocorba.spatial.pose import Pose2D
 
 #: Distance from the centre of a carrier's base to its hands [m].
 HAND_M = 0.62
+#: Distance at which robots gather behind their places, from which they approach straight, and that they back off [m].
+BACK_OFF_M = 0.3
+#: Minimum clearance of object, carriers and arms [m].
+MARGIN_M = 0.05
 #: Width of both arms of a carrier in its footprint [m]: no obstacle fits between a carrier and the object.
 ARMS_WIDTH_M = 0.4
 MAX_CARRIERS = 6
-#: Least gap between carriers [m].
+#: Minimum gap between carriers [m].
 GAP_M = 0.02
 #: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
 CORNER_DISTANCE_M = 0.15
 #: Shorter edges get no grip points [m].
 MIN_EDGE_M = 0.25
-#: Least distance between the grip points of one edge [m].
+#: Minimum distance between the grip points of one edge [m].
 GRIP_SPACING_M = 0.1
 #: Rays from the centroid that give grip points if the edges give too few.
 RAYS = 12
-#: Largest distance of the centroid from the line or polygon of the grip points [m].
+#: Maximum distance of the centroid from the line or polygon of the grip points [m].
 MAX_OFFSET_M = 0.15
-#: Largest distance of the centroid from a single grip point [m].
+#: Maximum distance of the centroid from a single grip point [m].
 MAX_OFFSET_ONE_GRIP_M = 0.6
 #: A formation is safe if its safety (see _safety) is at least this share of the best one.
 SAFE_SHARE = 0.6
@@ -56,65 +59,60 @@ class GripPoint(NamedTuple):
 
 
 class Formation(NamedTuple):
-    """Carriers of an object. hand_m: from the centre of a carrier's base to its hands, straight ahead."""
+    """Carriers of an object, by their grip points."""
 
     grips: tuple[GripPoint, ...]
-    hand_m: float = HAND_M
 
-    def places(self, back_m: float = 0.0) -> tuple[Pose, ...]:
-        """Poses of the bases in the object's frame [m, rad], each backed off by `back_m`."""
-        away = self.hand_m + back_m
+    def carrier_poses(self, back_m: float = 0.0) -> tuple[Pose2D, ...]:
+        """Poses of the carriers' bases in the object's frame [m, rad], each backed off by `back_m`."""
+        away = HAND_M + back_m
         return tuple(
             (grip.x - away * math.cos(grip.facing), grip.y - away * math.sin(grip.facing), grip.facing)
             for grip in self.grips
         )
 
-    def footprint(self, outline: Polygon, radius_m: float = SMARTPAL_RADIUS_M) -> BaseGeometry:
-        """Object, carriers and their arms, in the object's frame."""
+    def footprint(self, outline: Polygon, back_m: float = 0.0) -> BaseGeometry:
+        """Object, carriers backed off by `back_m`, and their arms, in the object's frame."""
         parts = [outline]
-        for grip, (x, y, _) in zip(self.grips, self.places(), strict=True):
-            parts.append(Point(x, y).buffer(radius_m, quad_segs=16))
+        for grip, (x, y, _) in zip(self.grips, self.carrier_poses(back_m), strict=True):
+            parts.append(Point(x, y).buffer(RADIUS_M, quad_segs=16))
             parts.append(LineString([(x, y), (grip.x, grip.y)]).buffer(ARMS_WIDTH_M / 2, cap_style="flat"))
         return shapely.union_all(parts)
 
 
-def formations(
-    outline: Polygon, count: int, radius_m: float = SMARTPAL_RADIUS_M, hand_m: float = HAND_M
-) -> list[Formation]:
+def formations(outline: Polygon, count: int) -> list[Formation]:
     """Formations of `count` robots around an object, whose outline is in its own frame: first the safe ones, by
     compactness, then the less safe ones, by width, for doors. Carriers overlap neither each other nor the object.
 
     Raises InvalidCarry."""
     if not 1 <= count <= MAX_CARRIERS:
         raise InvalidCarry("count", f"{count} robots; must be 1 to {MAX_CARRIERS}")
-    if not hand_m > 0.0 or not radius_m > 0.0:
-        raise InvalidCarry("radius", f"radius {radius_m} m and hand distance {hand_m} m must be greater than 0")
     if outline.is_empty or not outline.is_valid or not outline.area > 0.0:
         raise InvalidCarry("outline", "the object's outline is invalid or has no area")
-    grips = _grips_on_edges(outline, radius_m)
+    grips = _grips_on_edges(outline)
     if len(grips) < max(count, 4):
         grips += _grips_around(outline)
-    grips = [grip for grip in grips if _is_clear_of(outline, Formation((grip,), hand_m), radius_m)]
-    grips = _thinned_out(grips, count, hand_m)
-    sets = list(_non_overlapping(grips, count, radius_m, hand_m))
+    grips = [grip for grip in grips if _is_clear_of(outline, grip)]
+    grips = _thinned_out(grips, count)
+    sets = list(_non_overlapping(grips, count))
     safety = _safety(outline, sets)
     least = -(MAX_OFFSET_ONE_GRIP_M if count == 1 else MAX_OFFSET_M)
     sets = [chosen for chosen, margin in zip(sets, safety, strict=True) if margin >= least]
     if not sets:
         raise InvalidCarry(
-            "count", f"{count} robots of {radius_m:g} m find no places around it from which they can hold it"
+            "count", f"{count} robots of {RADIUS_M:g} m find no places around it from which they can hold it"
         )
     safety = safety[safety >= least]
     is_safe = safety >= SAFE_SHARE * max(safety.max(), 0.0) - 1e-6
-    found = [Formation(chosen, hand_m) for chosen in sets]
-    areas, widths = _area_and_width(outline, found, radius_m)
-    well = [found[i] for i in np.argsort(areas, kind="stable") if is_safe[i]]
-    just = [found[i] for i in np.argsort(widths, kind="stable") if not is_safe[i]]
-    kept = _distinct(well, [], MAX_FORMATIONS // 2 if just else MAX_FORMATIONS)
-    return _distinct(just, kept, MAX_FORMATIONS)
+    found = [Formation(chosen) for chosen in sets]
+    areas, widths = _area_and_width(outline, found)
+    safe = [found[i] for i in np.argsort(areas, kind="stable") if is_safe[i]]
+    less_safe = [found[i] for i in np.argsort(widths, kind="stable") if not is_safe[i]]
+    kept = _distinct(safe, [], MAX_FORMATIONS // 2 if less_safe else MAX_FORMATIONS)
+    return _distinct(less_safe, kept, MAX_FORMATIONS)
 
 
-def _grips_on_edges(outline: Polygon, radius_m: float) -> list[GripPoint]:
+def _grips_on_edges(outline: Polygon) -> list[GripPoint]:
     """Grip points in the middle of each edge and, if two robots fit side by side, beside it and near both ends."""
     found = []
     corners = shapely.get_coordinates(shapely.geometry.polygon.orient(outline).exterior)
@@ -124,7 +122,7 @@ def _grips_on_edges(outline: Polygon, radius_m: float) -> list[GripPoint]:
             continue
         facing = math.atan2(by - ay, bx - ax) + math.pi / 2  # counter-clockwise: the inside is on the left
         far = length / 2 - min(CORNER_DISTANCE_M, length / 4)
-        beside = radius_m + GAP_M / 2
+        beside = RADIUS_M + GAP_M / 2
         offsets = [0.0]
         for offset in (far, beside) if beside <= length / 2 else ():
             if all(abs(offset - other) >= GRIP_SPACING_M for other in offsets):
@@ -149,30 +147,28 @@ def _grips_around(outline: Polygon) -> list[GripPoint]:
     return found
 
 
-def _is_clear_of(outline: Polygon, formation: Formation, radius_m: float) -> bool:
-    x, y, _ = formation.places()[0]
-    return bool(outline.distance(Point(x, y)) >= radius_m)
+def _is_clear_of(outline: Polygon, grip: GripPoint) -> bool:
+    x, y, _ = Formation((grip,)).carrier_poses()[0]
+    return bool(outline.distance(Point(x, y)) >= RADIUS_M)
 
 
-def _thinned_out(grips: list[GripPoint], count: int, hand_m: float) -> list[GripPoint]:
+def _thinned_out(grips: list[GripPoint], count: int) -> list[GripPoint]:
     """Grip points that form at most MAX_GRIP_SETS sets: of the two carriers nearest to each other, the later is removed
     repeatedly."""
     grips = list(grips)
     while math.comb(len(grips), count) > MAX_GRIP_SETS:
-        places = np.array(Formation(tuple(grips), hand_m).places())[:, :2]
-        away = np.hypot(*(places[:, None] - places[None]).T).round(6)
+        bases = np.array(Formation(tuple(grips)).carrier_poses())[:, :2]
+        away = np.hypot(*(bases[:, None] - bases[None]).T).round(6)
         away[np.tril_indices(len(grips))] = math.inf
         del grips[int(np.unravel_index(away.argmin(), away.shape)[1])]
     return grips
 
 
-def _non_overlapping(
-    grips: list[GripPoint], count: int, radius_m: float, hand_m: float
-) -> Iterator[tuple[GripPoint, ...]]:
+def _non_overlapping(grips: list[GripPoint], count: int) -> Iterator[tuple[GripPoint, ...]]:
     """Sets of grip points whose carriers do not overlap."""
-    places = np.array(Formation(tuple(grips), hand_m).places()).reshape(-1, 3)[:, :2]
-    away = np.hypot(*(places[:, None] - places[None]).T)
-    beside = away >= 2 * radius_m + GAP_M - 1e-9
+    bases = np.array(Formation(tuple(grips)).carrier_poses()).reshape(-1, 3)[:, :2]
+    away = np.hypot(*(bases[:, None] - bases[None]).T)
+    beside = away >= 2 * RADIUS_M + GAP_M - 1e-9
     for chosen in combinations(range(len(grips)), count):
         if all(beside[i, j] for i, j in combinations(chosen, 2)):
             yield tuple(grips[i] for i in chosen)
@@ -193,12 +189,12 @@ def _hulls(points: Floats) -> NDArray[np.object_]:
     return shapely.convex_hull(shapely.multipoints(points.reshape(-1, 2), indices=which))
 
 
-def _area_and_width(outline: Polygon, found: list[Formation], radius_m: float) -> tuple[Floats, Floats]:
+def _area_and_width(outline: Polygon, found: list[Formation]) -> tuple[Floats, Floats]:
     """Area [m²] and width [m] of each formation; rounded, so that the order of the edges decides between equal ones."""
     corners = shapely.get_coordinates(outline)
     turns = np.linspace(0.0, math.tau, 16, endpoint=False)
-    disc = radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
-    middles = np.array([formation.places() for formation in found])[:, :, :2]
+    disc = RADIUS_M * np.column_stack([np.cos(turns), np.sin(turns)])
+    middles = np.array([formation.carrier_poses() for formation in found])[:, :, :2]
     discs = (middles[:, :, None] + disc).reshape(len(found), -1, 2)
     every = np.concatenate([discs, np.broadcast_to(corners, (len(found), *corners.shape))], axis=1)
     widths = np.ptp(every @ _directions(), axis=1).min(axis=1)
@@ -228,5 +224,5 @@ def _distinct(found: list[Formation], kept: list[Formation], most: int) -> list[
 
 def _difference(one: Formation, other: Formation) -> float:
     """Largest distance of a carrier of `one` from the nearest carrier of `other` [m]."""
-    here, there = np.array(one.places())[:, :2], np.array(other.places())[:, :2]
+    here, there = np.array(one.carrier_poses())[:, :2], np.array(other.carrier_poses())[:, :2]
     return float(np.hypot(*(here[:, None] - there[None]).T).min(axis=0).max())

@@ -1,21 +1,22 @@
-"""Gathering of robots around an object: their paths, their places, and the order in which they drive."""
+"""Gathering of robots around an object: who gathers where, their paths, and the order in which they drive."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations, permutations
 
+import numpy as np
 import shapely
 
 from robocorba.errors.paths import PathError
+from robocorba.errors.robots import MissionFailed
 from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.missions.formation import Pose
 from robocorba.missions.obstacles import placed
 from robocorba.missions.world import MovableObject, World
 from robocorba.planning.request import MAX_AREAS, Path, PathRequest, Place, RouteMode
-from robocorba.spatial.pose import XY
+from robocorba.spatial.pose import XY, Pose2D
 
 #: Wanted gap between gathering robots [m].
 SPACING_M = 0.12
@@ -23,20 +24,21 @@ SPACING_M = 0.12
 PASSING_CLEARANCE_M = 0.06
 #: Iterations of `spread_apart`.
 _ITERATIONS = 50
+#: Cost of a place that a robot cannot reach [m²].
+_UNREACHABLE = 1e12
+#: Cost of a plan without the leader [m²].
+_NO_LEADER = 1e10
 
 
 class GatheringPaths:
-    """Paths around the `carried` object and all other movable objects at their current poses, which may differ from the
-    map. If there are more than MAX_AREAS of them, at the poses of the map.
+    """Finds paths around the `carried` object and all other movable objects at their present poses, which may differ
+    from the map. If there are more than MAX_AREAS of them, they are taken from the map.
 
     Raises NotReachable."""
 
     def __init__(self, world: World, carried: MovableObject | None = None) -> None:
         self._world = world
-        shapes = []
-        if carried:
-            pose = (carried.x, carried.y, carried.heading)
-            shapes.append((carried.floor, placed(carried.outline, pose)))
+        shapes = [(carried.floor, placed(carried.outline, carried.pose))] if carried else []
         others = world.others(carried.name if carried else "")
         shapes += [(floor, item.geometry) for floor, items in others.items() for item in items]
         areas = [(floor, _corners(part)) for floor, shape in shapes for part in shapely.get_parts(shape)]
@@ -65,8 +67,33 @@ class GatheringPaths:
         return []
 
 
-def spread_apart(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + SPACING_M) -> list[Pose]:
-    """The same places; those nearer to each other than `apart_m` are moved apart."""
+def assign_places(
+    robots: Mapping[str, Place], places: Sequence[Place], leader: str, length_m: Callable[[Place, Place], float | None]
+) -> list[str]:
+    """The robot for each of the places, in their order, with the least sum of squared path lengths. The leader always
+    gets a place. Squares avoid that a robot has to pass another one at a nearer place: that one moves on instead.
+
+    length_m: path length from one place to another, None if there is no path. Raises MissionFailed if there are too
+    few robots, or if no robot can reach a place."""
+    from scipy.optimize import linear_sum_assignment  # takes long to load; only leaders need it
+
+    names = sorted(robots, key=lambda name: (name != leader, name))
+    if len(names) < len(places):
+        raise MissionFailed(f"{len(places)} robots are needed; {', '.join(names)} are free")
+    lengths = [[length_m(robots[name], place) for place in places] for name in names]
+    costs = np.array([[_UNREACHABLE if length is None else length**2 for length in row] for row in lengths])
+    costs[0] -= _NO_LEADER  # names[0] is the leader, which must take part
+    rows, columns = linear_sum_assignment(costs)
+    found = {int(column): int(row) for row, column in zip(rows, columns, strict=True)}
+    for column, place in enumerate(places):
+        row = found[column]
+        if lengths[row][column] is None:
+            raise MissionFailed(f"no robot can reach {place.floor} ({place.x:.2f}, {place.y:.2f}) beside the object")
+    return [names[found[column]] for column in range(len(places))]
+
+
+def spread_apart(places: Sequence[Pose2D], apart_m: float = 2 * RADIUS_M + SPACING_M) -> list[Pose2D]:
+    """The poses `places`, moved apart where they are nearer to each other than `apart_m`."""
     found = [(x, y) for x, y, _ in places]
     for _ in range(_ITERATIONS):
         for i, k in combinations(range(len(found)), 2):
@@ -79,34 +106,27 @@ def spread_apart(places: Sequence[Pose], apart_m: float = 2 * RADIUS_M + SPACING
     return [(x, y, heading) for (x, y), (_, _, heading) in zip(found, places, strict=True)]
 
 
-def waves(starts: Sequence[Place], goals: Sequence[Place], paths: Sequence[Sequence[XY]]) -> list[frozenset[int]]:
-    """Groups of robots, by index, that drive simultaneously, one group after another. A robot drives later than another
-    one whose path leads past its goal, or whose start blocks its path. Robots in a cycle drive together."""
-    indices = range(len(goals))
-    before = {
-        number: {
-            other
-            for other in indices
-            if other != number
-            and (_passes(paths[other], goals[number]) or _blocks(starts[other], paths[number], goals))
-        }
-        for number in indices
-    }
-    left, found = set(indices), []
-    while left:
-        now = frozenset(number for number in left if not before[number] & left) or frozenset(left)
-        found.append(now)
-        left -= now
+def driving_groups(
+    starts: Sequence[Place], goals: Sequence[Place], paths: Sequence[Sequence[XY]]
+) -> list[frozenset[int]]:
+    """Groups of robots, by index, that drive simultaneously, one group after another. A robot drives later than a robot
+    whose path leads past its goal, or whose start blocks its path. Robots in a cycle drive together."""
+    before: dict[int, set[int]] = {number: set() for number in range(len(goals))}
+    for number, other in permutations(before, 2):
+        is_in_path = starts[other].floor == goals[0].floor and _passes(paths[number], starts[other])
+        if is_in_path or _passes(paths[other], goals[number]):
+            before[number].add(other)
+    remaining, found = set(before), []
+    while remaining:
+        group = frozenset(number for number in remaining if not before[number] & remaining) or frozenset(remaining)
+        found.append(group)
+        remaining -= group
     return found
 
 
 def _passes(path: Sequence[XY], place: Place) -> bool:
     line = shapely.LineString(path) if len(path) > 1 else shapely.MultiPoint(path)
     return bool(line.distance(shapely.Point(place.x, place.y)) < 2 * RADIUS_M + PASSING_CLEARANCE_M)
-
-
-def _blocks(start: Place, path: Sequence[XY], goals: Sequence[Place]) -> bool:
-    return start.floor == goals[0].floor and _passes(path, start)
 
 
 def _corners(part: shapely.Polygon) -> tuple[XY, ...]:

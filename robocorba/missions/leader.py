@@ -8,63 +8,75 @@ import math
 import random
 import time
 from collections.abc import Callable, Collection, Container, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
+from msgspec.structs import replace
+
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.messages import Answer, Call, Offer, Order, Proposal, Record, State
+from robocorba.missions.messages import Answer, Assignment, Call, MemberState, Offer, Order
+from robocorba.missions.report import MissionReport, PhaseTimes
 from robocorba.missions.subplan import Carry, CooperativePlan
 from robocorba.missions.trajectory import Trajectory
-from robocorba.missions.transport import Received, Transport
+from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place
 
-#: Time for robots to offer their help [s].
-OFFER_TIMEOUT_S = 3.0
-#: The same once enough robots have offered [s]: time for nearer ones.
-SURPLUS_OFFER_TIMEOUT_S = 1.0
-#: Time for robots to answer a proposal [s].
-ANSWER_TIMEOUT_S = 6.0
-#: The same after the first refusal [s]: no robot is kept waiting for a plan that has failed.
-TIMEOUT_AFTER_REFUSAL_S = 1.0
-#: Interval between repeated calls and proposals [s].
-PROPOSAL_INTERVAL_S = 0.5
-#: Time for all attempts to reach an agreement while robots refuse or are busy [s].
-AGREEMENT_TIMEOUT_S = 60.0
-#: Longest random pause between attempts [s]. It separates leaders that compete for the same robots.
-MAX_RETRY_PAUSE_S = 3.0
-#: Candidates beyond the helpers needed, the nearest first.
-SPARE_CANDIDATES = 4
-#: Interval between order messages [s].
-ORDER_INTERVAL_S = 0.1
-#: Lead time of a step: time for its order to reach all members before it begins [s].
-STEP_LEAD_S = 0.3
-#: Lead time of a change of the carry's rate [s].
-RATE_CHANGE_LEAD_S = 0.15
-#: The mission ends after this time without status messages from a member [s].
-MEMBER_TIMEOUT_S = 4.0
-#: The carry pauses after this time without status messages from a member [s].
-CARRY_PAUSE_TIMEOUT_S = 0.5
-#: The mission ends if a step exceeds its limit by this time [s]; members detect it first.
-STEP_GRACE_S = 3.0
-#: Time for members to end safely [s].
-END_TIMEOUT_S = 25.0
-#: The carry runs at half rate if a carrier's position error exceeds this [m].
-SLOW_ERROR_M = 0.06
-#: The carry pauses if a carrier's position error exceeds this [m].
-STOP_ERROR_M = 0.12
+
+@dataclass(frozen=True)
+class LeaderPolicy:
+    """Intervals, timeouts and limits of a leader."""
+
+    #: Time for robots to offer their help [s].
+    offer_timeout_s: float = 3.0
+    #: The same once enough robots have offered [s]: time for nearer ones.
+    surplus_offer_timeout_s: float = 1.0
+    #: Time for robots to answer an assignment [s].
+    answer_timeout_s: float = 6.0
+    #: The same after the first refusal [s]: no robot is kept waiting for a plan that has failed.
+    timeout_after_refusal_s: float = 1.0
+    #: Interval between repeated calls and assignments [s].
+    repeat_interval_s: float = 0.5
+    #: Time for all attempts to reach an agreement while robots refuse or are busy [s].
+    agreement_timeout_s: float = 60.0
+    #: Maximum random pause between attempts [s]. It separates leaders that compete for the same robots.
+    max_retry_pause_s: float = 3.0
+    #: Candidates beyond the helpers needed, the nearest first.
+    spare_candidates: int = 4
+    #: Interval between order messages [s].
+    order_interval_s: float = 0.1
+    #: Lead time of a step: time for its order to reach all members before it begins [s].
+    step_lead_s: float = 0.3
+    #: Lead time of a change of the carry's rate [s].
+    rate_change_lead_s: float = 0.15
+    #: The mission ends after this time without status messages from a member [s].
+    member_timeout_s: float = 4.0
+    #: The carry pauses after this time without status messages from a member [s].
+    carry_pause_timeout_s: float = 0.5
+    #: The mission ends if a step exceeds its limit by this time [s]; members detect it first.
+    step_grace_s: float = 3.0
+    #: Time for members to end safely [s].
+    end_timeout_s: float = 25.0
+    #: The carry runs at half rate if a carrier's position error exceeds this [m].
+    slow_error_m: float = 0.06
+    #: The carry pauses if a carrier's position error exceeds this [m].
+    stop_error_m: float = 0.12
+
+
+DEFAULT_POLICY = LeaderPolicy()
 
 _log = logging.getLogger(__name__)
 
 
-class Expansion(Protocol):
-    """The planner of a cooperative icon."""
+class CooperativePlanner(Protocol):
+    """Plans the mission of a cooperative icon."""
 
     @property
     def helpers(self) -> int:
         """Number of robots needed in addition to the leader."""
 
     @property
-    def wanted(self) -> frozenset[str]:
+    def required(self) -> frozenset[str]:
         """Robots that must be among the helpers."""
 
     @property
@@ -75,31 +87,6 @@ class Expansion(Protocol):
         """A plan for some of these robots, including the leader. Raises MissionFailed, ImpossibleCarry, PathError."""
 
 
-class PhaseRecord(NamedTuple):
-    """The times of a step by the leader's clock: its start, and when each robot started and finished it."""
-
-    name: str
-    began: float
-    started: dict[str, float]
-    done: dict[str, float]
-
-
-class MissionReport(NamedTuple):
-    """The outcome of a mission. result: done or failed; reason: of the failure. received: by the leader."""
-
-    mission: str
-    kind: str
-    leader: str
-    result: str
-    reason: str
-    began: float
-    ended: float
-    plan: CooperativePlan | None
-    phases: list[PhaseRecord]
-    records: dict[str, Record]
-    received: list[Received]
-
-
 class _Offers(NamedTuple):
     """The answers to a call: positions of the free robots, and what occupies the busy ones."""
 
@@ -108,8 +95,8 @@ class _Offers(NamedTuple):
 
 
 class Leader:
-    """Leads one mission, in one thread. place: the leader's current place. on_phase: called with the plan and each
-    phase that begins. is_interrupted: returns the reason of an interruption, else an empty string.
+    """Leads one mission, in one thread. place: returns the leader's current place. on_phase: called with the plan and
+    each phase that begins. interruption: returns the reason of an interruption, else an empty string.
 
     The leader's own part is done by its mission agent, like that of every other robot."""
 
@@ -119,24 +106,30 @@ class Leader:
         transport: Transport,
         place: Callable[[], Place],
         on_phase: Callable[[CooperativePlan, str], None] = lambda plan, phase: None,
-        is_interrupted: Callable[[], str] = lambda: "",
+        interruption: Callable[[], str] = lambda: "",
+        policy: LeaderPolicy = DEFAULT_POLICY,
     ) -> None:
         self._mission, self._transport, self._place, self._on_phase = mission, transport, place, on_phase
-        self._is_interrupted = is_interrupted
+        self._interruption, self._policy = interruption, policy
         self._name = transport.name
-        self._order = Order(mission=mission, leader=self._name)
-        self._states: dict[str, State] = {}
-        self._state_received_at: dict[str, float] = {}
-        self._echo: dict[str, tuple[float, float]] = {}
-        self._phases: list[PhaseRecord] = []
-        self._plan: CooperativePlan | None = None
-        self._ordered_at = 0.0
+        self._phases: list[PhaseTimes] = []
+        self._begin_attempt(None, mission)
 
-    def lead(self, kind: str, expansion: Expansion) -> MissionReport:
-        """Run the mission to its end. Errors are in the report."""
+    def _begin_attempt(self, plan: CooperativePlan | None, mission: str) -> None:
+        self._plan = plan
+        self._order = Order(mission=mission, leader=self._name)
+        self._ordered_at = 0.0
+        #: The latest state of each member, and when a state of it was received last [s, monotonic].
+        self._states: dict[str, MemberState] = {}
+        self._received_at: dict[str, float] = {}
+        #: See Order.
+        self._received_states: dict[str, tuple[float, float]] = {}
+
+    def lead(self, kind: str, planner: CooperativePlanner) -> MissionReport:
+        """Run the mission to its end. kind: for display. Errors are in the report."""
         began, result, reason = time.time(), "done", ""
         try:
-            plan = self._agree(expansion)
+            plan = self._agree(planner)
             for step in range(len(plan.phases)):
                 self._do(plan, step)
             self._end(plan, "done", "")
@@ -146,8 +139,8 @@ class Leader:
                 _log.warning("mission %s: %s: %s", self._mission, type(error).__name__, error)
             if self._plan:
                 self._end(self._plan, "aborted", reason)
-        records = {name: state.record for name, state in self._states.items() if state.record}
-        messages = [each for each in list(self._transport.received) if each.message.mission.startswith(self._mission)]
+        measurements = {name: state.measurements for name, state in self._states.items() if state.measurements}
+        received = [each for each in list(self._transport.received) if each.message.mission.startswith(self._mission)]
         return MissionReport(
             self._mission,
             kind,
@@ -158,56 +151,48 @@ class Leader:
             time.time(),
             self._plan,
             self._phases,
-            records,
-            messages,
+            measurements,
+            received,
         )
 
     # ---- agreement: no robot moves ----
 
-    def _agree(self, expansion: Expansion) -> CooperativePlan:
+    def _agree(self, planner: CooperativePlanner) -> CooperativePlan:
         """A plan that all of its robots have accepted."""
-        deadline = time.monotonic() + AGREEMENT_TIMEOUT_S
+        deadline = time.monotonic() + self._policy.agreement_timeout_s
         refusing: dict[str, str] = {}
         attempt = 0
         while True:
             attempt += 1
             mission = f"{self._mission}.{attempt}"
-            offers = self._collect_offers(mission, expansion)
-            if missing := _lacking(expansion, offers.free, offers.busy):
-                if not offers.busy or _lacking(expansion, [*offers.free, *offers.busy]):
+            offers = self._collect_offers(mission, planner)
+            if missing := _lacking(planner, offers.free, offers.busy):
+                if not offers.busy or _lacking(planner, [*offers.free, *offers.busy]):
                     raise MissionFailed(missing)
             else:
-                plan = expansion.plan(mission, self._name, self._candidates(expansion, offers.free, refusing))
+                plan = planner.plan(mission, self._name, self._candidates(planner, offers.free, refusing))
                 refusing = self._agree_on(plan)
                 if not refusing:
                     return plan
                 missing = "not enough robots accept: " + "; ".join(f"{name}: {why}" for name, why in refusing.items())
             if time.monotonic() > deadline:
                 raise MissionFailed(missing)
-            self._pause(random.uniform(0.0, MAX_RETRY_PAUSE_S))
+            self._pause(random.uniform(0.0, self._policy.max_retry_pause_s))
 
-    def _collect_offers(self, mission: str, expansion: Expansion) -> _Offers:
+    def _collect_offers(self, mission: str, planner: CooperativePlanner) -> _Offers:
         """Publish calls and collect the offers."""
-        needed, here = expansion.helpers, expansion.meeting_point
-        offers = _Offers({}, {})
-        if not needed:
+        offers, policy = _Offers({}, {}), self._policy
+        if not planner.helpers:
             return offers
         self._transport.subscribe([(Offer, "*")])
+        floor, x, y = planner.meeting_point
+        call = Call(mission=mission, leader=self._name, floor=floor, x=x, y=y, helpers=planner.helpers)
         began, sent_at = time.monotonic(), 0.0
         while (now := time.monotonic()) - began < (
-            OFFER_TIMEOUT_S if _lacking(expansion, offers.free) else SURPLUS_OFFER_TIMEOUT_S
+            policy.offer_timeout_s if _lacking(planner, offers.free) else policy.surplus_offer_timeout_s
         ):
-            if now - sent_at > PROPOSAL_INTERVAL_S:
-                call = Call(
-                    mission=mission,
-                    leader=self._name,
-                    floor=here.floor,
-                    x=here.x,
-                    y=here.y,
-                    helpers=needed,
-                    heard=[*offers.free, *offers.busy],
-                )
-                self._transport.publish(call, 1.0)
+            if now - sent_at > policy.repeat_interval_s:
+                self._transport.publish(replace(call, received_offers=[*offers.free, *offers.busy]), 1.0)
                 sent_at = now
             received = self._transport.receive(0.05)
             if received and isinstance(received.message, Offer) and received.message.mission == mission:
@@ -219,18 +204,21 @@ class Leader:
             self._check_interruption()
         return offers
 
-    def _candidates(self, expansion: Expansion, free: dict[str, Place], refusing: Container[str]) -> dict[str, Place]:
+    def _candidates(
+        self, planner: CooperativePlanner, free: dict[str, Place], refusing: Container[str]
+    ) -> dict[str, Place]:
         """The leader and the nearest free robots; those that refused before only if there are not enough others."""
-        here = expansion.meeting_point
+        here = planner.meeting_point
 
-        def order(name: str) -> tuple[bool, bool, bool, float]:
+        def rank(name: str) -> tuple[bool, bool, bool, float]:
             at = free[name]
             is_far = at.floor != here.floor
-            return name not in expansion.wanted, name in refusing, is_far, math.dist(at[1:], here[1:])
+            return name not in planner.required, name in refusing, is_far, math.dist(at[1:], here[1:])
 
-        nearest = sorted(free, key=order)
+        nearest = sorted(free, key=rank)
         willing = [name for name in nearest if name not in refusing]
-        names = (willing if len(willing) >= expansion.helpers else nearest)[: expansion.helpers + SPARE_CANDIDATES]
+        names = willing if len(willing) >= planner.helpers else nearest
+        names = names[: planner.helpers + self._policy.spare_candidates]
         return {self._name: self._place(), **{name: free[name] for name in names}}
 
     def _pause(self, seconds: float) -> None:
@@ -243,11 +231,9 @@ class Leader:
         """Robots that refuse their SubPlan, with the reasons; then the plan is aborted and the others are free again.
 
         Raises MissionFailed if the leader's own mission agent refuses."""
-        self._plan = plan
-        self._order = Order(mission=plan.mission, leader=self._name)
-        self._states, self._state_received_at, self._echo = {}, {}, {}  # discard those of earlier attempts
+        self._begin_attempt(plan, plan.mission)
         self._on_phase(plan, "asking")
-        refusing = {name: why for name, why in self._propose(plan).items() if why}
+        refusing = {name: why for name, why in self._assign(plan).items() if why}
         if refusing:
             self._end(plan, "aborted", f"{', '.join(refusing)} did not accept", set(refusing))
             self._plan = None
@@ -255,94 +241,96 @@ class Leader:
             raise MissionFailed(f"{self._name} can't do its own part: {refusing[self._name]}")
         return refusing
 
-    def _propose(self, plan: CooperativePlan) -> dict[str, str]:
-        """Propose the plan to its robots: each one's reason to refuse, empty if it accepts. Orders are published
+    def _assign(self, plan: CooperativePlan) -> dict[str, str]:
+        """Assign the SubPlans to the robots: each one's reason to refuse, empty if it accepts. Orders are published
         meanwhile, so that robots that have accepted do not time out."""
-        names = [subplan.robot for subplan in plan.subplans]
-        self._transport.subscribe([(kind, name) for name in names for kind in (Answer, State)])
+        assignments = {
+            subplan.robot: Assignment(mission=plan.mission, leader=self._name, phases=plan.phases, subplan=subplan)
+            for subplan in plan.subplans
+        }
+        self._transport.subscribe([(kind, name) for name in assignments for kind in (Answer, MemberState)])
         answers: dict[str, str] = {}
-        deadline, sent_at = time.monotonic() + ANSWER_TIMEOUT_S, 0.0
-        while len(answers) < len(names) and time.monotonic() < deadline:
-            if time.monotonic() - sent_at > PROPOSAL_INTERVAL_S:
-                for subplan in plan.subplans:
-                    if subplan.robot not in answers:
-                        proposal = Proposal(
-                            mission=plan.mission, leader=self._name, phases=plan.phases, subplan=subplan
-                        )
-                        self._transport.publish(proposal, 1.0)
+        deadline, sent_at = time.monotonic() + self._policy.answer_timeout_s, 0.0
+        while len(answers) < len(assignments) and time.monotonic() < deadline:
+            if time.monotonic() - sent_at > self._policy.repeat_interval_s:
+                for name, assignment in assignments.items():
+                    if name not in answers:
+                        self._transport.publish(assignment, 1.0)
                 sent_at = time.monotonic()
             received = self._transport.receive(0.05)
             if received and isinstance(received.message, Answer) and received.message.mission == plan.mission:
                 answer = received.message
                 answers[answer.robot] = "" if answer.accepts else answer.reason or "no"
                 if not answer.accepts:
-                    deadline = min(deadline, time.monotonic() + TIMEOUT_AFTER_REFUSAL_S)
-            self._publish_order(None)
+                    deadline = min(deadline, time.monotonic() + self._policy.timeout_after_refusal_s)
+            self._publish_order()
             self._check_interruption()
-        return {name: answers.get(name, "no answer in time") for name in names}
+        return {name: answers.get(name, "no answer in time") for name in assignments}
 
     # ---- synchronized steps ----
 
     def _do(self, plan: CooperativePlan, step: int) -> None:
         """Have all robots do a step."""
-        names = [subplan.robot for subplan in plan.subplans]
-        limit_s = max(subplan.steps[step].limit_s for subplan in plan.subplans)
-        at = time.time() + STEP_LEAD_S
-        phase = PhaseRecord(plan.phases[step], at, {}, {})
+        steps = {subplan.robot: subplan.steps[step] for subplan in plan.subplans}
+        limit_s = max(each.limit_s for each in steps.values())
+        carry = next((each for each in steps.values() if isinstance(each, Carry)), None)
+        carry_duration_s = Trajectory.from_rows(carry.rows).duration if carry else 0.0
+        at = time.time() + self._policy.step_lead_s
+        phase = PhaseTimes(plan.phases[step], at, {}, {})
         self._phases.append(phase)
         self._on_phase(plan, phase.name)
         self._order = Order(mission=plan.mission, leader=self._name, step=step, at=at)
+        if carry:
+            self._order = replace(self._order, rate=1.0, since=at)
         self._ordered_at = 0.0
         if step == 0:
-            self._state_received_at = dict.fromkeys(names, time.monotonic())
-        pacer = self._pacer_of(plan, step)
-        while len(phase.done) < len(names):
+            self._received_at = dict.fromkeys(steps, time.monotonic())
+        while len(phase.done) < len(steps):
             self._receive_states(0.02, plan)
-            for name in names:
-                state = self._states.get(name)
-                if state is None or state.step < step:
-                    continue
+            for name, state in self._states.items():
                 if state.step == step and state.began_at:
                     phase.started.setdefault(name, state.began_at)
-                if state.is_done or state.step > step:
+                if state.step > step or (state.step == step and state.is_done):
                     phase.done.setdefault(name, time.time())
-            self._check_members(names, phase.name)
-            if time.time() > at + limit_s + STEP_GRACE_S:
-                late = [name for name in names if name not in phase.done]
+            self._check_members(phase.name)
+            if time.time() > at + limit_s + self._policy.step_grace_s:
+                late = [name for name in steps if name not in phase.done]
                 raise MissionFailed(f"{phase.name}: {', '.join(late)} took longer than {limit_s:g} s")
-            if pacer:
-                pacer.set_rate(self._carry_rate(names))
-            self._publish_order(pacer)
+            if carry:
+                self._set_rate(self._carry_rate(), carry_duration_s)
+            self._publish_order()
 
-    def _pacer_of(self, plan: CooperativePlan, step: int) -> _CarryPacer | None:
-        for subplan in plan.subplans:
-            own_step = subplan.steps[step]
-            if isinstance(own_step, Carry):
-                return _CarryPacer(Trajectory.from_rows(own_step.rows).duration, self._order.at)
-        return None
-
-    def _carry_rate(self, names: list[str]) -> float:
+    def _carry_rate(self) -> float:
         """The rate at which the carry may continue, 0 to 1."""
-        now = time.monotonic()
-        if any(now - self._state_received_at[name] > CARRY_PAUSE_TIMEOUT_S for name in names):
+        oldest = min(self._received_at.values())
+        worst_m = max((state.error_m for state in self._states.values()), default=0.0)
+        if time.monotonic() - oldest > self._policy.carry_pause_timeout_s or worst_m > self._policy.stop_error_m:
             return 0.0
-        worst = max((self._states[name].error_m for name in names if name in self._states), default=0.0)
-        return 0.0 if worst > STOP_ERROR_M else 0.5 if worst > SLOW_ERROR_M else 1.0
+        return 0.5 if worst_m > self._policy.slow_error_m else 1.0
 
-    def _check_members(self, names: list[str], phase: str) -> None:
+    def _set_rate(self, rate: float, duration_s: float) -> None:
+        """Continue the carry at this rate, from a time in the future that all members will know in advance."""
+        order = self._order
+        if rate == order.rate or time.time() < order.since:
+            return
+        since = time.time() + self._policy.rate_change_lead_s
+        trajectory_s = min(duration_s, order.trajectory_s + order.rate * (since - order.since))
+        self._order = replace(order, trajectory_s=trajectory_s, rate=rate, since=since)
+
+    def _check_members(self, phase: str) -> None:
         self._check_interruption(f"{phase}: {self._name}: ")
-        now = time.monotonic()
-        for name in names:
-            state = self._states.get(name)
-            if state and state.failed:
-                raise MissionFailed(f"{phase}: {name} at {state.floor} ({state.x:.2f}, {state.y:.2f}): {state.failed}")
-            if state and state.ended:
+        for name, state in self._states.items():
+            if state.failure:
+                raise MissionFailed(f"{phase}: {name} at {state.floor} ({state.x:.2f}, {state.y:.2f}): {state.failure}")
+            if state.has_left:
                 raise MissionFailed(f"{phase}: {name} has left the mission")
-            if now - self._state_received_at.get(name, now) > MEMBER_TIMEOUT_S:
+        now = time.monotonic()
+        for name, received_at in self._received_at.items():
+            if now - received_at > self._policy.member_timeout_s:
                 raise MissionFailed(f"{phase}: {name} is silent")
 
     def _check_interruption(self, prefix: str = "") -> None:
-        if reason := self._is_interrupted():
+        if reason := self._interruption():
             raise MissionFailed(prefix + reason)
 
     # ---- the end ----
@@ -351,25 +339,20 @@ class Leader:
         """Publish the end until all members have ended or timed out, except those that never began."""
         names = {subplan.robot for subplan in plan.subplans}.difference(never_began)
         self._on_phase(plan, "done" if end == "done" else "ending safely")
-        self._order = Order(
-            mission=plan.mission, leader=self._name, step=self._order.step, at=self._order.at, end=end, reason=reason
-        )
+        step, at = self._order.step, self._order.at
+        self._order = Order(mission=plan.mission, leader=self._name, step=step, at=at, end=end, reason=reason)
         self._ordered_at = 0.0
         began = time.monotonic()
-        for name in names:
-            self._state_received_at.setdefault(name, began)
-        while time.monotonic() - began < END_TIMEOUT_S:
-            self._publish_order(None)
+        while (now := time.monotonic()) - began < self._policy.end_timeout_s:
+            self._publish_order()
             self._receive_states(0.02, plan)
-            now = time.monotonic()
-            waiting = [
-                name
-                for name in names
-                if not (state := self._states.get(name)) or (state.mission == plan.mission and not state.ended)
-            ]
-            if not [name for name in waiting if now - max(self._state_received_at[name], began) < MEMBER_TIMEOUT_S]:
+            left = {name for name, state in self._states.items() if state.has_left}
+            received_at = [max(began, self._received_at.get(name, began)) for name in names - left]
+            if all(now - at >= self._policy.member_timeout_s for at in received_at):
                 return
-        _log.warning("mission %s: not all robots reported their end within %g s", plan.mission, END_TIMEOUT_S)
+        _log.warning(
+            "mission %s: not all robots reported their end within %g s", plan.mission, self._policy.end_timeout_s
+        )
 
     # ---- messages ----
 
@@ -377,57 +360,31 @@ class Leader:
         received = self._transport.receive(timeout_s)
         while received:
             state = received.message
-            if isinstance(state, State) and state.mission == plan.mission:
+            if isinstance(state, MemberState) and state.mission == plan.mission:
                 before = self._states.get(state.robot)
-                if before is None or before.mission != state.mission or state.sent >= before.sent:
+                if before is None or state.sent >= before.sent:
                     self._states[state.robot] = state
-                    self._echo[state.robot] = (state.sent, received.received_at)
-                self._state_received_at[state.robot] = time.monotonic()
+                    self._received_states[state.robot] = (state.sent, received.received_at)
+                self._received_at[state.robot] = time.monotonic()
             received = self._transport.receive(0.0)
 
-    def _publish_order(self, pacer: _CarryPacer | None) -> None:
+    def _publish_order(self) -> None:
+        """Publish the order if it is due."""
         now = time.monotonic()
-        if now - self._ordered_at < ORDER_INTERVAL_S:
-            return
-        self._ordered_at = now
-        order = Order(
-            mission=self._order.mission,
-            leader=self._name,
-            step=self._order.step,
-            at=self._order.at,
-            along_s=pacer.along_s if pacer else 0.0,
-            rate=pacer.rate if pacer else 0.0,
-            since=pacer.since if pacer else 0.0,
-            end=self._order.end,
-            reason=self._order.reason,
-            heard=dict(self._echo),
-        )
-        self._transport.publish(order)
+        if now - self._ordered_at >= self._policy.order_interval_s:
+            self._ordered_at = now
+            self._transport.publish(replace(self._order, received_states=dict(self._received_states)))
 
 
-def _lacking(expansion: Expansion, robots: Collection[str], busy: Mapping[str, str] = MappingProxyType({})) -> str:
+def _lacking(
+    planner: CooperativePlanner, robots: Collection[str], busy: Mapping[str, str] = MappingProxyType({})
+) -> str:
     """Why these helpers are not sufficient, empty if they are."""
     others = "".join(f"; {name} {does}" for name, does in busy.items())
-    if len(robots) < expansion.helpers:
+    if len(robots) < planner.helpers:
         return (
-            f"{expansion.helpers} helpers are needed; {', '.join(sorted(robots)) or 'no robot'} offered to help{others}"
+            f"{planner.helpers} helpers are needed; {', '.join(sorted(robots)) or 'no robot'} offered to help{others}"
         )
-    if absent := sorted(expansion.wanted.difference(robots)):
+    if absent := sorted(planner.required.difference(robots)):
         return f"{' and '.join(absent)} did not offer to help: not there, or not free{others}"
     return ""
-
-
-class _CarryPacer:
-    """Sets the progress of a carry: at `along_s` on the trajectory at time `since`, and its rate from then on."""
-
-    def __init__(self, duration_s: float, begins: float) -> None:
-        self._duration_s = duration_s
-        self.since, self.along_s, self.rate = begins, 0.0, 1.0
-
-    def set_rate(self, rate: float) -> None:
-        """Continue at this rate, from a time in the future that all members will know in advance."""
-        if rate == self.rate or time.time() < self.since:
-            return
-        since = time.time() + RATE_CHANGE_LEAD_S
-        self.along_s = min(self._duration_s, self.along_s + self.rate * (since - self.since))
-        self.since, self.rate = since, rate

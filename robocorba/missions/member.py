@@ -4,23 +4,41 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, Report, Result
+from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.carry_progress import CarryProgress
+from robocorba.missions.carry_control import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
-from robocorba.missions.messages import Order, Proposal, Record, State
+from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
 
-#: The member ends the mission after this time without orders from its leader [s].
-LEADER_TIMEOUT_S = 4.0
-#: A member that failed waits this long for the leader to end the mission [s].
-END_ORDER_TIMEOUT_S = 5.0
 #: Remaining times up to this are slept in one piece before a step [s].
 _FINE_WAIT_S = 0.005
+#: Latest control cycles of a carry that are reported.
+_MAX_TICKS_REPORTED = 2000
+
+
+@dataclass(frozen=True)
+class MemberPolicy:
+    """Intervals and timeouts of a member."""
+
+    #: The member ends the mission after this time without orders from its leader [s].
+    leader_timeout_s: float = 4.0
+    #: A member that failed waits this long for the leader to end the mission [s].
+    end_order_timeout_s: float = 5.0
+    #: Interval between status messages to the leader [s]; changes are published immediately.
+    state_interval_s: float = 0.1
+    #: A member repeats its final status message for this time [s], in case one is lost.
+    final_state_s: float = 3.0
+    #: Posture of the arms while the robot drives without the object, of kinematics.tasks.POSTURES.
+    driving_posture: str = "tuck"
+
+
+DEFAULT_POLICY = MemberPolicy()
 
 
 class Member:
@@ -28,24 +46,21 @@ class Member:
 
     It is a task of a control agent: it has a report, and its steps appear as the icons that have begun."""
 
-    def __init__(self, proposal: Proposal, robot: Robot, locate: ObjectLocator) -> None:
-        self.mission, self.leader = proposal.mission, proposal.leader
-        self._subplan, self._phases = proposal.subplan, proposal.phases
-        self._robot = robot
-        self.clock, self._progress = LeaderClock(), CarryProgress()
-        self._executor = StepExecutor(robot, self._progress, self.clock, locate)
+    def __init__(self, assignment: Assignment, robot: Robot, locate: ObjectLocator, policy: MemberPolicy) -> None:
+        self.mission, self.leader = assignment.mission, assignment.leader
+        self._subplan, self._phases = assignment.subplan, assignment.phases
+        self._robot, self._policy = robot, policy
+        self._clock, self._progress = LeaderClock(), CarryProgress()
+        self._executor = StepExecutor(robot, self._progress, self._clock, locate, policy.driving_posture)
         self._changed = threading.Condition()
-        self._order = Order(mission=proposal.mission, leader=proposal.leader)
+        self._order = Order(mission=self.mission, leader=self.leader)
         self._order_received_at = self._began = time.monotonic()
         self._step, self._is_done, self._began_at = -1, False, 0.0
-        self._failed, self._ended = "", False
+        self._failure, self.has_ended = "", False
+        #: When the current step exceeds its time limit [s, monotonic].
         self._late_at = float("inf")
         self._begun: list[IconBegun] = []
-        self.report = Report(f"mission {self.mission}")
-
-    @property
-    def has_ended(self) -> bool:
-        return self._ended
+        self.report = ProgramReport(f"mission {self.mission}")
 
     # ---- called by the mission agent ----
 
@@ -54,36 +69,36 @@ class Member:
         if order.leader != self.leader or order.mission != self.mission:
             return
         self._order_received_at = time.monotonic()
-        if self._subplan.robot in order.heard:
-            sent, leader_received_at = order.heard[self._subplan.robot]
-            self.clock.measure(sent, leader_received_at, order.sent, received_at)
+        if self._subplan.robot in order.received_states:
+            sent, leader_received_at = order.received_states[self._subplan.robot]
+            self._clock.measure(sent, leader_received_at, order.sent, received_at)
         if order.step > self._order.step:
             self._progress.reset()  # not when the step begins: its first orders arrive earlier
-        self._progress.follow(order.since, order.along_s, order.rate, order.sent)
+        self._progress.follow(order.since, order.trajectory_s, order.rate, order.sent)
         with self._changed:
             is_end = bool(order.end and not self._order.end)
             if order.sent >= self._order.sent:
                 self._order = order
             self._changed.notify_all()
         if is_end and order.end != "done":
-            self._robot.course.abort(order.reason)
+            self._robot.execution.abort(order.reason)
 
     def check_timeouts(self) -> None:
         """To be called periodically: check the leader's timeout and the step's time limit."""
         now = time.monotonic()
-        if self._ended or self._order.end:
+        if self.has_ended or self._order.end:
             return
-        if now - self._order_received_at > LEADER_TIMEOUT_S:
+        if now - self._order_received_at > self._policy.leader_timeout_s:
             self._abort(f"the leader {self.leader} is silent")
         elif now > self._late_at:
             self._late_at = float("inf")
             limit_s = self._subplan.steps[self._step].limit_s
-            self._robot.course.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
+            self._robot.execution.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
 
-    def state(self) -> State:
+    def state(self) -> MemberState:
         """The status message for the leader."""
         session = self._robot.session.latest
-        return State(
+        return MemberState(
             mission=self.mission,
             robot=self._subplan.robot,
             leader=self.leader,
@@ -91,12 +106,12 @@ class Member:
             is_done=self._is_done,
             error_m=self._executor.error_m,
             began_at=self._began_at,
-            failed=self._failed,
-            ended=self._ended,
+            failure=self._failure,
+            has_left=self.has_ended,
             floor=session.at.floor,
             x=session.at.x,
             y=session.at.y,
-            record=self._record() if self._ended else None,
+            measurements=self._measurements() if self.has_ended else None,
         )
 
     def begun(self, first: int) -> list[IconBegun]:
@@ -112,7 +127,7 @@ class Member:
                 self._wait_for(number)
                 self._do_step(number)
             self._wait_for_end()
-            self._update_report(Result.DONE)
+            self._update_report(ProgramResult.DONE)
         except RoboCorbaError as error:
             self._fail(error)
         except Exception as error:
@@ -120,12 +135,12 @@ class Member:
             raise
         finally:
             self._executor.release_reservations()
-            self._ended = True
+            self.has_ended = True
 
     def _wait_for(self, number: int) -> None:
         """Wait until the leader's start time of a step. Raises Aborted, or the robot's interruption."""
         while True:
-            self._robot.course.check()
+            self._robot.execution.check()
             with self._changed:
                 order = self._order
                 if order.end:
@@ -133,14 +148,14 @@ class Member:
                 if order.step < number:
                     self._changed.wait(0.1)
                     continue
-            early_s = order.at - self.clock.now()
+            early_s = order.at - self._clock.now()
             if early_s <= 0.0:
                 return
             time.sleep(min(early_s, 0.05) if early_s > _FINE_WAIT_S else early_s)
 
     def _do_step(self, number: int) -> None:
         step = self._subplan.steps[number]
-        self._step, self._is_done, self._began_at = number, False, self.clock.now()
+        self._step, self._is_done, self._began_at = number, False, self._clock.now()
         self._late_at = time.monotonic() + step.limit_s
         self._begun.append(IconBegun(number, f"steps[{number}]", self._phase(), time.monotonic() - self._began))
         self._update_report()
@@ -150,7 +165,7 @@ class Member:
 
     def _wait_for_end(self) -> None:
         while True:
-            self._robot.course.check()
+            self._robot.execution.check()
             with self._changed:
                 if self._order.end == "done":
                     return
@@ -158,19 +173,18 @@ class Member:
                     raise Aborted(self._order.reason)
                 self._changed.wait(0.1)
 
-    def _fail(self, wrong: RoboCorbaError) -> None:
+    def _fail(self, error: RoboCorbaError) -> None:
         """Stay stopped until the leader ends the mission for all robots, then end safely."""
         self._late_at = float("inf")
-        was_ordered = isinstance(wrong, Aborted) and bool(self._order.end)
-        self._failed = "" if was_ordered else str(wrong)
+        was_ordered = isinstance(error, Aborted) and bool(self._order.end)
+        self._failure = "" if was_ordered else str(error)
         if not was_ordered:
-            deadline = time.monotonic() + END_ORDER_TIMEOUT_S
             with self._changed:
-                self._changed.wait_for(lambda: bool(self._order.end), max(0.0, deadline - time.monotonic()))
-        self._robot.course.settle(lambda why: True)
+                self._changed.wait_for(lambda: bool(self._order.end), self._policy.end_order_timeout_s)
+        self._robot.execution.settle(lambda why: True)
         self._executor.end_safely()
-        reason = self._order.reason if was_ordered else str(wrong)
-        self._update_report(Result.ABORTED if was_ordered else Result.FAILED, reason)
+        reason = self._order.reason if was_ordered else str(error)
+        self._update_report(ProgramResult.ABORTED if was_ordered else ProgramResult.FAILED, reason)
 
     def _abort(self, reason: str) -> None:
         with self._changed:
@@ -178,13 +192,13 @@ class Member:
                 mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=time.time()
             )
             self._changed.notify_all()
-        self._robot.course.abort(reason)
+        self._robot.execution.abort(reason)
 
     def _phase(self) -> str:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""
 
-    def _update_report(self, result: Result = Result.NO_RESULT, reason: str = "") -> None:
-        self.report = Report(
+    def _update_report(self, result: ProgramResult = ProgramResult.NO_RESULT, reason: str = "") -> None:
+        self.report = ProgramReport(
             self.report.name,
             result,
             f"steps[{self._step}]" if self._step >= 0 else "",
@@ -194,11 +208,7 @@ class Member:
             time.monotonic() - self._began,
         )
 
-    def _record(self) -> Record:
-        carry = self._executor.carry
-        return Record(
-            self.clock.offset_s,
-            self.clock.delay_s,
-            list(carry.ticks)[-2000:] if carry else [],
-            carry.farthest_m if carry else 0.0,
-        )
+    def _measurements(self) -> MemberMeasurements:
+        carry, clock = self._executor.carry, self._clock
+        ticks = list(carry.ticks)[-_MAX_TICKS_REPORTED:] if carry else []
+        return MemberMeasurements(clock.offset_s, clock.round_trip_s, ticks, carry.max_slip_m if carry else 0.0)

@@ -1,4 +1,4 @@
-"""Messages between the robots of a mission: one event type a message, msgpack maps with a version.
+"""Messages between the robots of a mission: one event type for each, msgpack maps with a version.
 
 While a mission runs, leader and members publish their full state periodically instead of changes: a lost, repeated or
 late event does no harm."""
@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
-from msgspec import Struct
+from msgspec import Struct, field
 
 from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.subplan import VERSION, SubPlan
-
-_TYPE = "mission."
 
 
 class _Message(Struct, frozen=True, kw_only=True):
@@ -24,19 +22,19 @@ class _Message(Struct, frozen=True, kw_only=True):
 
 
 class Call(_Message, frozen=True, kw_only=True):
-    """A leader looks for a number of helpers near a place. Robots that are free or busy answer with an Offer, except
-    those in `heard`, whose offers the leader has received."""
+    """A leader looks for a number of helpers near a place. Every robot that is free, or will be free after its task,
+    answers with an Offer, except those in `received_offers`, whose offers the leader has received."""
 
     leader: str
     floor: str
     x: float
     y: float
     helpers: int
-    heard: list[str] = []
+    received_offers: list[str] = field(default_factory=list, name="heard")
 
 
 class Offer(_Message, frozen=True, kw_only=True):
-    """A robot offers its help and reports its position. busy: what occupies it; empty if it is free."""
+    """A robot offers its help and reports its position. busy: its present task; empty if it is free."""
 
     robot: str
     leader: str
@@ -46,8 +44,8 @@ class Offer(_Message, frozen=True, kw_only=True):
     busy: str = ""
 
 
-class Proposal(_Message, frozen=True, kw_only=True):
-    """A leader asks a robot to do a SubPlan. Repeated until the robot answers."""
+class Assignment(_Message, frozen=True, kw_only=True):
+    """A leader assigns a SubPlan to a robot, which has to accept it. Repeated until the robot answers."""
 
     leader: str
     phases: tuple[str, ...]
@@ -55,7 +53,7 @@ class Proposal(_Message, frozen=True, kw_only=True):
 
 
 class Answer(_Message, frozen=True, kw_only=True):
-    """A robot accepts a proposal, or refuses it with a reason."""
+    """A robot accepts an assignment, or refuses it with a reason."""
 
     robot: str
     leader: str
@@ -64,28 +62,28 @@ class Answer(_Message, frozen=True, kw_only=True):
 
 
 class Order(_Message, frozen=True, kw_only=True):
-    """The setpoints of the leader. All times are by the leader's clock.
+    """The mission as its leader directs it. All times are by the leader's clock.
 
-    step, at: the current step of all robots and its start time; step is -1 before the first one. along_s, rate, since:
-    position of the carried body on its trajectory [s] at time `since`, and its rate from then on. end: empty while the
-    mission runs, then "done" or "aborted"; reason: of the abort. heard: for each robot, when it sent its latest state
-    (by its own clock) and when the leader received it."""
+    step, at: the current step of all robots and its start time; step is -1 before the first one. trajectory_s, rate,
+    since: trajectory time of the carried body [s] at time `since`, and its rate from then on (0: stopped, 1: as
+    planned). end: empty while the mission runs, then "done" or "aborted"; reason: of the abort. received_states: for
+    each robot, when it sent its latest state (by its own clock) and when the leader received it, for LeaderClock."""
 
     leader: str
     step: int = -1
     at: float = 0.0
-    along_s: float = 0.0
+    trajectory_s: float = field(default=0.0, name="along_s")
     rate: float = 0.0
     since: float = 0.0
     end: str = ""
     reason: str = ""
-    heard: dict[str, tuple[float, float]] = {}
+    received_states: dict[str, tuple[float, float]] = field(default_factory=dict, name="heard")
 
 
-class State(_Message, frozen=True, kw_only=True):
+class MemberState(_Message, frozen=True, kw_only=True):
     """The status of a member: its current step, whether it has finished it, its distance from its setpoint [m], when it
-    began the step by the leader's clock. failed: why it cannot continue; empty if it can. ended: it has left the
-    mission."""
+    began the step by the leader's clock. failure: why it cannot continue; empty if it can. has_left: its part has
+    ended; then it reports its measurements."""
 
     robot: str
     leader: str
@@ -93,41 +91,47 @@ class State(_Message, frozen=True, kw_only=True):
     is_done: bool = False
     error_m: float = 0.0
     began_at: float = 0.0
-    failed: str = ""
-    ended: bool = False
+    failure: str = field(default="", name="failed")
+    has_left: bool = field(default=False, name="ended")
     floor: str = ""
     x: float = 0.0
     y: float = 0.0
-    record: Record | None = None
+    measurements: MemberMeasurements | None = field(default=None, name="record")
 
 
-class Record(Struct, frozen=True):
-    """Measurements of a member, sent when it ends. offset_s: of the leader's clock. delay_s: shortest round trip.
-    ticks: leader's time and trajectory time [s] of each control cycle of the last carry. farthest_m: largest distance
-    of the grip point from the hand while carrying."""
+class MemberMeasurements(Struct, frozen=True):
+    """Measurements of a member. offset_s: the leader's clock minus its own. ticks: leader's time and trajectory time
+    [s] of each control cycle of the last carry. max_slip_m: largest distance of the grip point from the hand while
+    carrying."""
 
     offset_s: float
-    delay_s: float
+    round_trip_s: float = field(name="delay_s")
     ticks: list[tuple[float, float]]
-    farthest_m: float
+    max_slip_m: float = field(name="farthest_m")
 
 
-Message = Call | Offer | Proposal | Answer | Order | State
+Message = Call | Offer | Assignment | Answer | Order | MemberState
+#: The message of each event type.
 KINDS: dict[str, type[Message]] = {
-    _TYPE + kind.__name__.lower(): kind for kind in (Call, Offer, Proposal, Answer, Order, State)
+    "mission.call": Call,
+    "mission.offer": Offer,
+    "mission.proposal": Assignment,
+    "mission.answer": Answer,
+    "mission.order": Order,
+    "mission.state": MemberState,
 }
-_NAMES = {kind: name for name, kind in KINDS.items()}
+_TYPES = {kind: type for type, kind in KINDS.items()}
 
 
 def type_of(message: Message | type[Message]) -> str:
     """The event type of a message, such as mission.order."""
-    return _NAMES[message if isinstance(message, type) else type(message)]
+    return _TYPES[message if isinstance(message, type) else type(message)]
 
 
 def payload(message: Message) -> dict[str, Any]:
     """The message as the payload of an event."""
-    found: dict[str, Any] = msgspec.to_builtins(message)
-    return {"version": VERSION, **found}
+    members: dict[str, Any] = msgspec.to_builtins(message)
+    return {"version": VERSION, **members}
 
 
 def message_of(type: str, content: Any) -> Message:
@@ -137,8 +141,7 @@ def message_of(type: str, content: Any) -> Message:
         raise InvalidMission("type", f"{type[:80]!r} is not a mission message; known types: {', '.join(KINDS)}")
     if not isinstance(content, dict) or content.get("version") != VERSION:
         raise InvalidMission("version", f"must be {VERSION}")
-    rest = {key: value for key, value in content.items() if key != "version"}
     try:
-        return msgspec.convert(rest, kind)
+        return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         raise InvalidMission(type, str(error)) from None

@@ -1,21 +1,18 @@
-"""The cooperative icon move_table: the places of the robots around an object, and the steps to carry it."""
+"""The plan of the cooperative icon move_table: the robots' places around an object, and the steps to carry it."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from shapely import Polygon
 
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.polygons import FloorArea
-from robocorba.missions.carry import CarryLeg, CarryPlan, plan_carry
-from robocorba.missions.formation import Pose
-from robocorba.missions.gathering import GatheringPaths, spread_apart, waves
-from robocorba.missions.helpers import assign_places
+from robocorba.missions.carry_planning import CarryLeg, plan_carry
+from robocorba.missions.formation import BACK_OFF_M, GripPoint
+from robocorba.missions.gathering import GatheringPaths, assign_places, driving_groups, spread_apart
 from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
     Approach,
@@ -24,13 +21,13 @@ from robocorba.missions.subplan import (
     Carry,
     CooperativePlan,
     Gather,
+    Idle,
+    PhaseSteps,
     PutDown,
     Reserve,
     Ride,
-    Step,
-    SubPlan,
     TakeHold,
-    Wait,
+    plan_of,
 )
 from robocorba.missions.swept_area import swept_areas
 from robocorba.missions.trajectory import Trajectory
@@ -41,10 +38,9 @@ from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
 from robocorba.simulation.reservations import MAX_LIMIT_S
 from robocorba.spatial.frames import out_of
+from robocorba.spatial.pose import Pose, Pose2D
 
-#: Distance behind their places at which robots gather, and that they back off [m].
-BACK_M = 0.3
-#: Height of the hands below the top of the object [m].
+#: Depth of the hands below the top of the object [m].
 BELOW_TOP_M = 0.02
 #: Clearance of the body from the shaft while it waits for the cabin [m].
 DOOR_CLEARANCE_M = 0.15
@@ -53,156 +49,145 @@ DOOR_SAMPLE_S = 0.1
 #: Limits in elevator doors if the ordinary ones are too slow [m/s, rad/s, m/s²].
 DOOR_LIMITS = (0.4, 0.5, 0.6)
 #: Time to spare before the doors close [s].
-DOOR_RESERVE_S = 4.0
-#: Time limit for other carries to pass, and duration of the reservation then [s]: the server's maximum.
+DOOR_MARGIN_S = 4.0
+#: How long to wait for the swept areas, and how long they stay reserved [s]: the server's maximum.
 RESERVATION_LIMIT_S = MAX_LIMIT_S
-#: Time limits of steps [s].
-GATHER_LIMIT_S, NEAR_LIMIT_S, CABIN_LIMIT_S = 240.0, 30.0, 300.0
+#: Time limit of gathering [s].
+GATHER_LIMIT_S = 240.0
+#: Time limit of approaching, gripping, putting down and backing off [s].
+NEAR_LIMIT_S = 30.0
+#: Time limit of waiting for the cabin, and of riding [s].
+CABIN_LIMIT_S = 300.0
 #: Time limit of a carry: a multiple of its planned duration, plus an extra time [s].
 CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
 
 
-class _PhaseSteps(NamedTuple):
-    """The simultaneous steps of all robots. name: of the phase, for display."""
+class MoveTablePlanner:
+    """Plans the missions of the icon move_table (see CooperativePlanner). It plans the carry when it is created.
 
-    name: str
-    steps: Sequence[Step | Wait]
+    As many robots carry as the object's weight needs, at least two. Raises MissionFailed, ImpossibleCarry,
+    NotReachable."""
 
-
-class MoveTable:
-    """An Expansion. It plans the carry when it is created. robots: 0 for as many as the object's weight needs.
-
-    Raises MissionFailed, ImpossibleCarry, NotReachable."""
-
-    def __init__(self, world: World, table: str, goal: Destination, robots: int = 0) -> None:
+    def __init__(self, world: World, table: str, goal: Destination) -> None:
         self._world = world
         self._object = carried = world.movable(table)
-        count = robots or max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
-        self._carry: CarryPlan = plan_carry(
-            world.building(),
-            table,
-            (carried.floor, carried.x, carried.y, carried.heading),
-            (goal.floor, goal.x, goal.y, goal.heading),
-            count,
-            blocked=world.others(table),
-        )
+        count = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
+        start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
+        self._carry = plan_carry(world.building(), table, start, to, count, blocked=world.others(table))
+        self._carrier_poses = self._carry.formation.carrier_poses()
         self.helpers = count - 1
-        self.wanted: frozenset[str] = frozenset()
+        self.required: frozenset[str] = frozenset()
         self.meeting_point = Place(carried.floor, carried.x, carried.y)
 
     def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
-        carried, formation = self._object, self._carry.formation
-        at = (carried.x, carried.y, carried.heading)
+        """See CooperativePlanner. Raises MissionFailed, NotReachable."""
+        carried, formation, legs = self._object, self._carry.formation, self._carry.legs
         paths = GatheringPaths(self._world, carried)
-        behind, names = self._gathered(leader, robots, paths)
-        limit_s = RESERVATION_LIMIT_S
-        reserve = Reserve(areas=self._swept_areas(), hold_s=limit_s, limit_s=limit_s)
+        gathering, names = self._assign_gathering_poses(leader, robots, paths)
+        reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=RESERVATION_LIMIT_S)
+        idle = Idle(limit_s=RESERVATION_LIMIT_S)
         phases = [
-            _PhaseSteps("reserving", [reserve if name == leader else Wait(limit_s=limit_s) for name in names]),
-            *self._gatherings(behind, [robots[name] for name in names], paths),
-            _PhaseSteps("approaching", [_approach(_placed(place, at)) for place in formation.places()]),
-            _PhaseSteps("gripping", [self._take_hold(_placed((grip.x, grip.y, 0.0), at)) for grip in formation.grips]),
+            PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
+            *self._gathering_phases(gathering, [robots[name] for name in names], paths),
+            PhaseSteps("approaching", [_approach(_in_building(pose, carried.pose)) for pose in self._carrier_poses]),
+            PhaseSteps("gripping", [self._take_hold(grip) for grip in formation.grips]),
         ]
-        legs = self._carry.legs
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
-            phases += self._leg(mission, leg, before.elevator_after if before else "", after.floor if after else "")
-        phases.append(_PhaseSteps("putting down", [PutDown(limit_s=NEAR_LIMIT_S) for _ in names]))
-        phases.append(_PhaseSteps("backing off", [BackOff(distance_m=BACK_M, limit_s=NEAR_LIMIT_S) for _ in names]))
-        subplans = tuple(
-            SubPlan(name, "leader" if name == leader else "helper", tuple(phase.steps[place] for phase in phases))
-            for place, name in enumerate(names)
-        )
-        return CooperativePlan(
-            mission, "move table", leader, carried.name, tuple(phase.name for phase in phases), subplans
-        )
+            elevator_before = before.elevator_after if before else ""
+            phases += self._leg_phases(mission, leg, elevator_before, after.floor if after else "")
+        phases.append(PhaseSteps("putting down", [PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
+        phases.append(PhaseSteps("backing off", [BackOff(distance_m=BACK_OFF_M, limit_s=NEAR_LIMIT_S)] * len(names)))
+        roles = [(name, "leader" if name == leader else "helper") for name in names]
+        return plan_of(mission, "move table", leader, carried.name, roles, phases)
 
-    def _gathered(self, leader: str, robots: dict[str, Place], paths: GatheringPaths) -> tuple[list[Pose], list[str]]:
+    def _assign_gathering_poses(
+        self, leader: str, robots: dict[str, Place], paths: GatheringPaths
+    ) -> tuple[list[Pose2D], list[str]]:
         """Poses behind the carriers' places, and the robot for each of them. The poses are spread apart if there is
         room. Raises MissionFailed."""
-        carried, close = self._object, self._carry.formation.places(BACK_M)
+        carried, close = self._object, self._carry.formation.carrier_poses(BACK_OFF_M)
 
-        def found(places: Sequence[Pose]) -> tuple[list[Pose], list[str]]:
-            behind = [_placed(place, (carried.x, carried.y, carried.heading)) for place in places]
-            goals = [Place(carried.floor, x, y) for x, y, _ in behind]
-            return behind, assign_places(robots, goals, leader, paths.length_m)
+        def assigned(poses: Sequence[Pose2D]) -> tuple[list[Pose2D], list[str]]:
+            poses = [_in_building(pose, carried.pose) for pose in poses]
+            goals = [Place(carried.floor, x, y) for x, y, _ in poses]
+            return poses, assign_places(robots, goals, leader, paths.length_m)
 
         with contextlib.suppress(MissionFailed):
-            return found(spread_apart(close))
-        return found(close)
+            return assigned(spread_apart(close))
+        return assigned(close)
 
-    def _gatherings(self, behind: Sequence[Pose], starts: Sequence[Place], paths: GatheringPaths) -> list[_PhaseSteps]:
-        """Simultaneously, or one after the other if the robots would block each other."""
-        floor, limit_s = self._object.floor, GATHER_LIMIT_S
-        goals = [Place(floor, x, y) for x, y, _ in behind]
+    def _gathering_phases(
+        self, poses: Sequence[Pose2D], starts: Sequence[Place], paths: GatheringPaths
+    ) -> list[PhaseSteps]:
+        """All robots gather simultaneously, or in groups if they would block each other."""
+        floor = self._object.floor
+        goals = [Place(floor, x, y) for x, y, _ in poses]
         points = [paths.points(start, goal) for start, goal in zip(starts, goals, strict=True)]
-        phases = []
-        for wave in waves(starts, goals, points):
-            steps: list[Step | Wait] = [
-                Gather(floor=floor, x=x, y=y, heading=heading, limit_s=limit_s) if number in wave else Wait()
-                for number, (x, y, heading) in enumerate(behind)
-            ]
-            phases.append(_PhaseSteps("gathering", steps))
-        return phases
+        gathers = [Gather(floor=floor, x=x, y=y, heading=heading, limit_s=GATHER_LIMIT_S) for x, y, heading in poses]
+        return [
+            PhaseSteps("gathering", [step if number in group else Idle() for number, step in enumerate(gathers)])
+            for group in driving_groups(starts, goals, points)
+        ]
 
-    def _swept_areas(self) -> tuple[FloorArea, ...]:
-        return swept_areas(self._carry.legs, self._carry.formation, self._object.outline, BACK_M)
+    def _take_hold(self, grip: GripPoint) -> TakeHold:
+        carried = self._object
+        x, y = out_of(grip.x, grip.y, carried.pose)
+        height_m = carried.height_m - BELOW_TOP_M
+        return TakeHold(thing=carried.name, at=carried.pose, x=x, y=y, height_m=height_m, limit_s=NEAR_LIMIT_S)
 
-    def _take_hold(self, at: Pose) -> TakeHold:
-        height_m = self._object.height_m - BELOW_TOP_M
-        pose = self._object.x, self._object.y, self._object.heading
-        return TakeHold(thing=self._object.name, at=pose, x=at[0], y=at[1], height_m=height_m, limit_s=NEAR_LIMIT_S)
-
-    def _leg(self, mission: str, leg: CarryLeg, came_by: str, next_floor: str) -> list[_PhaseSteps]:
-        """The phases on one floor: out of the elevator `came_by`, to the goal or into the next one, and the ride."""
-        phases, path, elevator = [], _poses(leg), leg.elevator_after
-        if came_by:
-            outside, inside = self._at_doors(path[::-1], came_by)
-            phases += self._through_doors("driving out", inside[::-1], came_by)
+    def _leg_phases(self, mission: str, leg: CarryLeg, elevator_before: str, next_floor: str) -> list[PhaseSteps]:
+        """The phases on one floor: out of the elevator `elevator_before`, to the goal or into the next elevator, and
+        the ride."""
+        phases: list[PhaseSteps] = []
+        path: list[Pose2D] = [(x, y, heading) for x, y, heading in leg.poses.tolist()]
+        elevator = leg.elevator_after
+        if elevator_before:
+            outside, inside = self._split_at_doors(path[::-1], elevator_before)
+            phases += self._through_doors("driving out", inside[::-1], elevator_before)
             path = outside[::-1]
         if not elevator:
-            return [*phases, *self._carried("carrying", path)]
-        outside, inside = self._at_doors(path, elevator)
+            return [*phases, *self._carry_phases("carrying", path)]
+        outside, inside = self._split_at_doors(path, elevator)
         count = len(self._carry.formation.grips)
-        party = f"{mission} to {next_floor}"
+        party = f"{mission} to {next_floor}"  # the carriers ride together
         call = CallCabin(elevator=elevator, destination=next_floor, party=party, size=count, limit_s=CABIN_LIMIT_S)
         ride = Ride(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
         return [
             *phases,
-            *self._carried("carrying", outside),
-            _PhaseSteps("waiting for the cabin", [call] * count),
+            *self._carry_phases("carrying", outside),
+            PhaseSteps("waiting for the cabin", [call] * count),
             *self._through_doors("driving in", inside, elevator),
-            _PhaseSteps("riding", [ride] * count),
+            PhaseSteps("riding", [ride] * count),
         ]
 
-    def _carried(self, phase: str, poses: Sequence[Pose], *limits: float) -> list[_PhaseSteps]:
-        places = self._carry.formation.places()
-        trajectory = Trajectory(poses, places, *limits)
+    def _carry_phases(self, phase: str, poses: Sequence[Pose2D], *limits: float) -> list[PhaseSteps]:
+        """The phase that carries along `poses`; none if they are all the same. limits: as of Trajectory."""
+        trajectory = Trajectory(poses, self._carrier_poses, *limits)
         if trajectory.duration == 0.0:
             return []
         limit_s = CARRY_LIMIT_FACTOR * trajectory.duration + CARRY_LIMIT_EXTRA_S
         rows = trajectory.to_rows()
-        return [_PhaseSteps(phase, [Carry(rows=rows, place=place, limit_s=limit_s) for place in places])]
+        return [PhaseSteps(phase, [Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])]
 
-    def _through_doors(self, phase: str, poses: Sequence[Pose], elevator: str) -> list[_PhaseSteps]:
+    def _through_doors(self, phase: str, poses: Sequence[Pose2D], elevator: str) -> list[PhaseSteps]:
         """Pass the doors before they close, at DOOR_LIMITS only if needed. Raises MissionFailed if that is too slow."""
-        places = self._carry.formation.places()
-        needed_s = Trajectory(poses, places).duration
-        available_s = BOARDING_LIMIT_S - DOOR_RESERVE_S
+        needed_s = Trajectory(poses, self._carrier_poses).duration
+        available_s = BOARDING_LIMIT_S - DOOR_MARGIN_S
         if needed_s <= available_s:
-            return self._carried(phase, poses)
-        needed_s = Trajectory(poses, places, *DOOR_LIMITS).duration
+            return self._carry_phases(phase, poses)
+        needed_s = Trajectory(poses, self._carrier_poses, *DOOR_LIMITS).duration
         if needed_s > available_s:
             raise MissionFailed(
                 f"the doors of {elevator} stay open for {BOARDING_LIMIT_S:g} s; "
-                f"{phase} needs {needed_s + DOOR_RESERVE_S:.0f} s"
+                f"{phase} needs {needed_s + DOOR_MARGIN_S:.0f} s"
             )
-        return self._carried(phase, poses, *DOOR_LIMITS)
+        return self._carry_phases(phase, poses, *DOOR_LIMITS)
 
-    def _at_doors(self, poses: list[Pose], elevator: str) -> tuple[list[Pose], list[Pose]]:
+    def _split_at_doors(self, poses: list[Pose2D], elevator: str) -> tuple[list[Pose2D], list[Pose2D]]:
         """A path into a cabin, split at the last pose at which the body is clear of the shaft."""
         shaft = shaft_polygon(self._world.building().elevators[elevator]).buffer(DOOR_CLEARANCE_M)
-        footprint = Polygon(self._carry.formation.footprint(self._object.outline).convex_hull)
-        trajectory = Trajectory(poses, self._carry.formation.places())
+        footprint = Polygon(self._carry.footprint().convex_hull)
+        trajectory = Trajectory(poses, self._carrier_poses)
         clear_until = 0.0
         while clear_until + DOOR_SAMPLE_S < trajectory.duration:
             if placed(footprint, trajectory.at(clear_until + DOOR_SAMPLE_S)[0]).intersects(shaft):
@@ -214,14 +199,11 @@ class MoveTable:
         return [*before, last], [last, *after]
 
 
-def _poses(leg: CarryLeg) -> list[Pose]:
-    return [(float(x), float(y), float(heading)) for x, y, heading in leg.poses]
+def _approach(pose: Pose2D) -> Approach:
+    x, y, heading = pose
+    return Approach(x=x, y=y, heading=heading, limit_s=NEAR_LIMIT_S)
 
 
-def _approach(at: Pose) -> Approach:
-    return Approach(x=at[0], y=at[1], heading=at[2], limit_s=NEAR_LIMIT_S)
-
-
-def _placed(place: Pose, at: Pose) -> Pose:
-    """A place in the frame of a body at pose `at`, in the building's frame."""
-    return *out_of(place[0], place[1], at), at[2] + place[2]
+def _in_building(pose: Pose2D, body: Pose2D) -> Pose2D:
+    """A pose from the frame of a body at pose `body` to the building's frame."""
+    return *out_of(pose[0], pose[1], body), body[2] + pose[2]

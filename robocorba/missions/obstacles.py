@@ -16,22 +16,20 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, movables
-from robocorba.missions.formation import Pose
 from robocorba.spatial.grids import Grid, build_grid, segments_of
+from robocorba.spatial.pose import Pose2D
 
-#: Obstacles in addition to the map, by floor: named, or just a shape.
+#: Obstacles in addition to the map, by floor: with a name, or just shapes.
 Blocked = Mapping[str, Sequence[Obstacle | BaseGeometry]]
 #: Free margin around all obstacles that paths may use on a floor without an outline [m].
 AROUND_M = 4.0
 
 
-class NearestObstacle(NamedTuple):
-    """The obstacle nearest to a footprint, its distance, and its nearest point (x, y) [m]."""
+class ObstacleInMargin(NamedTuple):
+    """The obstacle nearest to a footprint, and its distance [m]."""
 
     item: Obstacle
     distance_m: float
-    x: float
-    y: float
 
 
 class FloorObstacles:
@@ -45,7 +43,7 @@ class FloorObstacles:
     def grid(self) -> Grid:
         return build_grid(segments_of(np.array([item.geometry for item in self.found], object))[0])
 
-    def box(self, *poses: Pose) -> tuple[float, float, float, float]:
+    def box(self, *poses: Pose2D) -> tuple[float, float, float, float]:
         """The bounds of all paths between these poses: x0, y0, x1, y1 [m]."""
         if self.outline is not None:
             return self.outline.bounds
@@ -53,7 +51,7 @@ class FloorObstacles:
         x0, y0, x1, y1 = shapely.total_bounds([*(item.geometry for item in self.found), *points])
         return float(x0 - AROUND_M), float(y0 - AROUND_M), float(x1 + AROUND_M), float(y1 + AROUND_M)
 
-    def nearest(self, footprint: BaseGeometry, margin_m: float) -> NearestObstacle | None:
+    def nearest(self, footprint: BaseGeometry, margin_m: float) -> ObstacleInMargin | None:
         """The nearest obstacle that overlaps a footprint or is nearer to it than `margin_m`, else the floor's outline
         if the footprint crosses it, else None."""
         near = [
@@ -63,12 +61,9 @@ class FloorObstacles:
         near = [(distance, i) for distance, i in near if distance < margin_m - 1e-9 or distance == 0.0]
         if near:
             distance, i = min(near)
-            item = self.found[i]
-            x, y = shapely.get_coordinates(shapely.shortest_line(item.geometry, footprint))[0].tolist()
-            return NearestObstacle(item, distance, x, y)
+            return ObstacleInMargin(self.found[i], distance)
         if self.outline is not None and not self.outline.covers(footprint):
-            x, y = shapely.get_coordinates(footprint.centroid)[0].tolist()
-            return NearestObstacle(Obstacle("floor", self.floor, self.outline.exterior), 0.0, x, y)
+            return ObstacleInMargin(Obstacle("floor", self.floor, self.outline.exterior), 0.0)
         return None
 
 
@@ -80,11 +75,11 @@ class BuildingObstacles:
     def __init__(self, building: Building, carried: str, blocked: Blocked) -> None:
         self.building = building
         self._blocked = blocked
-        elsewhere = {
-            item.name for items in blocked.values() for item in items if isinstance(item, Obstacle) and item.name
+        moved = {item.name for items in blocked.values() for item in items if isinstance(item, Obstacle)}
+        #: Floor and name of the objects that are not at their places on the map.
+        self._removed = {
+            (floor, entry.name) for name, (entry, floor) in movables(building).items() if name in {carried, *moved}
         }
-        known = movables(building)
-        self._gone = {(known[name][1], known[name][0].name) for name in {carried, *elsewhere} if name in known}
         self._floors: dict[tuple[str, frozenset[str]], FloorObstacles] = {}
 
     def on_floor(self, floor: str, open_elevators: frozenset[str] = frozenset()) -> FloorObstacles:
@@ -94,7 +89,7 @@ class BuildingObstacles:
             found = [
                 item
                 for item in obstacles(self.building, floor)
-                if not (item.kind == "object" and (floor, item.name) in self._gone)
+                if not (item.kind == "object" and (floor, item.name) in self._removed)
             ]
             for item in self._blocked.get(floor, ()):
                 found.append(item if isinstance(item, Obstacle) else Obstacle("obstacle", "", item))
@@ -107,7 +102,7 @@ class BuildingObstacles:
         return self._floors[key]
 
 
-def placed(shape: BaseGeometry, pose: Pose) -> BaseGeometry:
+def placed(shape: BaseGeometry, pose: Pose2D) -> BaseGeometry:
     """A shape from the frame of a body at `pose` to the floor's frame."""
     x, y, heading = pose
     cos, sin = math.cos(heading), math.sin(heading)

@@ -28,7 +28,7 @@ def write(
     film: str = "",
     facts: Sequence[tuple[str, str]] = (),
 ) -> Path:
-    """Write the page into `folder` and return it. report: of `record.as_json`.
+    """Write the page into `folder` and return its file. report: of `MissionReport.as_json`.
 
     pictures: files in the folder, with captions. film: a file in the folder. facts: more rows of name and value."""
     title = f"{report['kind']}: {report['thing']}"

@@ -1,18 +1,21 @@
 """Cooperative plans: the synchronized steps of all robots of a mission.
 
-A plan is divided into SubPlans, one a robot. All robots begin their n-th step simultaneously, after every robot has
-finished the step before."""
+A plan is divided into SubPlans, one for each robot. All robots begin their n-th step simultaneously, after every robot
+has finished the step before: these steps are a phase of the mission."""
 
 from __future__ import annotations
 
 import re
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
 
+import msgspec
 from msgspec import Meta, Struct
 
 #: Version of the format of plans and messages; other versions are refused.
 VERSION = 1
 MAX_STEPS = 100
+#: A row of Trajectory.to_rows.
 Row = tuple[float, ...]
 
 
@@ -115,11 +118,11 @@ class Grip(_Step, frozen=True, kw_only=True):
 Step = Reserve | Gather | Approach | TakeHold | Carry | Ride | CallCabin | PutDown | BackOff | Reach | Grip
 
 
-class Wait(_Step, frozen=True, kw_only=True):
+class Idle(_Step, frozen=True, kw_only=True, tag="wait"):
     """Do nothing while other robots do their step."""
 
 
-Steps = Annotated[tuple[Step | Wait, ...], Meta(min_length=1, max_length=MAX_STEPS)]
+Steps = Annotated[tuple[Step | Idle, ...], Meta(min_length=1, max_length=MAX_STEPS)]
 
 
 class SubPlan(Struct, frozen=True):
@@ -141,9 +144,36 @@ class CooperativePlan(Struct, frozen=True):
     subplans: tuple[SubPlan, ...]
     version: int = VERSION
 
-    def of(self, robot: str) -> SubPlan:
-        """Raises KeyError."""
-        for subplan in self.subplans:
-            if subplan.robot == robot:
-                return subplan
-        raise KeyError(robot)
+
+class PhaseSteps(NamedTuple):
+    """A phase: the simultaneous steps of all robots, in the order of the robots. name: for display."""
+
+    name: str
+    steps: Sequence[Step | Idle]
+
+
+def plan_of(
+    mission: str, kind: str, leader: str, thing: str, roles: Sequence[tuple[str, str]], phases: Sequence[PhaseSteps]
+) -> CooperativePlan:
+    """A plan from its phases. roles: robots with their roles, in the order of the phases' steps."""
+    subplans = tuple(
+        SubPlan(robot, role, tuple(phase.steps[number] for phase in phases))
+        for number, (robot, role) in enumerate(roles)
+    )
+    return CooperativePlan(mission, kind, leader, thing, tuple(phase.name for phase in phases), subplans)
+
+
+class StoredPlan(Struct, frozen=True):
+    """A mission in its leader's data pool. phase: the current one."""
+
+    plan: CooperativePlan
+    phase: str
+
+    def encode(self) -> bytes:
+        """The content for the data pool."""
+        return msgspec.msgpack.encode(self)
+
+    @classmethod
+    def decode(cls, content: bytes) -> StoredPlan:
+        """The inverse of `encode`. Raises msgspec.ValidationError for invalid content."""
+        return msgspec.msgpack.decode(content, type=cls)

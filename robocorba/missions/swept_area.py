@@ -6,16 +6,15 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-import numpy as np
 import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.polygons import FloorArea
-from robocorba.missions.carry import CarryLeg
-from robocorba.missions.formation import Formation, Pose
+from robocorba.missions.carry_planning import CarryPlan
+from robocorba.missions.formation import BACK_OFF_M
 from robocorba.missions.obstacles import placed
-from robocorba.spatial.pose import XY
+from robocorba.spatial.pose import XY, Pose2D
 
 #: Distance between samples of the path [m, rad].
 _SAMPLE_M, _SAMPLE_RAD = 0.25, 0.2
@@ -24,34 +23,29 @@ _TOLERANCES_M = (0.05, 0.15, 0.5)
 _MAX_CORNERS = 100
 
 
-def swept_areas(
-    legs: Sequence[CarryLeg], formation: Formation, outline: Polygon, back_m: float
-) -> tuple[FloorArea, ...]:
+def swept_areas(plan: CarryPlan) -> tuple[FloorArea, ...]:
     """An area (floor, corners [m]) for each leg: the area that object and carriers sweep, and at start and goal the
-    room in which the carriers gather, backed off by `back_m`.
-
-    outline: of the object, in its own frame."""
-    body = formation.footprint(outline)
-    gathered = Formation(formation.grips, formation.hand_m + back_m).footprint(outline)
+    room in which the carriers gather, backed off by BACK_OFF_M."""
+    gathered = plan.formation.footprint(plan.outline, BACK_OFF_M)
     found = []
-    for number, leg in enumerate(legs):
-        poses = [(x, y, heading) for x, y, heading in np.asarray(leg.poses, float).tolist()]
-        shapes = _swept(body, poses)
+    for number, leg in enumerate(plan.legs):
+        poses = [(x, y, heading) for x, y, heading in leg.poses.tolist()]
+        shapes = _swept(plan.footprint(), poses)
         if number == 0:
             shapes.append(placed(gathered, poses[0]).convex_hull)
-        if number == len(legs) - 1:
+        if number == len(plan.legs) - 1:
             shapes.append(placed(gathered, poses[-1]).convex_hull)
         found.append((leg.floor, _corners(shapely.union_all(shapes))))
     return tuple(found)
 
 
-def _swept(body: BaseGeometry, poses: Sequence[Pose]) -> list[BaseGeometry]:
+def _swept(body: BaseGeometry, poses: Sequence[Pose2D]) -> list[BaseGeometry]:
     """Convex hulls of the body between successive samples of its path."""
     hulls = [placed(body, pose).convex_hull for pose in _sampled(poses)]
     return [shapely.union_all(pair).convex_hull for pair in pairwise(hulls)] or hulls
 
 
-def _sampled(poses: Sequence[Pose]) -> list[Pose]:
+def _sampled(poses: Sequence[Pose2D]) -> list[Pose2D]:
     found = [poses[0]]
     for here, there in pairwise(poses):
         parts = 1 + int(max(math.dist(here[:2], there[:2]) / _SAMPLE_M, abs(there[2] - here[2]) / _SAMPLE_RAD))

@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+#: File name of the picture, and its caption on the report page.
 PICTURE, CAPTION = "timeline.png", "Timeline: when each robot worked and waited"
+#: Width of the picture, and height of a robot's row [inches].
 WIDTH_IN, ROW_IN = 11.0, 0.55
 WORK_COLOUR, WAIT_COLOUR = "#3b7dd8", "#e8c46a"
-#: Least distance between the labels of two phases, as a share of the duration: the first phases are very short.
+#: Minimum distance between the labels of two phases, as a share of the duration: the first phases are very short.
 LABEL_SPACING = 0.025
 
 
 def draw(report: dict[str, Any], file: Path) -> None:
-    """Write a PNG file. report: of `record.as_json`."""
+    """Write a PNG file. report: of `MissionReport.as_json`."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -15,20 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robocorba.errors.robots import InvalidPlan
-from robocorba.missions.formation import Pose
+from robocorba.missions.subplan import Row
+from robocorba.spatial.pose import Pose2D
 
-#: Limits of each carrier.
+#: Limits of each carrier, and of the body's origin.
 SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
 MAX_POSES = 2000
 #: Shorter segments [m] and turns [rad] are skipped.
 NEGLIGIBLE = 1e-9
-#: Largest slope of a smooth step, relative to a linear one.
+#: Maximum slope of a smooth step, relative to a linear one.
 _SMOOTH_STEP_SLOPE = 1.5
-Row = tuple[float, ...]
 
 
 class Trajectory:
-    """poses (k, 3) of the body: x, y [m], unwrapped heading [rad]. places: of the carriers' bases in the body's frame.
+    """The motion of the body through `poses` (k, 3): x, y [m], unwrapped heading [rad]. carrier_poses: of the
+    carriers' bases in the body's frame.
 
     Neither a carrier nor the body's origin exceeds `speed` [m/s], `turn_speed` [rad/s] or `acceleration` [m/s²].
     Raises InvalidPlan."""
@@ -36,7 +37,7 @@ class Trajectory:
     def __init__(
         self,
         poses: ArrayLike,
-        places: Sequence[Pose] = (),
+        carrier_poses: Sequence[Pose2D] = (),
         speed: float = SPEED_M_S,
         turn_speed: float = TURN_SPEED_RAD_S,
         acceleration: float = ACCELERATION_M_S2,
@@ -45,7 +46,7 @@ class Trajectory:
             if not 0.0 < value < math.inf:
                 raise InvalidPlan(field, f"{value!r} is not greater than 0")
         path = [(x, y, heading) for x, y, heading in np.asarray(poses, dtype=float).reshape(-1, 3).tolist()]
-        reach = max((math.hypot(place[0], place[1]) for place in places), default=0.0)
+        reach = max((math.hypot(x, y) for x, y, _ in carrier_poses), default=0.0)
         limits = (speed, turn_speed, acceleration)
         rows, now = [], 0.0
         for here, there in pairwise(path):
@@ -88,15 +89,15 @@ class Trajectory:
         return self._begins[-1]
 
     @property
-    def start(self) -> Pose:
+    def start(self) -> Pose2D:
         return self._rows[0][1:4]  # type: ignore[return-value]
 
     @property
-    def goal(self) -> Pose:
+    def goal(self) -> Pose2D:
         return self._rows[-1][1:4]  # type: ignore[return-value]
 
-    def at(self, t: float) -> tuple[Pose, Pose]:
-        """Pose of the body at `t` [s], and its velocity in the building's frame [m/s, m/s, rad/s]."""
+    def at(self, t: float) -> tuple[Pose2D, Pose2D]:
+        """Pose2D of the body at `t` [s], and its velocity in the building's frame [m/s, m/s, rad/s]."""
         i = bisect_right(self._begins, t) - 1
         if i < 0 or i == len(self._rows) - 1:
             return (self.start if i < 0 else self.goal), (0.0, 0.0, 0.0)
@@ -106,7 +107,7 @@ class Trajectory:
         dx, dy, dh = bx - ax, by - ay, bh - ah
         return (ax + done * dx, ay + done * dy, ah + done * dh), (rate * dx, rate * dy, rate * dh)
 
-    def carrier(self, t: float, place: Pose) -> tuple[Pose, Pose]:
+    def carrier(self, t: float, place: Pose2D) -> tuple[Pose2D, Pose2D]:
         """The same for a carrier's base at `place` in the body's frame."""
         (x, y, heading), (vx, vy, turn) = self.at(t)
         cos, sin = math.cos(heading), math.sin(heading)
@@ -114,7 +115,7 @@ class Trajectory:
         return (x + ahead, y + left, heading + place[2]), (vx - turn * left, vy + turn * ahead, turn)
 
 
-def _times(here: Pose, there: Pose, reach: float, limits: tuple[float, float, float]) -> tuple[float, float]:
+def _times(here: Pose2D, there: Pose2D, reach: float, limits: tuple[float, float, float]) -> tuple[float, float]:
     """Duration of a segment, and of its acceleration phase [s]. reach: distance of the farthest carrier from the body's
     origin [m]."""
     speed, turn_speed, acceleration = limits
@@ -122,7 +123,7 @@ def _times(here: Pose, there: Pose, reach: float, limits: tuple[float, float, fl
     length = math.hypot(there[0] - here[0], there[1] - here[1]) + turn * reach  # upper bound for every carrier
     if max(length, turn) < NEGLIGIBLE:
         return 0.0, 0.0
-    # Rates in segments a second. Half of the acceleration is left for the centripetal part of a turning carrier.
+    # Rates in segments per second. Half of the acceleration is left for the centripetal part of a turning carrier.
     rates = [math.inf]
     if length > NEGLIGIBLE:
         rates.append(speed / length)

@@ -26,8 +26,8 @@ MAX_KEPT = 5000
 _log = logging.getLogger(__name__)
 
 
-class Channel(Protocol):
-    """The event channel of the robot's sub-network."""
+class MissionChannel(Protocol):
+    """The event channel of the robot's sub-network, as missions use it."""
 
     def publish(self, type: str, payload: Any, retry_s: float) -> None:
         """Publish an event. Raises EventError, NotReachable after `retry_s`."""
@@ -47,10 +47,11 @@ class Received(NamedTuple):
 
 
 class Transport:
-    """name: of the robot. received: the latest messages, for the report. Only one thread may call `receive`; any thread
-    may publish."""
+    """Publishes and receives the messages of the robot `name`. received: the latest messages, for the report.
 
-    def __init__(self, channel: Channel, name: str) -> None:
+    Only one thread may call `receive`; any thread may publish."""
+
+    def __init__(self, channel: MissionChannel, name: str) -> None:
         self._channel, self.name = channel, name
         self._queue: queue.Queue[Received] = queue.Queue(MAX_QUEUED)
         self.received: deque[Received] = deque(maxlen=MAX_KEPT)

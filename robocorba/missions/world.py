@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
 from robocorba.planning.request import Path, PathRequest
+from robocorba.spatial.pose import Pose2D
 
 
 class MovableObject(NamedTuple):
@@ -23,6 +24,10 @@ class MovableObject(NamedTuple):
     outline: BaseGeometry
     mass_kg: float
     height_m: float
+
+    @property
+    def pose(self) -> Pose2D:
+        return self.x, self.y, self.heading
 
 
 class World(Protocol):

@@ -23,7 +23,7 @@ GAIN = 3.0
 LOOKAHEAD_M = 0.25
 #: Distance at which a corner counts as passed, and greatest deviation from the path there [m].
 CORNER_TOLERANCE_M = 0.04
-#: Greatest commanded speed above the present speed [m/s].
+#: Maximum commanded speed above the present speed [m/s].
 MAX_SPEED_STEP_M_S = 0.1
 #: Remaining distance from which the robot turns to its final heading [m].
 FINAL_TURN_M = 0.6
@@ -53,10 +53,11 @@ class Drive:
         self._next = 0
         #: Start of the present segment.
         self._segment_start: tuple[float, float] | None = None
+        #: Minimum remaining distance [m] and heading error [rad] so far, and when one of them last fell [s].
         self._nearest = self._least_error_rad = math.inf
         self._progress_at = 0.0
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         here = state.x, state.y
         if self._segment_start is None:
             self._segment_start = here
@@ -66,13 +67,14 @@ class Drive:
         vx, vy = self._velocity(here, missing, state)
         wanted = self._wanted_heading(state, remaining, vx, vy)
         error_rad = math.remainder(wanted - state.heading, math.tau)
-        is_there = self._next == len(self._points) - 1 and missing <= ARRIVED_M and abs(error_rad) <= ARRIVED_RAD
-        if is_there and is_stationary(state):
+        is_at_goal = self._next == len(self._points) - 1 and missing <= ARRIVED_M and abs(error_rad) <= ARRIVED_RAD
+        if is_at_goal and is_stationary(state):
             return None
         self._check_progress(state, remaining, abs(error_rad), elapsed_s)
         return MotionCommand((*turned(vx, vy, -state.heading), self._turn(error_rad)))
 
     def _pass_corners(self, here: tuple[float, float]) -> None:
+        """Select the segment to follow: the next one once the base has reached a corner."""
         assert self._segment_start is not None
         while self._next < len(self._points) - 1:
             corner = self._points[self._next]
@@ -84,7 +86,7 @@ class Drive:
             self._next += 1
 
     def _velocity(self, here: tuple[float, float], missing: float, state: RobotState) -> tuple[float, float]:
-        """Along the segment, and back to it."""
+        """Velocity in the building's frame [m/s], towards the point LOOKAHEAD_M ahead on the segment."""
         assert self._segment_start is not None
         goal, is_last = self._points[self._next], self._next == len(self._points) - 1
         segment = _minus(goal, self._segment_start)
@@ -110,7 +112,7 @@ class Drive:
         return offset[0] / distance * speed, offset[1] / distance * speed
 
     def _corner_speed(self, segment: tuple[float, float]) -> float:
-        """The greatest speed at the next corner that deviates from the path by CORNER_TOLERANCE_M at most."""
+        """Maximum speed at the next corner at which the base deviates from the path by at most CORNER_TOLERANCE_M."""
         limit = self._speeds[self._next + 1]
         after = _minus(self._points[self._next + 1], self._points[self._next])
         lengths = math.hypot(*segment) * math.hypot(*after)
@@ -122,6 +124,7 @@ class Drive:
         return min(limit, math.sqrt(self._limits.acceleration * CORNER_TOLERANCE_M) / math.sin(corner_rad / 2.0))
 
     def _wanted_heading(self, state: RobotState, remaining: float, vx: float, vy: float) -> float:
+        """The direction of travel; near the goal the final heading [rad]."""
         if remaining > FINAL_TURN_M and math.hypot(vx, vy) > 0.0:
             return math.atan2(vy, vx)
         if self._heading is None:
@@ -129,8 +132,9 @@ class Drive:
         return self._heading
 
     def _turn(self, error_rad: float) -> float:
+        """Turning velocity [rad/s]."""
         braking = BRAKING_SHARE * self._limits.turn_acceleration
-        limit = min(self._limits.turn, math.sqrt(2.0 * braking * abs(error_rad)))
+        limit = min(self._limits.turn_speed, math.sqrt(2.0 * braking * abs(error_rad)))
         return math.copysign(min(limit, GAIN * abs(error_rad)), error_rad)
 
     def _check_progress(self, state: RobotState, remaining: float, error_rad: float, elapsed_s: float) -> None:
@@ -155,12 +159,12 @@ class DriveBy:
         self._by, self._speed, self._limits = (ahead, left, turn), speed, limits
         self._drive: Drive | None = None
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if self._drive is None:
             ahead, left, turn = self._by
             goal = out_of(ahead, left, (state.x, state.y, state.heading))
             self._drive = _StraightDrive(goal, state.heading + turn, self._speed, self._limits)
-        return self._drive.wish(state, elapsed_s)
+        return self._drive.command(state, elapsed_s)
 
 
 class _StraightDrive(Drive):
@@ -180,7 +184,7 @@ class DriveAt:
     def __init__(self, velocity: Velocity, seconds: float) -> None:
         self._velocity, self._seconds = velocity, seconds
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if elapsed_s < self._seconds:
             return MotionCommand(self._velocity)
         return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
@@ -189,7 +193,7 @@ class DriveAt:
 class StopBase:
     """Stops the base; ends once it is stationary."""
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
 
 

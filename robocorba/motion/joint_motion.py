@@ -27,7 +27,7 @@ HOLD_S = 0.1
 #: Shares of the joints' acceleration and speed limits that a motion uses. The rest compensates for lag; at this speed,
 #: 40 deg/s, arms stop within 0.1 s.
 ACCELERATION_SHARE, SPEED_SHARE = 0.7, 0.45
-#: Greatest first and second derivative of the quintic polynomial that rises from 0 to 1 in 1 s.
+#: Maximum first and second derivative of the quintic polynomial that rises from 0 to 1 in 1 s.
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / math.sqrt(3.0)
 
 
@@ -57,7 +57,7 @@ class JointMotion:
             float(np.sqrt(_PEAK_ACCELERATION * steepest / (ACCELERATION_SHARE * acceleration)).max()),
         )
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if elapsed_s >= self.seconds:
             missing = np.abs(state.joints - self._waypoints[-1])[self._watched]
             if not len(missing) or missing.max() <= ARRIVED_RAD:
@@ -101,11 +101,11 @@ class GripMotion(JointMotion):
         self._contact_joints: Floats | None = None
         self._contact_at = self._stationary_since = 0.0
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         if self._contact_joints is not None:
             hold = MotionCommand(joints=self._contact_joints, joint_velocities=np.zeros(len(self._contact_joints)))
             return hold if elapsed_s < self._contact_at + HOLD_S else None
-        command = super().wish(state, elapsed_s)
+        command = super().command(state, elapsed_s)
         if command is None or command.joints is None or self._force_n is None:
             return command
         lead = self._force_n / FINGER_N_PER_RAD

@@ -22,7 +22,7 @@ class MotionCommand(NamedTuple):
 class Motion(Protocol):
     """One movement of the robot, used once."""
 
-    def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         """The command for this cycle; None once the motion has ended. Raises MotionFailed.
 
         elapsed_s: since its start, without pauses."""

@@ -12,10 +12,6 @@ Velocity = tuple[float, float, float]
 ZERO_VELOCITY: Velocity = (0.0, 0.0, 0.0)
 
 
-def _none() -> Floats:
-    return np.zeros(0)
-
-
 @dataclass
 class RobotState:
     """State of a robot; `RobotAdaptor.read` fills it in.
@@ -29,8 +25,8 @@ class RobotState:
     y: float = 0.0
     heading: float = 0.0
     velocity: Velocity = ZERO_VELOCITY
-    joints: Floats = field(default_factory=_none)
-    joint_velocities: Floats = field(default_factory=_none)
+    joints: Floats = field(default_factory=lambda: np.zeros(0))
+    joint_velocities: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -41,6 +37,6 @@ class ActorCommand:
     empty arrays leave the joints as they are."""
 
     velocity: Velocity = ZERO_VELOCITY
-    joints: Floats = field(default_factory=_none)
-    joint_velocities: Floats = field(default_factory=_none)
+    joints: Floats = field(default_factory=lambda: np.zeros(0))
+    joint_velocities: Floats = field(default_factory=lambda: np.zeros(0))
     valid_s: float = 0.1

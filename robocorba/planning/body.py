@@ -19,10 +19,10 @@ from robocorba.spatial.grids import Floats, Grid, segments_of
 #: Poses are tested until no point of the body moves farther than this between two of them [m]. In between, the
 #: clearance is smaller by at most half of it.
 STEP_M = 0.01
-#: Least number of sides of a regular polygon that is replaced by its circumscribed circle.
-ROUND_SIDES = 16
-#: Greatest number of halvings of one motion.
-_DEPTH = 24
+#: Minimum number of sides of a regular polygon that is replaced by its circumscribed circle.
+MIN_CIRCLE_SIDES = 16
+#: Maximum number of times that a motion is halved.
+_MAX_HALVINGS = 24
 
 
 class CapsuleBody(NamedTuple):
@@ -37,7 +37,7 @@ def body_of(outline: Polygon, rounded: list[tuple[float, float, float, float, fl
     """The body with this outline [m] and further capsules `rounded` (x, y, x, y, radius in m)."""
     lines = segments_of(np.array([outline], object))[0]
     from_origin = np.hypot(lines[:, 0], lines[:, 1])
-    if len(lines) >= ROUND_SIDES and np.ptp(from_origin) < 1e-3:
+    if len(lines) >= MIN_CIRCLE_SIDES and np.ptp(from_origin) < 1e-3:
         lines = np.empty((0, 4))  # a circle
         rounded = [*rounded, (0.0, 0.0, 0.0, 0.0, float(from_origin.max()))]
     edges = np.hstack([lines, np.zeros((len(lines), 1))])
@@ -48,7 +48,7 @@ def body_of(outline: Polygon, rounded: list[tuple[float, float, float, float, fl
 
 @kernel
 def body_clearance(grid: Grid, capsules: Floats, x: float, y: float, heading: float, cap: float) -> float:
-    """Distance from a body to the nearest obstacle [m], at most `cap`; 0 or less where they overlap.
+    """Distance from a body at a pose [m, rad] to the nearest obstacle [m], at most `cap`; 0 or less where they overlap.
 
     An obstacle that the body encloses without touching it is not detected; no motion leads there without a
     collision."""
@@ -73,25 +73,32 @@ def body_clearance(grid: Grid, capsules: Floats, x: float, y: float, heading: fl
 
 @kernel
 def body_passes(
-    grid: Grid, capsules: Floats, reach: float, a: Floats, b: Floats, at_a: float, at_b: float, margin: float
+    grid: Grid,
+    capsules: Floats,
+    reach: float,
+    a: Floats,
+    b: Floats,
+    clear_a: float,
+    clear_b: float,
+    margin: float,
 ) -> bool:
-    """Whether a body keeps `margin` [m] between poses a and b (x, y, heading), at which its clearances are at_a and
-    at_b [m]."""
-    if at_a < margin or at_b < margin:
+    """Whether a body keeps `margin` [m] on the motion between poses a and b (x, y, heading), at which it has these
+    clearances [m]."""
+    if clear_a < margin or clear_b < margin:
         return False
-    moved_m = math.hypot(b[0] - a[0], b[1] - a[1]) + reach * abs(b[2] - a[2])
-    begins, ends = np.empty(_DEPTH), np.empty(_DEPTH)
-    clear_begin, clear_end = np.empty(_DEPTH), np.empty(_DEPTH)
-    begins[0], ends[0], clear_begin[0], clear_end[0] = 0.0, 1.0, at_a, at_b
-    cap = max(2.0 * margin, moved_m)
+    travel_m = math.hypot(b[0] - a[0], b[1] - a[1]) + reach * abs(b[2] - a[2])
+    begins, ends = np.empty(_MAX_HALVINGS), np.empty(_MAX_HALVINGS)
+    clear_begin, clear_end = np.empty(_MAX_HALVINGS), np.empty(_MAX_HALVINGS)
+    begins[0], ends[0], clear_begin[0], clear_end[0] = 0.0, 1.0, clear_a, clear_b
+    cap = max(2.0 * margin, travel_m)
     depth = 1
     while depth:
         depth -= 1
         begin, end, first, last = begins[depth], ends[depth], clear_begin[depth], clear_end[depth]
         # The clearances at both ends cover this part of the motion, or it is short enough.
-        if first + last - 2.0 * margin >= moved_m * (end - begin) or moved_m * (end - begin) <= STEP_M:
+        if first + last - 2.0 * margin >= travel_m * (end - begin) or travel_m * (end - begin) <= STEP_M:
             continue
-        if depth + 2 > _DEPTH:
+        if depth + 2 > _MAX_HALVINGS:
             return False
         t = 0.5 * (begin + end)
         middle = body_clearance(
@@ -100,11 +107,16 @@ def body_passes(
             a[0] + t * (b[0] - a[0]),
             a[1] + t * (b[1] - a[1]),
             a[2] + t * (b[2] - a[2]),
-            min(cap, margin + moved_m * (end - begin)),
+            min(cap, margin + travel_m * (end - begin)),
         )
         if middle < margin:
             return False
         begins[depth], ends[depth], clear_begin[depth], clear_end[depth] = t, end, middle, last
-        begins[depth + 1], ends[depth + 1], clear_begin[depth + 1], clear_end[depth + 1] = begin, t, first, middle
+        begins[depth + 1], ends[depth + 1], clear_begin[depth + 1], clear_end[depth + 1] = (
+            begin,
+            t,
+            first,
+            middle,
+        )
         depth += 2
     return True

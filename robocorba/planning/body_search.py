@@ -23,7 +23,7 @@ Singles = NDArray[np.float32]
 
 #: Step of the lattice [m], and number of headings in a full turn.
 STEP_M, HEADINGS = 0.10, 24
-#: Greatest number of poses of a lattice; its step grows beyond that.
+#: Maximum number of poses of a lattice; its step grows beyond that.
 MAX_POSES = 30_000_000
 #: Number of expanded poses after which a search ends.
 MAX_EXPANDED = 3_000_000
@@ -42,17 +42,19 @@ SHORTCUTS = 200
 
 
 class Lattice(NamedTuple):
-    """frame: x and y of the lower corner, heading of the first layer, step [m], columns, rows, headings; open_m
+    """A lattice of poses: points in rows and columns, and at each point the same headings.
+
+    frame: x and y of the lower corner [m], first heading [rad], step [m], number of columns, rows, headings. open_m
     (rows, columns): distance from a point to the nearest obstacle [m], up to a limit."""
 
     frame: Floats
     open_m: Floats
 
 
-class Found(NamedTuple):
-    """A route (k, 3) to a goal, its cost, and the indices of its source and goal."""
+class LatticeRoute(NamedTuple):
+    """A route (k, 3: x, y [m] and heading [rad]) to a goal, its cost [m], and the indices of its source and goal."""
 
-    way: Floats
+    route: Floats
     cost: float
     source: int
     goal: int
@@ -66,14 +68,14 @@ def lay_lattice(grid: Grid, box: tuple[float, float, float, float], anchor: Floa
     low_y = anchor[1] - step * math.floor((anchor[1] - y0) / step)
     columns, rows = int((x1 - low_x) / step) + 1, int((y1 - low_y) / step) + 1
     frame = np.array([low_x, low_y, anchor[2], step, columns, rows, HEADINGS], float)
-    return Lattice(frame, _open(grid, frame, far_m))
+    return Lattice(frame, _open_distances(grid, frame, far_m))
 
 
-def remaining(lattice: Lattice, goals: Floats, radius_m: float) -> Floats:
+def distances_to_goal(lattice: Lattice, goals: Floats, radius_m: float) -> Floats:
     """Distance from each point (rows, columns) to the nearest goal for a disc of this radius [m]; inf where it
     cannot reach one."""
     cells = [_cell(lattice, goal) for goal in goals]
-    return _remaining(lattice.frame, lattice.open_m, np.array(cells, np.int64).reshape(-1, 2), radius_m)
+    return _distances_to_goal(lattice.frame, lattice.open_m, np.array(cells, np.int64).reshape(-1, 2), radius_m)
 
 
 def find_routes(
@@ -84,9 +86,9 @@ def find_routes(
     sources: Floats,
     goals: Floats,
     margin_m: float,
-) -> tuple[list[Found], Bytes]:
+) -> tuple[list[LatticeRoute], Bytes]:
     """Routes on the lattice that keep `margin_m` from obstacles, from sources (n, 4: pose and initial cost) to goals
-    (m, 3), and the points reached (rows, columns). to_goal_m: the result of `remaining` for the goals.
+    (m, 3), and the points reached (rows, columns). to_goal_m: the result of `distances_to_goal` for the goals.
 
     The search ends without further routes after MAX_EXPANDED poses."""
     frame = lattice.frame
@@ -95,7 +97,7 @@ def find_routes(
     count = lattice.open_m.size * HEADINGS
     # numpy.zeros maps pages on first use: poses that the search never touches take no memory.
     clearance, costs, parents = np.zeros(count, np.float32), np.zeros(count), np.zeros(count, np.int64)
-    settled, reached = _search(
+    goals_reached, reached = _search(
         grid,
         body.capsules,
         body.reach,
@@ -111,15 +113,15 @@ def find_routes(
         parents,
     )
     found = []
-    for index in settled.tolist():
+    for index in goals_reached.tolist():
         state, poses = int(states[index]), [goals[index]]
         at = state
         while parents[at] > 0:
             at = int(parents[at]) - 1
-            poses.append(_pose(frame, at))
+            poses.append(np.array(_pose(frame, at)))
         source = -int(parents[at]) - 1
         poses.append(sources[source, :3])
-        found.append(Found(unwrapped(np.array(poses[::-1])), float(costs[state]), source, index))
+        found.append(LatticeRoute(unwrapped(np.array(poses[::-1])), float(costs[state]), source, index))
     return found, reached
 
 
@@ -144,18 +146,20 @@ def _cell(lattice: Lattice, pose: Floats) -> tuple[int, int]:
 
 def _state(lattice: Lattice, pose: Floats) -> int:
     column, row = _cell(lattice, pose)
-    layer = round(math.remainder(pose[2] - lattice.frame[2], math.tau) / (math.tau / HEADINGS)) % HEADINGS
-    return (row * int(lattice.frame[4]) + column) * HEADINGS + layer
-
-
-def _pose(frame: Floats, state: int) -> Floats:
-    point, layer = divmod(state, int(frame[6]))
-    row, column = divmod(point, int(frame[4]))
-    return np.array([frame[0] + column * frame[3], frame[1] + row * frame[3], frame[2] + layer * math.tau / frame[6]])
+    heading_index = round(math.remainder(pose[2] - lattice.frame[2], math.tau) / (math.tau / HEADINGS)) % HEADINGS
+    return (row * int(lattice.frame[4]) + column) * HEADINGS + heading_index
 
 
 @kernel
-def _open(grid: Grid, frame: Floats, cap: float) -> Floats:
+def _pose(frame: Floats, state: int) -> tuple[float, float, float]:
+    """The pose of a state: x, y, heading."""
+    point, heading_index = divmod(state, int(frame[6]))
+    row, column = divmod(point, int(frame[4]))
+    return frame[0] + column * frame[3], frame[1] + row * frame[3], frame[2] + heading_index * (math.tau / frame[6])
+
+
+@kernel
+def _open_distances(grid: Grid, frame: Floats, cap: float) -> Floats:
     columns, rows = int(frame[4]), int(frame[5])
     found = np.empty((rows, columns))
     for row in range(rows):
@@ -166,7 +170,7 @@ def _open(grid: Grid, frame: Floats, cap: float) -> Floats:
 
 
 @kernel
-def _remaining(frame: Floats, open_m: Floats, cells: Longs, radius: float) -> Floats:
+def _distances_to_goal(frame: Floats, open_m: Floats, cells: Longs, radius: float) -> Floats:
     rows, columns = open_m.shape
     to_goal_m = np.full((rows, columns), np.inf)
     queue = [(0.0, 0)]
@@ -207,11 +211,11 @@ def _search(
     costs: Floats,
     parents: Longs,
 ) -> tuple[Longs, Bytes]:
-    """Indices of the goals reached, in this order, and points reached. The arrays of the poses are filled in:
-    clearance (0: unknown, negative: less than the margin); costs; parents (0: not reached, -1 - source, or 1 +
-    previous pose)."""
-    step, columns, rows, layers = frame[3], int(frame[4]), int(frame[5]), int(frame[6])
-    turn = math.tau / layers
+    """Indices of the goals reached, in this order, and points reached (rows, columns). The search fills in the arrays
+    of the states: clearance (0: unknown, negative: less than the margin); costs; parents (0: not reached, -1 - source,
+    or 1 + previous state). weight: cost of turning by a radian [m]."""
+    step, columns, rows, headings = frame[3], int(frame[4]), int(frame[5]), int(frame[6])
+    turn = math.tau / headings
     reached = np.zeros((rows, columns), np.uint8)
     settled = np.empty(goals.shape[0], np.int64)
     number = 0
@@ -224,16 +228,16 @@ def _search(
     for s in range(sources.shape[0]):
         column = math.floor((sources[s, 0] - frame[0]) / step)
         row = math.floor((sources[s, 1] - frame[1]) / step)
-        layer = math.floor((sources[s, 2] - frame[2]) / turn)
+        heading_index = math.floor((sources[s, 2] - frame[2]) / turn)
         for r in range(max(row - 1, 0), min(row + 3, rows)):
             for c in range(max(column - 1, 0), min(column + 3, columns)):
-                for k in range(layer - 1, layer + 3):
+                for k in range(heading_index - 1, heading_index + 3):
                     if to_goal_m[r, c] == np.inf:
                         continue
                     dx, dy = frame[0] + c * step - sources[s, 0], frame[1] + r * step - sources[s, 1]
                     dh = weight * (frame[2] + k * turn - sources[s, 2])
                     cost = sources[s, 3] + math.sqrt(dx * dx + dy * dy + dh * dh)
-                    state = (r * columns + c) * layers + k % layers
+                    state = (r * columns + c) * headings + k % headings
                     heapq.heappush(queue, (cost + HEURISTIC_WEIGHT * to_goal_m[r, c], cost, state, -1 - s, False))
 
     expansions_left, expanded = POSES_AFTER_FIRST_GOAL, 0
@@ -241,9 +245,9 @@ def _search(
         _, cost, state, parent, is_free = heapq.heappop(queue)
         if parents[state] != 0:
             continue
-        layer, point = state % layers, state // layers
+        heading_index, point = state % headings, state // headings
         row, column = point // columns, point % columns
-        b[0], b[1], b[2] = frame[0] + column * step, frame[1] + row * step, frame[2] + layer * turn
+        b[0], b[1], b[2] = _pose(frame, state)
         if clearance[state] == 0.0:
             clearance[state] = _clearance(grid, capsules, reach, b, open_m[row, column], cap, margin)
         if clearance[state] < 0.0:
@@ -251,15 +255,12 @@ def _search(
         if not is_free:
             if parent < 0:
                 a[:] = sources[-1 - parent, :3]
-                at_a = body_clearance(grid, capsules, a[0], a[1], a[2], cap)
+                clear_a = body_clearance(grid, capsules, a[0], a[1], a[2], cap)
             else:
-                before = parent - 1
-                a[0] = frame[0] + (before // layers % columns) * step
-                a[1] = frame[1] + (before // layers // columns) * step
-                a[2] = frame[2] + (before % layers) * turn
-                at_a = clearance[before]
-            b[2] = a[2] + _remainder(b[2] - a[2])
-            if not body_passes(grid, capsules, reach, a, b, at_a, clearance[state], margin):
+                a[0], a[1], a[2] = _pose(frame, parent - 1)
+                clear_a = clearance[parent - 1]
+            b[2] = a[2] + _wrapped(b[2] - a[2])
+            if not body_passes(grid, capsules, reach, a, b, clear_a, clearance[state], margin):
                 continue
         parents[state], costs[state] = parent, cost
         reached[row, column] = 1
@@ -282,29 +283,29 @@ def _search(
                 if r < 0 or r >= rows or c < 0 or c >= columns or to_goal_m[r, c] == np.inf:
                     continue
                 for by in range(-1, 2):
-                    k = (layer + by) % layers
-                    other = (r * columns + c) * layers + k
+                    k = (heading_index + by) % headings
+                    other = (r * columns + c) * headings + k
                     if other == state or parents[other] != 0 or clearance[other] < 0.0:
                         continue
                     if clearance[other] == 0.0:
-                        b[0], b[1], b[2] = frame[0] + c * step, frame[1] + r * step, frame[2] + k * turn
+                        b[0], b[1], b[2] = _pose(frame, other)
                         clearance[other] = _clearance(grid, capsules, reach, b, open_m[r, c], cap, margin)
                         if clearance[other] < 0.0:
                             continue
                     distance = step * math.sqrt(down * down + right * right)
-                    moved_m = distance + reach * turn * abs(by)
+                    travel_m = distance + reach * turn * abs(by)
                     length = math.sqrt(distance * distance + weight * weight * turn * turn * by * by)
                     room = min(clearance[state], clearance[other]) - margin
                     total = cost + length * (1.0 + NARROW_COST * max(0.0, 1.0 - room / COMFORT_CLEARANCE_M))
                     if costs[other] > 0.0 and total >= costs[other]:
                         continue
-                    is_known = clearance[state] + clearance[other] - 2.0 * margin >= moved_m
+                    is_known = clearance[state] + clearance[other] - 2.0 * margin >= travel_m
                     if is_known:
                         costs[other] = total
                     rest = to_goal_m[r, c]
                     if goals.shape[0] == 1:
-                        layers_off = abs(k - goals[0] % layers)
-                        off = weight * turn * min(layers_off, layers - layers_off)
+                        steps_off = abs(k - goals[0] % headings)
+                        off = weight * turn * min(steps_off, headings - steps_off)
                         rest = math.sqrt(rest * rest + off * off)
                     heapq.heappush(queue, (total + HEURISTIC_WEIGHT * rest, total, other, state + 1, is_known))
     return settled[:number], reached
@@ -323,12 +324,14 @@ def _clearance(
 
 
 @kernel
-def _remainder(angle: float) -> float:
+def _wrapped(angle: float) -> float:
+    """The same angle between -pi and pi [rad]."""
     return angle - math.tau * math.floor(angle / math.tau + 0.5)
 
 
 @kernel
-def _length(a: Floats, b: Floats, weight: float) -> float:
+def _motion_cost(a: Floats, b: Floats, weight: float) -> float:
+    """Cost of the straight motion between two poses [m], without the cost of narrow places."""
     return math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (weight * (b[2] - a[2])) ** 2)
 
 
@@ -357,18 +360,18 @@ def _shorten(
             continue
         a[:] = route[i] + s * (route[i + 1] - route[i])
         b[:] = route[j] + t * (route[j + 1] - route[j])
-        old = _length(a, route[i + 1], weight) + _length(route[j], b, weight)
+        old = _motion_cost(a, route[i + 1], weight) + _motion_cost(route[j], b, weight)
         for v in range(i + 1, j):
-            old += _length(route[v], route[v + 1], weight)
+            old += _motion_cost(route[v], route[v + 1], weight)
         extra = 2 - (j - i)
-        if old - _length(a, b, weight) < 0.02 + 0.1 * max(extra, 0):
+        if old - _motion_cost(a, b, weight) < 0.02 + 0.1 * max(extra, 0):
             continue
-        at_a = body_clearance(grid, capsules, a[0], a[1], a[2], cap)
-        at_b = body_clearance(grid, capsules, b[0], b[1], b[2], cap)
-        least = min(min(at_a, at_b), preferred)
+        clear_a = body_clearance(grid, capsules, a[0], a[1], a[2], cap)
+        clear_b = body_clearance(grid, capsules, b[0], b[1], b[2], cap)
+        least = min(min(clear_a, clear_b), preferred)
         for v in range(i + 1, j + 1):
             least = min(least, body_clearance(grid, capsules, route[v, 0], route[v, 1], route[v, 2], preferred))
-        if body_passes(grid, capsules, reach, a, b, at_a, at_b, max(margin, least)):
+        if body_passes(grid, capsules, reach, a, b, clear_a, clear_b, max(margin, least)):
             shortened = np.empty((i + 3 + last - j, 3))
             shortened[: i + 1] = route[: i + 1]
             shortened[i + 1] = a
@@ -380,7 +383,7 @@ def _shorten(
 
 @kernel
 def _skip(grid: Grid, capsules: Floats, reach: float, margin: float, preferred: float, route: Floats) -> Floats:
-    """From each pose straight to the farthest pose that the body can reach."""
+    """The route without the poses that the body can skip: from each pose to the farthest one within its reach."""
     count = route.shape[0]
     clearance = np.empty(count)
     for i in range(count):

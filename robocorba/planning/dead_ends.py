@@ -22,9 +22,9 @@ IN_CORE = -1
 
 
 class DeadEnds(NamedTuple):
-    """exit_triangle (t,): the next triangle on the way out of a dead end, IN_CORE in the core; near_core (n,): the
-    vertices at which paths through the core may turn; stamp (n,): the last search for which a vertex counts in
-    addition."""
+    """exit_triangle (t,): the next triangle towards the exit of a dead end, IN_CORE in the core; near_core (n,): the
+    vertices at which paths through the core may turn; stamp (n,): the last search in which paths may turn at a vertex
+    in addition."""
 
     exit_triangle: Longs
     near_core: Flags
@@ -33,7 +33,7 @@ class DeadEnds(NamedTuple):
 
 @kernel
 def exit_triangles(mesh: Mesh) -> Longs:
-    """The next triangle on the way out of each dead end; IN_CORE for triangles of the core."""
+    """The next triangle towards the exit of each dead end; IN_CORE for triangles of the core."""
     count = mesh.corner.shape[0]
     found = np.full(count, IN_CORE, np.int64)
     openings = np.zeros(count, np.int64)
@@ -67,22 +67,20 @@ def exit_triangles(mesh: Mesh) -> Longs:
 @kernel
 def near_core(mesh: Mesh, xy: Floats, exit_triangle: Longs, reach: float) -> Flags:
     """The vertices (n,) of the core, and those of dead ends within `reach` [m] of their opening."""
-    found = np.zeros(mesh.at.shape[0], np.bool_)
     stamp = np.zeros(mesh.at.shape[0], np.int64)
     stack = np.empty(mesh.corner.shape[0], np.int64)
     for t in range(mesh.corner.shape[0]):
         if exit_triangle[t] == IN_CORE:
             _stamp_triangle(mesh, xy, exit_triangle, t, reach, stamp, 1, stack)
-    for v in range(found.shape[0]):
-        found[v] = stamp[v] == 1
-    return found
+    return stamp == 1
 
 
 @kernel
 def stamp_exit_route(mesh: Mesh, xy: Floats, ends: DeadEnds, x: float, y: float, reach: float, epoch: int) -> None:
-    """Stamp the vertices along the way out of the dead end of a place, and those within `reach` [m] beside it."""
+    """Stamp the vertices of the triangles from a place [m] to the exit of its dead end, and those within `reach` [m]
+    beside them."""
     column, row = on_lattice(mesh, x, y)
-    t = locate(mesh, column, row, mesh.some[0])
+    t = locate(mesh, column, row, mesh.triangle_of[0])
     if ends.exit_triangle[t] == IN_CORE:
         return
     stack = np.empty(256, np.int64)

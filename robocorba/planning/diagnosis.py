@@ -19,8 +19,8 @@ from robocorba.spatial.pose import XY
 
 #: Radius of a thin robot [m]: if it has a path where the real one has none, gaps are too narrow.
 THIN_M = 0.02
-#: Greatest number of nodes of a component, and of one-way edges, that a diagnosis names.
-NAMES_SHOWN, MAX_ONE_WAY_SHOWN = 4, 16
+#: Maximum number of nodes of a component, and of one-way edges, that a diagnosis names.
+MAX_NODES_NAMED, MAX_ONE_WAY_NAMED = 4, 16
 #: A drive leads through a doorway if it passes within this distance [m].
 DOORWAY_M = 0.3
 
@@ -33,8 +33,8 @@ def obstacle_at(space: FloorSpace, x: float, y: float, radius: float) -> tuple[s
             return f"{item.kind} {item.name}", 0.0
     if not space.is_ground(x, y):
         return f"the outside of floor {space.floor}", 0.0
-    distance, item_near = space.nearest(x, y, radius + 1e-6)
-    return (f"{item_near.kind} {item_near.name}" if item_near else "nothing"), distance
+    distance, nearest = space.nearest(x, y, radius + 1e-6)
+    return (f"{nearest.kind} {nearest.name}" if nearest else "nothing"), distance
 
 
 def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> tuple[str, list[Blocker]]:
@@ -196,8 +196,8 @@ def _unconnected(snapshot: BuildingSnapshot, request: PathRequest, deadline: flo
 def _describe_components(snapshot: BuildingSnapshot, component: Longs, numbers: set[int]) -> str:
     """How many nodes these components have, and the names of the first of them."""
     nodes = np.flatnonzero(np.isin(component, list(numbers)))
-    names = [snapshot.roads.names.nodes[node] for node in nodes[:NAMES_SHOWN].tolist()]
-    more = ", ..." if len(nodes) > NAMES_SHOWN else ""
+    names = [snapshot.roads.names.nodes[node] for node in nodes[:MAX_NODES_NAMED].tolist()]
+    more = ", ..." if len(nodes) > MAX_NODES_NAMED else ""
     return f"{len(nodes)} node{'s' if len(nodes) > 1 else ''} ({', '.join(names)}{more})"
 
 
@@ -208,4 +208,4 @@ def _one_way_edges(building: Building, request: PathRequest) -> list[Blocker]:
         for floor in dict.fromkeys((request.start.floor, request.goal.floor))
         for edge in building.floors[floor].topological.edges.values()
         if edge.one_way
-    ][:MAX_ONE_WAY_SHOWN]
+    ][:MAX_ONE_WAY_NAMED]

@@ -9,7 +9,7 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.dead_ends import exit_triangles
-from robocorba.planning.triangulation import Mesh, crossings, empty_mesh, enlarged, insert_points, insert_walls
+from robocorba.planning.triangulation import crossings, empty_mesh, insert_points, insert_walls, trimmed
 from robocorba.spatial.grids import Floats, Grid, Longs
 from robocorba.spatial.pose import XY
 
@@ -17,35 +17,30 @@ from robocorba.spatial.pose import XY
 SAME_RAD = 1e-7
 #: Width of the ground that a mesh covers around all walls [m].
 MIN_MARGIN_M = 1.0
-#: Additional width on a floor without an outline, beside the extent of the walls [m].
+#: Additional width on a floor without an outline, besides the extent of the walls [m].
 OPEN_M = 50.0
 
 
 class FloorMesh:
     """The triangulated walls of a floor; the same for robots of any radius."""
 
-    def __init__(self, grid: Grid, bounded: bool, also: Sequence[XY] = ()) -> None:
-        """The mesh covers the walls, the points `also` and, where no outline bounds the floor, the surrounding
-        ground."""
+    def __init__(self, grid: Grid, bounded: bool, points: Sequence[XY] = ()) -> None:
+        """The mesh covers the walls, `points` [m] and, unless an outline bounds the floor, the surrounding ground."""
         segments = grid.segments
-        self.bounds = _bounds(segments, also, 0.0 if bounded else 1.0)
-        extra = crossings(grid)
-        self.mesh: Mesh = empty_mesh(self.bounds, 2 * len(segments) + len(extra))
-        insert_points(self.mesh, extra)
-        self.ends: Longs = np.empty(2 * len(segments), np.int64)
-        insert_walls(self.mesh, segments, _order(segments.reshape(-1, 2)), self.ends)
-        self._finish(segments)
-
-    def _finish(self, segments: Floats) -> None:
-        used = int(self.mesh.size[1])
-        self.mesh = enlarged(self.mesh, 0)
+        self.bounds = _bounds(segments, points, bounded)
+        crossed_at = crossings(grid)
+        mesh = empty_mesh(self.bounds, 2 * len(segments) + len(crossed_at))
+        insert_points(mesh, crossed_at)
+        wall_ends, vertices = segments.reshape(-1, 2), np.empty(2 * len(segments), np.int64)
+        insert_walls(mesh, segments, _order(wall_ends), vertices)
+        self.mesh = trimmed(mesh)
+        #: The vertices (n, 2) [m].
         self.xy: Floats = self.mesh.frame[:2] + self.mesh.frame[2] * self.mesh.at
-        self.xy[self.ends[::-1]] = segments.reshape(-1, 2)[::-1]
-        moved = np.abs(self.xy[self.ends] - segments.reshape(-1, 2)).max(initial=0.0)
-        #: Greatest distance between ends of walls that share a vertex [m].
-        self.merged_m = float(moved)
+        self.xy[vertices[::-1]] = wall_ends[::-1]
+        #: Maximum distance between ends of walls that share a vertex [m].
+        self.merged_m = float(np.abs(self.xy[vertices] - wall_ends).max(initial=0.0))
         self.exit_triangle = exit_triangles(self.mesh)
-        self.low, self.span = wall_arcs(used, segments, self.ends)
+        self.low, self.span = wall_arcs(len(self.xy), segments, vertices)
 
     def covers(self, points: Sequence[XY]) -> bool:
         """Whether the mesh covers all these points."""
@@ -53,12 +48,12 @@ class FloorMesh:
         return all(x0 <= x <= x1 and y0 <= y <= y1 for x, y in points)
 
 
-def _bounds(segments: Floats, also: Sequence[XY], open_part: float) -> tuple[float, float, float, float]:
-    points = np.concatenate([segments.reshape(-1, 2), np.array(also, float).reshape(-1, 2)])
-    if not len(points):
-        points = np.zeros((1, 2))
-    low, high = points.min(axis=0), points.max(axis=0)
-    around = MIN_MARGIN_M + open_part * (OPEN_M + float((high - low).max()))
+def _bounds(segments: Floats, points: Sequence[XY], bounded: bool) -> tuple[float, float, float, float]:
+    covered = np.concatenate([segments.reshape(-1, 2), np.array(points, float).reshape(-1, 2)])
+    if not len(covered):
+        covered = np.zeros((1, 2))
+    low, high = covered.min(axis=0), covered.max(axis=0)
+    around = MIN_MARGIN_M if bounded else MIN_MARGIN_M + OPEN_M + float((high - low).max())
     return float(low[0] - around), float(low[1] - around), float(high[0] + around), float(high[1] + around)
 
 
@@ -82,8 +77,7 @@ def wall_arcs(vertices: int, segments: Floats, ends: Longs) -> tuple[Floats, Flo
         if ends[2 * i] != ends[2 * i + 1]:
             first[ends[2 * i] + 1] += 1
             first[ends[2 * i + 1] + 1] += 1
-    for v in range(vertices):
-        first[v + 1] += first[v]
+    first = np.cumsum(first)
     angles = np.empty(first[vertices])
     fill = first[:-1].copy()
     for i in range(segments.shape[0]):

@@ -8,7 +8,7 @@ from robocorba.maps.geometry import DOOR_REACH_M
 from robocorba.maps.model import Building
 from robocorba.maps.vicinity import line_box, walls_intersecting
 
-#: Greatest number of changed elements for an incremental update; rebuilding the whole floor is cheaper beyond it.
+#: Maximum number of changed elements for an incremental update; rebuilding the whole floor is cheaper beyond it.
 MAX_TOUCHED = 1_000
 
 T = TypeVar("T")
@@ -41,20 +41,16 @@ class FloorSource:
         )
 
     def _same_frame(self, other: FloorSource) -> bool:
-        return (
-            self.floor is other.floor
-            and len(self.elevators) == len(other.elevators)
-            and all(a is b for a, b in zip(self.elevators, other.elevators, strict=True))
-        )
+        return self.floor is other.floor and list(map(id, self.elevators)) == list(map(id, other.elevators))
 
     def touched_since(self, before: FloorSource, building: Building) -> Touched | None:
         """The differences to `before`; None if the whole floor must be rebuilt: its entry or an elevator changed, or
         more than MAX_TOUCHED elements did."""
         if not self._same_frame(before):
             return None
-        walls = _differing(self.plan.walls, before.plan.walls)
-        objects = _differing(self.plan.objects, before.plan.objects)
-        doors = _differing(self.plan.doors, before.plan.doors)
+        walls = _changed(self.plan.walls, before.plan.walls)
+        objects = _changed(self.plan.objects, before.plan.objects)
+        doors = _changed(self.plan.doors, before.plan.doors)
         if doors:
             both = (self.plan.doors, before.plan.doors)
             boxes = [line_box(side[name], 2 * DOOR_REACH_M) for name in doors for side in both if name in side]
@@ -64,9 +60,8 @@ class FloorSource:
         return Touched(walls, objects, doors)
 
 
-def _differing(now: dict[str, T], before: dict[str, T]) -> set[str]:
-    """Names whose objects differ between the two."""
+def _changed(now: dict[str, T], before: dict[str, T]) -> set[str]:
+    """Names of elements that were added, changed or removed."""
     if now is before:
         return set()
-    changed = {name for name, value in now.items() if before.get(name) is not value}
-    return changed | (before.keys() - now.keys())
+    return {name for name, value in now.items() if before.get(name) is not value} | (before.keys() - now.keys())

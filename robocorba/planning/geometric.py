@@ -17,7 +17,7 @@ from robocorba.planning.tangent_graph import NO_LANES, DriveLeg
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY
 
-#: A vertex of the search: a floor and the elevator whose cabin it is; start and goal have names of their own.
+#: A vertex of the search: a floor, and the elevator whose cabin is there or " start" or " goal".
 _Stop = tuple[str, str]
 
 
@@ -35,10 +35,10 @@ def routes(
     used = _elevators(snapshot, best)
     found, seen = [best], {used}
     for count in range(1, len(used) + 1):
-        for shut in combinations(sorted(used), count):
+        for avoided in combinations(sorted(used), count):
             if len(found) > request.alternatives:
                 return found
-            other = _find_route(snapshot, request, request.avoid_elevators | set(shut), deadline, obey_one_way)
+            other = _find_route(snapshot, request, request.avoid_elevators | set(avoided), deadline, obey_one_way)
             if other is not None and _elevators(snapshot, other) not in seen:
                 seen.add(_elevators(snapshot, other))
                 found.append(other)
@@ -62,7 +62,7 @@ def _find_route(
     at |= {origin: start[1:], destination: goal[1:]}
 
     cost = {origin: 0.0}
-    came: dict[_Stop, tuple[_Stop, DriveLeg | None]] = {}
+    parents: dict[_Stop, tuple[_Stop, DriveLeg | None]] = {}
     done: set[_Stop] = set()
     queue = [(0.0, origin)]
     while queue:
@@ -71,9 +71,9 @@ def _find_route(
             continue
         done.add(here)
         if here == destination:
-            return _assemble(snapshot, at, came, origin, destination)
+            return _assemble(snapshot, at, parents, origin, destination)
         steps: list[tuple[_Stop, float, DriveLeg | None]]
-        if here != origin and came[here][1] is not None:  # the robot drove into a cabin: it rides next
+        if here != origin and parents[here][1] is not None:  # the robot drove into a cabin: it rides next
             steps = [
                 (stop, _cost(_ride(snapshot.building, here, stop), by_time), None)
                 for stop in cabins
@@ -89,7 +89,7 @@ def _find_route(
         for stop, step, leg in steps:
             if so_far + step < cost.get(stop, math.inf):
                 cost[stop] = so_far + step
-                came[stop] = (here, leg)
+                parents[stop] = (here, leg)
                 heapq.heappush(queue, (cost[stop], stop))
     return None
 
@@ -112,25 +112,25 @@ def _ride(building: Building, here: _Stop, there: _Stop) -> RideEstimate:
     return ride(building, building.elevators[here[1]], here[0], there[0])
 
 
-def _cost(found: RideEstimate, by_time: bool) -> float:
-    return found.wait + found.travel if by_time else found.climb
+def _cost(estimate: RideEstimate, by_time: bool) -> float:
+    return estimate.wait + estimate.travel if by_time else estimate.climb
 
 
 def _assemble(
     snapshot: BuildingSnapshot,
     at: dict[_Stop, XY],
-    came: dict[_Stop, tuple[_Stop, DriveLeg | None]],
+    parents: dict[_Stop, tuple[_Stop, DriveLeg | None]],
     origin: _Stop,
     destination: _Stop,
 ) -> Floats:
     """The rows of the route; see route.py."""
     stops = [destination]
     while stops[-1] != origin:
-        stops.append(came[stops[-1]][0])
+        stops.append(parents[stops[-1]][0])
     roads = snapshot.roads
     parts: list[Floats] = []
     for here, there in pairwise(reversed(stops)):
-        floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here), came[there][1]
+        floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here), parents[there][1]
         if leg is None:
             wait, travel, _ = _ride(snapshot.building, here, there)
             rows = waypoints(floor, np.array([at[here]], float))

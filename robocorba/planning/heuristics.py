@@ -13,7 +13,7 @@ from robocorba.planning.roads import CLEARANCE, LENGTH, SPEED_LIMIT, TRAVEL, WAI
 from robocorba.planning.space import TOUCH_M
 from robocorba.spatial.grids import Floats, Longs
 
-#: Greatest number of nodes of a building that gets a table of all costs for the robot of getPath.
+#: Maximum number of nodes of a building that gets a table of all costs for the robot of getPath.
 MAX_TABLE_NODES = 400
 #: Value of `speed_m_s` with which costs are metres instead of seconds.
 COST_IN_METRES = 0.0
@@ -42,8 +42,8 @@ def make_heuristics(
     origins = np.searchsorted(roads.first, rides, side="right") - 1
     node = np.unique(np.concatenate([origins, roads.to[rides]]))
     start = np.searchsorted(roads.floor[node], np.arange(len(road_map.floors) + 1))
-    apart = roads.xy[node, None] - roads.xy[None, node]
-    direct = np.hypot(apart[..., 0], apart[..., 1]) / (1.0 if speed_m_s == COST_IN_METRES else speed_m_s)
+    offset = roads.xy[node, None] - roads.xy[None, node]
+    direct = np.hypot(offset[..., 0], offset[..., 1]) / (1.0 if speed_m_s == COST_IN_METRES else speed_m_s)
     bound = np.where(roads.floor[node, None] == roads.floor[None, node], direct, np.inf)
     measures = roads.measures[rides]
     costs = measures[:, LENGTH] if speed_m_s == COST_IN_METRES else measures[:, WAIT] + measures[:, TRAVEL]
@@ -53,7 +53,7 @@ def make_heuristics(
     bound = np.maximum(bound - 1e-9, 0.0)  # rounding must not raise a bound above the true cost
     if radius is None or len(roads.xy) > MAX_TABLE_NODES:
         return pack([bound, np.empty(0)], [node, start, np.empty(0)])
-    cost, edge = tabulate(roads, speed_m_s, radius)
+    cost, edge = all_costs(roads, speed_m_s, radius)
     return pack([bound, cost], [node, start, edge])
 
 
@@ -61,13 +61,13 @@ def make_heuristics(
 def read_heuristics(heuristics: Packed, nodes: int) -> HeuristicTables:
     """Unpack heuristics for a roadmap with this number of nodes."""
     node, edge = numbers(heuristics, 2), numbers(heuristics, 4)
-    tabled = nodes if edge.shape[0] else 0
+    in_table = nodes if edge.shape[0] else 0
     return HeuristicTables(
         node,
         numbers(heuristics, 3),
         rows(heuristics, 0, node.shape[0]),
-        rows(heuristics, 1, tabled),
-        edge.reshape(tabled, tabled),
+        rows(heuristics, 1, in_table),
+        edge.reshape(in_table, in_table),
     )
 
 
@@ -83,22 +83,22 @@ def step_cost(roads: RoadmapArrays, edge: int, speed_m_s: float) -> float:
 
 
 @kernel
-def continues_ride(roads: RoadmapArrays, came_by: int, edge: int) -> bool:
+def continues_ride(roads: RoadmapArrays, via: int, edge: int) -> bool:
     """Whether an edge is a second ride in the elevator of the previous edge, which no route contains."""
-    return came_by >= 0 and roads.elevator[edge] >= 0 and roads.elevator[came_by] == roads.elevator[edge]
+    return via >= 0 and roads.elevator[edge] >= 0 and roads.elevator[via] == roads.elevator[edge]
 
 
 @kernel
-def tabulate(roads: RoadmapArrays, speed_m_s: float, radius: float) -> tuple[Floats, Longs]:
+def all_costs(roads: RoadmapArrays, speed_m_s: float, radius: float) -> tuple[Floats, Longs]:
     """Dijkstra from every node: costs (n, n), inf where there is no route, and first edges (n, n)."""
     count = roads.xy.shape[0]
     cost = np.full((count, count), np.inf)
     first = np.full((count, count), -1, np.int64)
-    came_by = np.empty(count, np.int64)
+    via = np.empty(count, np.int64)
     done = np.empty(count, np.bool_)
     for source in range(count):
         row = cost[source]
-        came_by[:] = -1
+        via[:] = -1
         done[:] = False
         row[source] = 0.0
         queue = [(0.0, source)]
@@ -108,13 +108,13 @@ def tabulate(roads: RoadmapArrays, speed_m_s: float, radius: float) -> tuple[Flo
                 continue
             done[node] = True
             for edge in range(roads.first[node], roads.first[node + 1]):
-                if roads.measures[edge, CLEARANCE] < radius - TOUCH_M or continues_ride(roads, came_by[node], edge):
+                if roads.measures[edge, CLEARANCE] < radius - TOUCH_M or continues_ride(roads, via[node], edge):
                     continue
                 other = roads.to[edge]
                 total = so_far + step_cost(roads, edge, speed_m_s)
                 if total < row[other]:
                     row[other] = total
-                    came_by[other] = edge
+                    via[other] = edge
                     first[source, other] = edge if node == source else first[source, node]
                     heapq.heappush(queue, (total, other))
     return cost, first

@@ -10,7 +10,6 @@ from robocorba.errors.paths import NoPath, NotFree
 from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
 from robocorba.planning import diagnosis, geometric, topological
 from robocorba.planning.request import (
-    SMARTPAL_RADIUS_M,
     SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
@@ -18,10 +17,11 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
     check_request,
-    is_near,
+    is_in_range,
 )
 from robocorba.planning.search import find_path
 from robocorba.planning.snapshot import BuildingSnapshot
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
 TIME_LIMIT_S = 8.0
@@ -48,7 +48,7 @@ class PathPlanner:
         outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
         floor = Floor(name="warm-up", level=0, elevation=0.0, outline=outline)
         building = Building("warm-up").with_element("", floor)
-        for element in (
+        for element in (  # a room in which the queries below use every kernel
             Wall(name="lid", a=(1.0, 2.0), b=(3.0, 2.0)),
             Wall(name="side", a=(3.0, 2.0), b=(3.0, 1.0)),
             PathNode(name="a", at=(7.0, 5.0)),
@@ -58,7 +58,7 @@ class PathPlanner:
             building = building.with_element(floor.name, element)
         planner = PathPlanner(building)
         start, goal = Place(floor.name, 1.6, 1.4), Place(floor.name, 9.0, 1.0)  # no node in sight of the start
-        for _ in building.floors[floor.name].topological.nodes:  # the last query makes the table of all costs
+        for _ in building.floors[floor.name].topological.nodes:  # after as many queries as nodes: the table of costs
             planner.shortest(Place(floor.name, 5.0, 5.0), goal)
         planner.shortest(goal, start)
         planner.shortest(start, goal)
@@ -69,32 +69,32 @@ class PathPlanner:
             planner.shortest(start, Place(floor.name, 3.0, 1.5))
 
     def shortest(self, start: Place, goal: Place) -> Path:
-        """The paper's getPath: the shortest path for a SmartPal, smoothed.
+        """The paper's getPath for a SmartPal: the shortest path on the topological map with corners cut, and through
+        free space where the map is a detour.
 
         Raises InvalidPoint, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
         snapshot = self._snapshot
-        roads = snapshot.roads
-        floors = roads.floor_index
-        if start.floor in floors and goal.floor in floors and is_near(start) and is_near(goal):
+        floor_index = snapshot.roads.floor_index
+        if start.floor in floor_index and goal.floor in floor_index and is_in_range(start) and is_in_range(goal):
             snapshot.count_query()
-            # The fast path of nearly every query: Python takes half of the time of a call.
-            is_detour, points = find_path(
+            # Most queries end here, without a PathRequest: Python's overhead is half of their time.
+            may_be_detour, points = find_path(
                 *snapshot.world,
                 *snapshot.heuristics,
-                floors[start.floor],
+                floor_index[start.floor],
                 start.x,
                 start.y,
-                floors[goal.floor],
+                floor_index[goal.floor],
                 goal.x,
                 goal.y,
                 SMARTPAL_RADIUS_M,
                 SMARTPAL_SPEED_M_S,
             )
-            if is_detour:
+            if may_be_detour:
                 request = PathRequest(start, goal)
                 return snapshot.path(topological.without_detours(snapshot, request, points, self._deadline()), request)
             if len(points):
-                return Path(points.tolist(), roads.names, snapshot.version)
+                return Path(points.tolist(), snapshot.roads.names, snapshot.version)
         return self.paths(PathRequest(start, goal))[0]
 
     def _deadline(self) -> float:
@@ -106,6 +106,9 @@ class PathPlanner:
         Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
         snapshot = self._snapshot
         check_request(snapshot.building, request)
+        # Kernels would compile again for whole numbers.
+        start, goal = (Place(place.floor, float(place.x), float(place.y)) for place in (request.start, request.goal))
+        request = request._replace(start=start, goal=goal)
         snapshot = snapshot.variant_for(request)
         deadline = self._deadline()
         find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes

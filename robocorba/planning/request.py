@@ -9,17 +9,15 @@ from typing import NamedTuple
 from robocorba.errors.paths import InvalidPoint, InvalidRequest, UnknownFloor
 from robocorba.maps.model import Building
 from robocorba.maps.polygons import MAX_COORDINATE_M, check_polygon
-from robocorba.spatial.pose import XY
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY, Limits
 
-#: Radius of the disc that planners in SmartPal's laboratory use for its base [m].
-SMARTPAL_RADIUS_M = 0.40
-#: Greatest speed of the base [m/s].
-SMARTPAL_SPEED_M_S = 1.0
+#: Maximum speed of SmartPal's base [m/s].
+SMARTPAL_SPEED_M_S = Limits().speed
 
-#: Greatest robot radius of a request; clearances are computed up to it [m].
+#: Maximum robot radius of a request; clearances are computed up to it [m].
 MAX_RADIUS_M = 3.0
-MAX_ALTERNATIVES = 9
-MAX_AREAS = 64
+#: Maximum number of alternatives, and of areas to avoid, of a request.
+MAX_ALTERNATIVES, MAX_AREAS = 9, 64
 
 
 class PointKind(Enum):
@@ -34,7 +32,8 @@ class PointKind(Enum):
 
 
 class RouteMode(Enum):
-    """Along the topological map; the same with corners cut; or the shortest path through free space."""
+    """TOPOLOGICAL: along the topological map. SMOOTHED: the same with corners cut, and through free space where the map
+    is a detour. GEOMETRIC: the shortest path through free space."""
 
     TOPOLOGICAL = 0
     SMOOTHED = 1
@@ -70,7 +69,7 @@ class PathPoint(NamedTuple):
     elevator: str
 
 
-class Names(NamedTuple):
+class IndexedNames(NamedTuple):
     """Names of floors, nodes and elevators by index; the last one is empty, for index -1."""
 
     floors: Sequence[str]
@@ -79,12 +78,12 @@ class Names(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A path as the compiled search returns it: one row for each point with kind (PointKind's value), node, floor,
-    x, y, heading, distance, time, elevator; node, floor and elevator are indices into `names`. `version` is the
-    map's."""
+    """A path as the compiled search returns it. rows: for each point kind (PointKind's value), node, floor, x, y [m],
+    heading [rad], distance [m], time [s], elevator; node, floor and elevator are indices into `names`. version: of the
+    map."""
 
     rows: list[list[float]]
-    names: Names
+    names: IndexedNames
     version: int
 
     @property
@@ -129,23 +128,26 @@ class PathRequest(NamedTuple):
     alternatives: int = 0
 
 
-def is_near(place: Place) -> bool:
+def is_in_range(place: Place) -> bool:
     """Whether both coordinates are numbers within MAX_COORDINATE_M."""
     return -MAX_COORDINATE_M <= place.x <= MAX_COORDINATE_M and -MAX_COORDINATE_M <= place.y <= MAX_COORDINATE_M
 
 
 def check_place(building: Building, which: str, place: Place) -> None:
     """Raise InvalidPoint or UnknownFloor unless the place could be in the building."""
-    if not abs(place.x) <= MAX_COORDINATE_M:
-        raise InvalidPoint(which, "x", f"{place.x!r} is not a number within {MAX_COORDINATE_M:g} m")
-    if not abs(place.y) <= MAX_COORDINATE_M:
-        raise InvalidPoint(which, "y", f"{place.y!r} is not a number within {MAX_COORDINATE_M:g} m")
-    if place.floor not in building.floors:
-        raise UnknownFloor(which, place.floor[:200], tuple(building.floors))
+    for field, value in (("x", place.x), ("y", place.y)):
+        if not abs(value) <= MAX_COORDINATE_M:
+            raise InvalidPoint(which, field, f"{value!r} is not a number within {MAX_COORDINATE_M:g} m")
+    _check_floor(building, which, place.floor)
+
+
+def _check_floor(building: Building, which: str, floor: str) -> None:
+    if floor not in building.floors:
+        raise UnknownFloor(which, floor[:200], tuple(building.floors))
 
 
 def check_request(building: Building, request: PathRequest) -> None:
-    """Raise InvalidPoint, InvalidRequest or UnknownFloor unless the request makes sense for the building."""
+    """Raise InvalidPoint, InvalidRequest or UnknownFloor unless the request is valid for the building."""
     check_place(building, "start", request.start)
     check_place(building, "goal", request.goal)
     if not 0.0 <= request.radius <= MAX_RADIUS_M:
@@ -158,19 +160,16 @@ def check_request(building: Building, request: PathRequest) -> None:
         if name not in building.elevators:
             raise InvalidRequest("avoidElevators", f"there is no elevator {name[:80]!r}")
     for floor, area in request.avoid_areas:
-        if floor not in building.floors:
-            raise UnknownFloor("avoidAreas", floor[:200], tuple(building.floors))
+        _check_floor(building, "avoidAreas", floor)
         if area not in building.floors[floor].geometrical.areas:
             raise InvalidRequest("avoidAreas", f"there is no area {area[:80]!r} on {floor}")
     if len(request.avoid_areas) + len(request.forbidden_areas) > MAX_AREAS:
         raise InvalidRequest("forbiddenAreas", f"more than {MAX_AREAS} areas")
     for i, (floor, polygon) in enumerate(request.forbidden_areas):
-        if floor not in building.floors:
-            raise UnknownFloor(f"forbiddenAreas[{i}]", floor[:200], tuple(building.floors))
+        _check_floor(building, f"forbiddenAreas[{i}]", floor)
         check_polygon(f"forbiddenAreas[{i}].polygon", polygon, InvalidRequest)
     for floor in request.without_movables:
-        if floor not in building.floors:
-            raise UnknownFloor("withoutMovables", floor[:200], tuple(building.floors))
+        _check_floor(building, "withoutMovables", floor)
     if request.graph and not any(
         request.graph in edge.graphs for entry in building.floors.values() for edge in entry.topological.edges.values()
     ):

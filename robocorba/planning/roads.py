@@ -14,7 +14,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
-from robocorba.planning.request import MAX_RADIUS_M, Names
+from robocorba.planning.request import MAX_RADIUS_M, IndexedNames
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
 from robocorba.spatial.grids import Floats, Grid, Longs
 
@@ -55,16 +55,16 @@ class FloorRoads:
         declared = np.array([edge.clearance or np.inf for edge in edges])
         limits = np.array([edge.speed_limit or np.inf for edge in edges])
         lengths = np.hypot(*(self.xy[ends[:, 0]] - self.xy[ends[:, 1]]).T) if edges else np.empty(0)
-        no_wait = np.zeros((len(edges), 2))
-        there = np.column_stack([lengths, np.minimum(clear, declared), limits, no_wait])
-        directed = np.array([edge.one_way for edge in edges], bool)
-        back = ~directed
-        self.origin = np.concatenate([ends[:, 0], ends[back, 1]])
-        self.to = np.concatenate([ends[:, 1], ends[back, 0]])
-        self.measures = np.concatenate([there, there[back]])
+        measures = np.column_stack([lengths, np.minimum(clear, declared), limits, np.zeros((len(edges), 2))])
+        one_way = np.array([edge.one_way for edge in edges], bool)
+        # Each edge forwards, then each two-way edge backwards.
+        self.origin = np.concatenate([ends[:, 0], ends[~one_way, 1]])
+        self.to = np.concatenate([ends[:, 1], ends[~one_way, 0]])
+        self.measures = np.concatenate([measures, measures[~one_way]])
         self.edges: list[PathEdge] = edges + [edge for edge in edges if not edge.one_way]
-        self.directed = np.concatenate([directed, np.zeros(back.sum(), bool)])
-        self.lanes = np.hstack([self.xy[ends[directed, 0]], self.xy[ends[directed, 1]]]).reshape(-1, 4)
+        self.one_way = np.concatenate([one_way, np.zeros(int((~one_way).sum()), bool)])
+        #: The one-way edges (n, 4) [m].
+        self.lanes = np.hstack([self.xy[ends[one_way, 0]], self.xy[ends[one_way, 1]]]).reshape(-1, 4)
         self.lanes = self.lanes[np.hypot(*(self.lanes[:, 2:] - self.lanes[:, :2]).T) > 0]
 
 
@@ -103,26 +103,27 @@ class RoadMap:
         self.offset = np.concatenate([[0], np.cumsum([len(part.names) for part in parts])]).astype(np.int64)
         self.elevators = list(building.elevators)
         nodes = [name for part in parts for name in part.names]
-        self.names = Names([*self.floors, ""], [*nodes, ""], [*self.elevators, ""])
+        self.names = IndexedNames([*self.floors, ""], [*nodes, ""], [*self.elevators, ""])
         self.elevations = np.array([entry.floor.elevation for entry in building.floors.values()])
         self._join(parts)
 
     def _join(self, parts: list[FloorRoads]) -> None:
+        """`roads`, from the roads of the floors."""
         count = int(self.offset[-1])
         origins = [part.origin + shift for part, shift in zip(parts, self.offset, strict=False)]
         targets = [part.to + shift for part, shift in zip(parts, self.offset, strict=False)]
-        links, rides = self._links(parts)
+        links, rides = self._rides(parts)
         origin = np.concatenate([*origins, links[:, 0]])
         to = np.concatenate([*targets, links[:, 1]])
         measures = np.concatenate([np.empty((0, 5)), *(part.measures for part in parts), rides])
         drives = len(origin) - len(links)
         elevator = np.concatenate([np.full(drives, -1, np.int64), links[:, 2]])
-        directed = np.concatenate([np.empty(0, bool), *(part.directed for part in parts), np.ones(len(links), bool)])
+        one_way = np.concatenate([np.empty(0, bool), *(part.one_way for part in parts), np.ones(len(links), bool)])
         order = np.argsort(origin, kind="stable")
         first = np.searchsorted(origin[order], np.arange(count + 1)).astype(np.int64)
         floor = np.repeat(np.arange(len(parts)), np.diff(self.offset)).astype(np.int64)
         xy = np.concatenate([np.empty((0, 2)), *(part.xy for part in parts)])
-        fixed = (directed[order] | np.isfinite(measures[order, SPEED_LIMIT])).astype(np.int64)
+        fixed = (one_way[order] | np.isfinite(measures[order, SPEED_LIMIT])).astype(np.int64)
         self.roads = RoadmapArrays(xy, floor, first, to[order], elevator[order], measures[order], fixed)
         self._order = order
 
@@ -133,7 +134,7 @@ class RoadMap:
         flat += [None] * (len(self._order) - len(flat))
         return [flat[i] for i in self._order.tolist()]
 
-    def _links(self, parts: list[FloorRoads]) -> tuple[Longs, Floats]:
+    def _rides(self, parts: list[FloorRoads]) -> tuple[Longs, Floats]:
         """Rides between any two floors of an elevator: (from, to, elevator) and measures."""
         building = self.building
         stops: dict[str, list[tuple[str, int]]] = {}

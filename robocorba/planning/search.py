@@ -16,7 +16,7 @@ from robocorba.planning.heuristics import COST_IN_METRES, HeuristicTables, conti
 from robocorba.planning.packing import Packed
 from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, RoadmapArrays
 from robocorba.planning.route import COLUMNS, ELEVATOR, FIXED, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
-from robocorba.planning.space import TOUCH_M, against_one_way, least_around, line_free
+from robocorba.planning.space import TOUCH_M, against_one_way, detour_bound, line_free
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, unpack
 from robocorba.spatial.grids import Floats, Grid, Longs
 
@@ -24,7 +24,7 @@ from robocorba.spatial.grids import Floats, Grid, Longs
 FOUND, START_NOT_FREE, GOAL_NOT_FREE, START_SEES_NO_NODE, GOAL_SEES_NO_NODE, NO_ROUTE = range(6)
 NO_ROWS = np.empty((0, COLUMNS))
 
-#: Greatest number of nodes in sight that a place is connected to.
+#: Maximum number of nodes in sight that a place is connected to.
 MAX_CONNECTIONS = 8
 #: Such a node is at most this much farther than the nearest one in sight [m].
 CONNECTION_REACH_M = 6.0
@@ -68,17 +68,17 @@ def roadmap_connections(
     only, so that the robot obeys its edges."""
     nodes = np.empty(MAX_CONNECTIONS, np.int64)
     lengths = np.empty(MAX_CONNECTIONS)
-    away = np.empty(high - low)
+    distances = np.empty(high - low)
     for i in range(high - low):
-        away[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
+        distances[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
     count = 0
     for _ in range(min(high - low, MAX_CANDIDATES)):
         nearest = 0
         for i in range(high - low):
-            if away[i] < away[nearest]:
+            if distances[i] < distances[nearest]:
                 nearest = i
-        length, node = away[nearest], low + nearest
-        away[nearest] = np.inf
+        length, node = distances[nearest], low + nearest
+        distances[nearest] = np.inf
         if count and length > lengths[0] + CONNECTION_REACH_M:
             break
         nx, ny = xy[node]
@@ -106,13 +106,13 @@ def component_connections(
 ) -> tuple[Longs, Floats]:
     """Like roadmap_connections, but the nearest node in sight of each component (n,) of the roadmap, at any
     distance."""
-    away = np.empty(high - low)
+    distances = np.empty(high - low)
     for i in range(high - low):
-        away[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
+        distances[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
     done = np.zeros(component.max() + 1 if component.shape[0] else 0, np.bool_)
     nodes = np.empty(high - low, np.int64)
     count = 0
-    for i in np.argsort(away):
+    for i in np.argsort(distances):
         node = low + i
         if done[component[node]]:
             continue
@@ -121,7 +121,7 @@ def component_connections(
             done[component[node]] = True
             nodes[count] = node
             count += 1
-    return nodes[:count], away[nodes[:count] - low]
+    return nodes[:count], distances[nodes[:count] - low]
 
 
 @kernel
@@ -277,7 +277,7 @@ def _cost_to_go(
 
 @kernel
 def cut_corners(grid: Grid, lanes: Floats, points: Floats, fixed: Floats, radius: float) -> Longs:
-    """Indices of the points (k, 2) that remain after cutting every corner that can be cut.
+    """Indices of the points (k, 2) that remain when every corner that can be cut is cut.
 
     fixed[i] > 0 keeps the line from point i to i + 1."""
     kept = np.empty(points.shape[0], np.int64)
@@ -327,7 +327,7 @@ def find_path(
     if status != FOUND:
         return False, route
     route = smoothed(world, route, radius)
-    if is_detour(world, route):
+    if may_be_detour(world, route):
         return True, route
     return False, points_of(world, route, radius, speed)
 
@@ -340,31 +340,32 @@ def points_of(world: Packed, route: Floats, radius: float, speed: float) -> Floa
 
 
 @kernel
-def is_detour(world: Packed, route: Floats) -> bool:
-    """Whether free space may be much shorter than one of the drives of a route."""
+def may_be_detour(world: Packed, route: Floats) -> bool:
+    """Whether a path through free space may be much shorter than one of the drives of a route."""
     at = 0
     for i in range(route.shape[0]):
         if i + 1 < route.shape[0] and route[i, ELEVATOR] < 0.0:
             continue
-        if longest_free(world, route, at, i) > 0.0:
+        if max_free_length(world, route, at, i) > 0.0:
             return True
         at = i + 1
     return False
 
 
 @kernel
-def longest_free(world: Packed, route: Floats, first: int, last: int) -> float:
-    """Greatest length of a path through free space that replaces the drive between two rows of a floor [m]; 0 if no
+def max_free_length(world: Packed, route: Floats, first: int, last: int) -> float:
+    """Maximum length of a path through free space that replaces the drive between two rows of a floor [m]; 0 if no
     path can be that short, because a wall between the two is too long."""
     length = 0.0
     for i in range(first, last):
         length += math.hypot(route[i + 1, X] - route[i, X], route[i + 1, Y] - route[i, Y])
-    most = min(length / DETOUR, length - DETOUR_M)
+    max_length = min(length / DETOUR, length - DETOUR_M)
     ax, ay, bx, by = route[first, X], route[first, Y], route[last, X], route[last, Y]
-    if math.hypot(bx - ax, by - ay) >= most:
+    if math.hypot(bx - ax, by - ay) >= max_length:
         return 0.0
     ground, _ = unpack(world)
-    return most if least_around(floor_grid(ground, int(route[first, FLOOR])), ax, ay, bx, by) < most else 0.0
+    bound = detour_bound(floor_grid(ground, int(route[first, FLOOR])), ax, ay, bx, by)
+    return max_length if bound < max_length else 0.0
 
 
 @kernel
@@ -485,21 +486,11 @@ def smoothed(world: Packed, route: Floats, radius: float) -> Floats:
             kept[size] = at + corner
             size += 1
         at = end + 1
-    rows = _rows(route, kept, size)
+    rows = route[kept[:size]]
     for k in range(size - 1):
         if kept[k + 1] != kept[k] + 1:
             rows[k, LIMIT] = np.inf
     return _without_straight_stops(rows)
-
-
-@kernel
-def _rows(route: Floats, kept: Longs, size: int) -> Floats:
-    """The first `size` of the kept rows."""
-    rows = np.empty((size, COLUMNS))
-    for k in range(size):
-        for column in range(COLUMNS):
-            rows[k, column] = route[kept[k], column]
-    return rows
 
 
 @kernel
@@ -518,4 +509,4 @@ def _without_straight_stops(route: Floats) -> Floats:
                 continue
         kept[size] = i
         size += 1
-    return _rows(route, kept, size)
+    return route[kept[:size]]

@@ -6,7 +6,8 @@ from robocorba.kernels import kernel
 
 
 @kernel
-def _point_segment2(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+def point_segment_distance2(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+    """Squared distance between the point (x, y) and the segment ab [m^2]."""
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
     t = 0.0
@@ -17,18 +18,19 @@ def _point_segment2(x: float, y: float, ax: float, ay: float, bx: float, by: flo
 
 
 @kernel
-def _cross(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+def _side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Positive where c lies to the left of the line ab."""
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
 @kernel
 def segments_distance2(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
     """Squared distance between the segments ab and cd [m^2]."""
-    if (_cross(ax, ay, bx, by, cx, cy) > 0.0) != (_cross(ax, ay, bx, by, dx, dy) > 0.0) and (
-        _cross(cx, cy, dx, dy, ax, ay) > 0.0
-    ) != (_cross(cx, cy, dx, dy, bx, by) > 0.0):
+    if (_side(ax, ay, bx, by, cx, cy) > 0.0) != (_side(ax, ay, bx, by, dx, dy) > 0.0) and (
+        _side(cx, cy, dx, dy, ax, ay) > 0.0
+    ) != (_side(cx, cy, dx, dy, bx, by) > 0.0):
         return 0.0
     return min(
-        min(_point_segment2(ax, ay, cx, cy, dx, dy), _point_segment2(bx, by, cx, cy, dx, dy)),
-        min(_point_segment2(cx, cy, ax, ay, bx, by), _point_segment2(dx, dy, ax, ay, bx, by)),
+        min(point_segment_distance2(ax, ay, cx, cy, dx, dy), point_segment_distance2(bx, by, cx, cy, dx, dy)),
+        min(point_segment_distance2(cx, cy, ax, ay, bx, by), point_segment_distance2(dx, dy, ax, ay, bx, by)),
     )

@@ -17,17 +17,18 @@ from robocorba.maps.movable import movables
 from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
 from robocorba.planning.packing import Packed
-from robocorba.planning.request import SMARTPAL_RADIUS_M, Path, PathRequest
+from robocorba.planning.request import Path, PathRequest
 from robocorba.planning.roads import CLEARANCE, RoadMap
 from robocorba.planning.search import points_of
 from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
 from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
-#: Greatest number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
+#: Maximum number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
 MAX_GRAPHS = 64
-#: Greatest number of cached variants of the building (with forbidden areas, without movables); the oldest is dropped.
+#: Maximum number of cached variants of the building (with forbidden areas, without movables); the oldest is dropped.
 MAX_VARIANTS = 8
 
 NO_FACTOR: Floats = np.empty(0)
@@ -178,12 +179,12 @@ class BuildingSnapshot:
         known = self._factors.get((avoid_elevators, graph))
         if known is None:
             roads = self.roads
-            shut = [
+            is_closed = [
                 (edge is None and roads.elevators[elevator] in avoid_elevators)
                 or bool(graph and edge is not None and edge.graphs and graph not in edge.graphs)
                 for edge, elevator in zip(roads.edges, roads.roads.elevator.tolist(), strict=True)
             ]
-            known = np.where(shut, np.inf, 1.0)
+            known = np.where(is_closed, np.inf, 1.0)
             if len(self._factors) >= MAX_VARIANTS:
                 self._factors.clear()
             self._factors[avoid_elevators, graph] = known

@@ -54,33 +54,31 @@ class FloorSpace:
 
     def _changed(self, before: FloorSpace, touched: Touched, building: Building) -> Floats:
         """Keep the obstacles that were not touched and add the changed ones; returns all segments."""
-        names = {("wall", name) for name in touched.walls} | {("object", name) for name in touched.objects}
-        names |= {("door", name) for name in touched.doors}
-        known = {name for _, name in names}
-        gone = [i for i, item in enumerate(before.owners) if item.name in known and (item.kind, item.name) in names]
-        made = named_obstacles(building, self.floor, names)
-        stays = np.ones(len(before.owners), bool)
-        stays[gone] = False
-        kept = stays[before._owner_of]
-        segments, owner_of = segments_of(np.array([item.geometry for item in made], object))
-        owners = list(before.owners)
-        for i in reversed(gone):
+        changed = {("wall", name) for name in touched.walls} | {("object", name) for name in touched.objects}
+        changed |= {("door", name) for name in touched.doors}
+        names, owners = {name for _, name in changed}, list(before.owners)
+        removed = [i for i, item in enumerate(owners) if item.name in names and (item.kind, item.name) in changed]
+        for i in reversed(removed):
             del owners[i]
-        number = np.cumsum(stays) - 1
+        stays = np.ones(len(before.owners), bool)
+        stays[removed] = False
+        added = named_obstacles(building, self.floor, changed)
+        segments, owner_of = segments_of(np.array([item.geometry for item in added], object))
+        kept, number = stays[before._owner_of], np.cumsum(stays) - 1
         self._owner_of = np.concatenate([number[before._owner_of[kept]], owner_of + len(owners)]).astype(np.int64)
-        self.owners = [*owners, *made]
-        self._is_ring = np.concatenate([before._is_ring[stays], _are_rings(made)])
+        self.owners = [*owners, *added]
+        self._is_ring = np.concatenate([before._is_ring[stays], _are_rings(added)])
         return np.concatenate([before.grid.segments[kept], segments])
 
     def _rings(self, segments: Floats) -> tuple[Floats, Floats]:
         """`borders` and `rings`."""
-        wanted = np.flatnonzero(self._is_ring[self._owner_of])
-        if not len(wanted):
+        sides = np.flatnonzero(self._is_ring[self._owner_of])
+        if not len(sides):
             return np.empty((0, 4)), np.empty((0, 6))
         outline = next((i for i in reversed(range(len(self.owners))) if self.owners[i].kind == "floor"), -1)
-        order = np.where(self._owner_of[wanted] == outline, -1, self._owner_of[wanted])
-        wanted = wanted[np.argsort(order, kind="stable")]
-        borders, owner = segments[wanted], self._owner_of[wanted]
+        order = np.where(self._owner_of[sides] == outline, -1, self._owner_of[sides])
+        sides = sides[np.argsort(order, kind="stable")]
+        borders, owner = segments[sides], self._owner_of[sides]
         first = np.flatnonzero(np.diff(owner, prepend=-1))
         low, high = np.minimum(borders[:, :2], borders[:, 2:]), np.maximum(borders[:, :2], borders[:, 2:])
         boxes = [np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)]
@@ -170,9 +168,9 @@ def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: fl
 
 
 @kernel
-def least_around(grid: Grid, ax: float, ay: float, bx: float, by: float) -> float:
-    """Lower bound of the length of a path from a to b [m]: around one end of each segment that crosses the straight
-    line."""
+def detour_bound(grid: Grid, ax: float, ay: float, bx: float, by: float) -> float:
+    """Lower bound of the length of a path from a to b [m]: it leads around an end of each segment that crosses the
+    straight line."""
     segments, start, items, frame = grid
     least = math.hypot(bx - ax, by - ay)
     columns = int(frame[3])

@@ -5,8 +5,8 @@ graph has a circle around each of these vertices, and lines that touch two circl
 vertex when it first reaches it, among the vertices visible from there, and keeps them until an edit touches the floor.
 
 A navigation mesh would have to be built for each radius from the grown obstacles, which takes longer than most
-searches; here one triangulation of the walls serves all radii. Whatever sees each other with a radius also does
-without one, so no path is missed.
+searches; here one triangulation of the walls serves all radii. Two vertices that a robot can drive between are also
+visible from each other, so no path is missed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from robocorba.planning.visible_region import make_scratch
 from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY
 
-#: Least radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.
+#: Minimum radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.
 MIN_TURN_M = 0.01
 #: Number of lines of a graph (41 bytes each) beyond which it forgets them before the next search.
 MAX_LINES = 4_000_000
@@ -50,7 +50,7 @@ NO_LANES: Floats = np.empty((0, 4))
 
 
 class DriveLeg(NamedTuple):
-    """A drive on one floor: length [m] (inf if there is none) and corners (k, 2), ends included."""
+    """A drive on one floor: its length [m], inf if there is none, and its corners (k, 2) with both ends."""
 
     length: float
     points: Floats
@@ -128,20 +128,20 @@ class TangentGraph:
         targets: Sequence[XY],
         *,
         enough: int = 0,
-        longest_m: float = math.inf,
+        max_length_m: float = math.inf,
         lanes: Floats = NO_LANES,
         outbound: bool = True,
         deadline: float = math.inf,
     ) -> list[DriveLeg]:
         """The shortest drive from `origin` to each target [m]; all must be free for the radius.
 
-        With `enough`, only that many of the shortest drives are certain to be found; with `longest_m` none is
-        longer. `lanes` (n, 4) are one-way edges that a drive must not go against, from the origin or, if not
+        With `enough`, only that many of the shortest drives are certain to be found; none is longer than
+        `max_length_m`. `lanes` (n, 4) are one-way edges that a drive must not go against, from the origin or, if not
         `outbound`, to it. Raises PlanningTimeout after `deadline` (time.monotonic) [s]."""
         if not targets:
             return []
         goals = np.array(targets, float).reshape(-1, 2)
-        most = min(enough or len(goals), len(goals))
+        nearest = min(enough or len(goals), len(goals))
         budget = BUDGET
         while True:
             left = deadline - time.monotonic()
@@ -163,8 +163,8 @@ class TangentGraph:
                     self._dead_ends,
                     *origin,
                     goals,
-                    most,
-                    longest_m,
+                    nearest,
+                    max_length_m,
                     lanes,
                     outbound,
                     self._radii,

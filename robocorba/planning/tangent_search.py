@@ -17,7 +17,7 @@ from robocorba.kernels import kernel
 from robocorba.planning.dead_ends import DeadEnds, stamp_exit_route
 from robocorba.planning.space import against_one_way, line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
-from robocorba.planning.triangulation import Mesh
+from robocorba.planning.triangulation import Mesh, doubled
 from robocorba.planning.visible_region import Scratch, seen_from
 from robocorba.spatial.grids import Floats, Grid, Longs
 
@@ -87,7 +87,7 @@ class Radii(NamedTuple):
 
 
 @kernel
-def _arc_known(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool:
+def _determine_arc(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool:
     """Determine once which part of a vertex's arc is free; returns whether there is one."""
     if arcs.state[v] == UNKNOWN:
         first, last, alone = free_arc(grid, xy[v, 0], xy[v, 1], arcs.low[v], arcs.span[v], radii.turn, radii.same_m)
@@ -127,7 +127,7 @@ def _find_lines(
     count = 0
     for i in range(seen):
         w = scratch.seen[i]
-        if arcs.span[w] > 0.0 and _arc_known(arcs, xy, grid, w, radii):
+        if arcs.span[w] > 0.0 and _determine_arc(arcs, xy, grid, w, radii):
             scratch.seen[count] = w
             count += 1
     if lines.used[0] + 4 * count > lines.to.shape[0]:
@@ -163,13 +163,6 @@ def reach_m(radii: Radii) -> float:
 
 
 @kernel
-def _longer(array: Floats) -> Floats:
-    found = np.empty((2 * array.shape[0], array.shape[1]))
-    found[: array.shape[0]] = array
-    return found
-
-
-@kernel
 def _enqueue(
     queue: list[tuple[float, int]],
     records: Floats,
@@ -187,7 +180,7 @@ def _enqueue(
     A record is the previous record, the circle reached (or -1 - goal), the angle at which the previous circle was
     left, the angle of arrival, the line (or -1), and the cost at arrival [m]."""
     if size == records.shape[0]:
-        records = _longer(records)
+        records = doubled(records)
     records[size, 0], records[size, 1], records[size, 2] = parent, target, leave
     records[size, 3], records[size, 4], records[size, 5] = arrive, line, cost
     heapq.heappush(queue, (estimate, size))
@@ -199,7 +192,7 @@ def _may_turn_at(arcs: Arcs, ends: DeadEnds, xy: Floats, grid: Grid, v: int, epo
     """Whether a path of this search may turn at a vertex."""
     if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
         return False
-    return _arc_known(arcs, xy, grid, v, radii)
+    return _determine_arc(arcs, xy, grid, v, radii)
 
 
 @kernel
@@ -215,7 +208,7 @@ def _link_goal(
     start_y: float,
     goals: Floats,
     goal: int,
-    longest: float,
+    limit: float,
     radii: Radii,
     links: Floats,
     linked: int,
@@ -227,7 +220,7 @@ def _link_goal(
     seen, visited = seen_from(mesh, xy, -1, gx, gy, scratch)
     for i in range(seen):
         v = scratch.seen[i]
-        if _least_length_via(xy, v, start_x, start_y, goals[goal : goal + 1], radii.turn) > longest:
+        if _least_length_via(xy, v, start_x, start_y, goals[goal : goal + 1], radii.turn) > limit:
             continue
         if not _may_turn_at(arcs, ends, xy, grid, v, epoch, radii):
             continue
@@ -238,7 +231,7 @@ def _link_goal(
                 continue
             circle = 2 * v + side
             if linked == links.shape[0]:
-                links = _longer(links)
+                links = doubled(links)
             links[linked, 0] = labels.link[circle] if labels.link_epoch[circle] == epoch else -1
             links[linked, 1], links[linked, 3] = goal, length
             links[linked, 2] = _angle(arcs, v, turn * hy, -turn * hx)
@@ -261,7 +254,7 @@ def search(
     start_y: float,
     goals: Floats,
     enough: int,
-    longest: float,
+    limit: float,
     lanes: Floats,
     outbound: bool,
     radii: Radii,
@@ -270,7 +263,7 @@ def search(
     """Status, lengths [m] of the shortest paths from the start to the `enough` nearest goals (n, 2), inf for the
     others, first index (n + 1) of the corners of each, and the corners (k, 2), ends included.
 
-    No path is longer than `longest` or goes against the one-way edges `lanes` (m, 4), driven from the start or, if
+    No path is longer than `limit` or goes against the one-way edges `lanes` (m, 4), driven from the start or, if
     not `outbound`, to it. The search ends with NO_BUDGET after `budget` units of work, and with NO_ROOM if `lines`
     is full."""
     wanted = goals.shape[0]
@@ -290,7 +283,7 @@ def search(
     work = visited + 4 * seen
     for i in range(seen):
         v = scratch.seen[i]
-        if _least_length_via(xy, v, start_x, start_y, aimed, radii.turn) > longest:
+        if _least_length_via(xy, v, start_x, start_y, aimed, radii.turn) > limit:
             continue
         if not _may_turn_at(arcs, ends, xy, grid, v, epoch, radii):
             continue
@@ -301,18 +294,32 @@ def search(
                 continue
             angle = _angle(arcs, v, turn * hy, -turn * hx)
             estimate = length + _distance_to_go(aimed, xy, arcs, v, angle, radii.turn)
-            if estimate <= longest:
+            if estimate <= limit:
                 records = _enqueue(queue, records, size, estimate, -1, 2 * v + side, 0.0, angle, -1, length)
                 size += 1
     has_start_lines = size > 0
     for g in range(wanted):
         length = math.hypot(goals[g, 0] - start_x, goals[g, 1] - start_y)
-        if length <= longest:
+        if length <= limit:
             records = _enqueue(queue, records, size, length, -1, -1 - g, 0.0, 0.0, -1, length)
             size += 1
         if has_start_lines:
             links, linked, done = _link_goal(
-                mesh, xy, grid, arcs, labels, scratch, ends, start_x, start_y, goals, g, longest, radii, links, linked
+                mesh,
+                xy,
+                grid,
+                arcs,
+                labels,
+                scratch,
+                ends,
+                start_x,
+                start_y,
+                goals,
+                g,
+                limit,
+                radii,
+                links,
+                linked,
             )
             work += done
 
@@ -328,11 +335,11 @@ def search(
             continue
         ax, ay, bx, by = start_x, start_y, 0.0, 0.0
         if parent >= 0:
-            ax, ay = _place(xy, arcs, int(records[parent, 1]) // 2, records[record, 2], radii.turn)
+            ax, ay = _point_on_arc(xy, arcs, int(records[parent, 1]) // 2, records[record, 2], radii.turn)
         if target < 0:
             bx, by = goals[-1 - target]
         else:
-            bx, by = _place(xy, arcs, target // 2, records[record, 3], radii.turn)
+            bx, by = _point_on_arc(xy, arcs, target // 2, records[record, 3], radii.turn)
         if line < 0 or lines.state[line] == UNKNOWN:
             work += LINE_WORK
             free = line_free(grid, ax, ay, bx, by, radii.robot)
@@ -369,7 +376,7 @@ def search(
             turned = turn * (leave - angle)
             total = cost + radii.turn * max(turned, 0.0) + links[link, 3]
             link = int(links[link, 0])
-            if turned < -SAME_ARC_RAD or total >= found[goal] or total > longest:
+            if turned < -SAME_ARC_RAD or total >= found[goal] or total > limit:
                 continue
             if alone or arc_is_free(grid, xy[v, 0], xy[v, 1], radii.turn, begin, arcs.low[v] + leave, radii.robot):
                 records = _enqueue(queue, records, size, total, record, -1 - goal, leave, 0.0, -1, total)
@@ -385,7 +392,7 @@ def search(
             if turned < -SAME_ARC_RAD or (labels.cost_epoch[i] == epoch and labels.cost[i] <= total + SAME_M):
                 continue
             estimate = total + _distance_to_go(aimed, xy, arcs, w, lines.arrive[i], radii.turn)
-            if estimate > longest:
+            if estimate > limit:
                 continue
             if not alone:
                 work += LINE_WORK
@@ -416,14 +423,11 @@ def _is_dominated(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: f
 @kernel
 def _least_length_via(xy: Floats, v: int, x: float, y: float, goals: Floats, radius: float) -> float:
     """Lower bound of a path from (x, y) over the circle of a vertex to the nearest goal [m]; 0 without goals."""
-    least = np.inf if goals.shape[0] else 0.0
-    for g in range(goals.shape[0]):
-        least = min(least, math.hypot(goals[g, 0] - xy[v, 0], goals[g, 1] - xy[v, 1]))
-    return least + math.hypot(xy[v, 0] - x, xy[v, 1] - y) - 2.0 * radius
+    return _nearest_m(goals, xy[v, 0], xy[v, 1]) + math.hypot(xy[v, 0] - x, xy[v, 1] - y) - 2.0 * radius
 
 
 @kernel
-def _place(xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> tuple[float, float]:
+def _point_on_arc(xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> tuple[float, float]:
     """The point at an angle of a vertex's arc."""
     angle += arcs.low[v]
     return xy[v, 0] + radius * math.cos(angle), xy[v, 1] + radius * math.sin(angle)
@@ -434,8 +438,14 @@ def _distance_to_go(goals: Floats, xy: Floats, arcs: Arcs, v: int, angle: float,
     """Lower bound of the distance from a point on an arc to the nearest goal [m]; 0 without goals."""
     if not goals.shape[0]:
         return 0.0
-    x, y = _place(xy, arcs, v, angle, radius)
-    least = np.inf
+    x, y = _point_on_arc(xy, arcs, v, angle, radius)
+    return _nearest_m(goals, x, y)
+
+
+@kernel
+def _nearest_m(goals: Floats, x: float, y: float) -> float:
+    """Distance from a point to the nearest goal [m]; 0 without goals."""
+    least = np.inf if goals.shape[0] else 0.0
     for g in range(goals.shape[0]):
         least = min(least, math.hypot(goals[g, 0] - x, goals[g, 1] - y))
     return least

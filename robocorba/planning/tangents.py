@@ -12,6 +12,7 @@ import math
 
 from robocorba.kernels import kernel
 from robocorba.planning.floor_mesh import SAME_RAD
+from robocorba.planning.segments import point_segment_distance2
 from robocorba.planning.space import line_free
 from robocorba.spatial.grids import Floats, Grid, column_of, row_of
 
@@ -39,7 +40,7 @@ def free_arc(
                     ax, ay, bx, by = segments[items[i]]
                     far_a, far_b = math.hypot(ax - x, ay - y), math.hypot(bx - x, by - y)
                     if far_a > same_m and far_b > same_m and alone:
-                        alone = _beyond(ax - x, ay - y, bx - x, by - y, reach)
+                        alone = point_segment_distance2(x, y, ax, ay, bx, by) > reach * reach
                     for end in range(2):
                         ex, ey, far = (ax, ay, far_a) if end == 0 else (bx, by, far_b)
                         if far <= same_m or far >= near:
@@ -56,15 +57,6 @@ def free_arc(
         if not moved or last < first:
             break
     return first, last, alone
-
-
-@kernel
-def _beyond(ax: float, ay: float, bx: float, by: float, reach: float) -> bool:
-    """Whether the line from a to b keeps `reach` from the origin."""
-    dx, dy = bx - ax, by - ay
-    length2 = dx * dx + dy * dy
-    t = min(max(-(ax * dx + ay * dy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
-    return math.hypot(ax + t * dx, ay + t * dy) > reach
 
 
 @kernel
@@ -88,8 +80,8 @@ def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int
 def arc_corners(
     x: float, y: float, radius: float, begin: float, end: float, corners: Floats, count: int, write: bool
 ) -> int:
-    """Write the corners of the lines around (x, y) from one angle to another [rad] after the first `count` corners
-    (only count them unless `write`); returns the new number of corners."""
+    """Append to the first `count` corners those of the outer tangent lines that replace an arc around (x, y) from one
+    angle to another [rad]; without `write` only count them. Returns the new number of corners."""
     turned = end - begin
     if abs(turned) < 1e-12:
         return count

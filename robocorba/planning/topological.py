@@ -18,7 +18,7 @@ from robocorba.planning.search import (
     START_NOT_FREE,
     component_connections,
     find_route,
-    longest_free,
+    max_free_length,
     roadmap_connections,
     smoothed,
 )
@@ -32,7 +32,7 @@ DETOUR_FACTOR = 1.6
 #: Number of nearest nodes that a place without a usable node in sight is connected to around corners, and the larger
 #: number that is tried if none of them can be reached.
 NEAR_NODES, MORE_NODES = 8, 256
-#: Greatest number of components of the roadmap that such a place is connected to, the nearest first.
+#: Maximum number of components of the roadmap that such a place is connected to, the nearest first.
 MAX_COMPONENTS = 32
 
 
@@ -148,12 +148,12 @@ def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Flo
         if i + 1 < len(route) and route[i, ELEVATOR] < 0.0:
             continue
         drive = route[at : i + 1]
-        longest_m = longest_free(snapshot.world, route, at, i)
-        if longest_m > 0.0:
+        max_length_m = max_free_length(snapshot.world, route, at, i)
+        if max_length_m > 0.0:
             floor = floors[int(route[i, FLOOR])]
             a, b = (float(route[at, X]), float(route[at, Y])), (float(route[i, X]), float(route[i, Y]))
             leg = snapshot.graph(floor, request.radius).legs(
-                a, [b], longest_m=longest_m, lanes=snapshot.roads.parts[floor].lanes, deadline=deadline
+                a, [b], max_length_m=max_length_m, lanes=snapshot.roads.parts[floor].lanes, deadline=deadline
             )[0]
             if math.isfinite(leg.length) and not _is_slower(request, drive, leg.length):
                 first = drive[:1].copy()
@@ -216,12 +216,15 @@ def connect_around_corners(
             break
     else:
         return IN_SIGHT
-    seen = set(component[[nodes[i] for _, i in near[:MAX_CONNECTIONS]]].tolist())
-    kept = near[:MAX_CONNECTIONS] + [
-        item for item in near[MAX_CONNECTIONS:] if not _already_seen(seen, int(component[nodes[item[1]]]))
-    ]
-    corners = [legs[i].points[1:-1] if outbound else legs[i].points[1:-1][::-1] for _, i in kept]
-    return Connections([nodes[i] for _, i in kept], [length for length, _ in kept], corners)
+    kept: list[int] = []
+    components: set[int] = set()
+    for _, i in near:
+        number = int(component[nodes[i]])
+        if len(kept) < MAX_CONNECTIONS or number not in components:
+            kept.append(i)
+            components.add(number)
+    corners = [legs[i].points[1:-1] if outbound else legs[i].points[1:-1][::-1] for i in kept]
+    return Connections([nodes[i] for i in kept], [legs[i].length for i in kept], corners)
 
 
 def _nearest(order: Longs, component: Longs) -> list[int]:
@@ -231,22 +234,12 @@ def _nearest(order: Longs, component: Longs) -> list[int]:
     return list(dict.fromkeys([*order[:NEAR_NODES].tolist(), *of_each.tolist()]))
 
 
-def _already_seen(seen: set[int], number: int) -> bool:
-    """Whether the set contains a number; adds it."""
-    known = number in seen
-    seen.add(number)
-    return known
-
-
 def _merged(straight: Connections, around: Connections) -> Connections:
     """Both sets of connections; nodes in sight are connected straight."""
-    nodes = [node for node in around.nodes.tolist() if node not in set(straight.nodes.tolist())]
-    lengths = dict(zip(around.nodes.tolist(), around.lengths.tolist(), strict=True))
-    return Connections(
-        [*straight.nodes.tolist(), *nodes],
-        [*straight.lengths.tolist(), *(lengths[node] for node in nodes)],
-        [*(NO_CORNERS for _ in straight.nodes), *(around.corners(node) for node in nodes)],
-    )
+    in_sight = dict(zip(straight.nodes.tolist(), straight.lengths.tolist(), strict=True))
+    lengths = in_sight | dict(zip(around.nodes.tolist(), around.lengths.tolist(), strict=True)) | in_sight
+    corners = [NO_CORNERS if node in in_sight else around.corners(node) for node in lengths]
+    return Connections(list(lengths), list(lengths.values()), corners)
 
 
 def _penalize_edges(snapshot: BuildingSnapshot, factor: Floats, nodes: list[int]) -> None:

@@ -22,7 +22,7 @@ from robocorba.spatial.grids import Floats, Grid, Longs
 
 #: Number of steps of the lattice across the frame: products of two differences fit into 64 bits.
 LATTICE = 1 << 30
-#: Greatest distance of a vertex that lies on a wall [steps of the lattice].
+#: Maximum distance from a wall of a vertex that lies on it [steps of the lattice].
 ON_WALL_STEPS = 2.0
 #: Number of corners of the frame, the first vertices of every mesh.
 FRAME_CORNERS = 4
@@ -36,14 +36,14 @@ class Mesh(NamedTuple):
     """Triangle t has the vertices corner[t] counter-clockwise; across[t, k] is the triangle beyond the edge from
     corner[t, k] to corner[t, k + 1] (-1 beyond the frame) and wall[t, k] whether a wall lies on that edge.
 
-    at (n, 2) are the vertices on the lattice, some[v] is a triangle of vertex v, size the number of triangles and of
-    vertices in use, frame the lower left corner and the step [m]."""
+    at (n, 2) are the vertices on the lattice, triangle_of[v] is a triangle of vertex v, size the numbers of triangles
+    and of vertices in use, frame the lower left corner and the step [m]."""
 
     corner: Longs
     across: Longs
     wall: Flags
     at: Longs
-    some: Longs
+    triangle_of: Longs
     size: Longs
     frame: Floats
 
@@ -67,26 +67,30 @@ def empty_mesh(bounds: tuple[float, float, float, float], vertices: int) -> Mesh
     mesh.at[:FRAME_CORNERS] = [(0, 0), (LATTICE, 0), (LATTICE, LATTICE), (0, LATTICE)]
     mesh.corner[:2] = [(0, 1, 2), (0, 2, 3)]
     mesh.across[:2] = [(-1, -1, 1), (0, -1, -1)]
-    mesh.some[:FRAME_CORNERS] = [0, 0, 0, 1]
+    mesh.triangle_of[:FRAME_CORNERS] = [0, 0, 0, 1]
     return mesh
 
 
-def enlarged(mesh: Mesh, vertices: int) -> Mesh:
-    """A copy without unused room, with room for this number of further vertices."""
-
-    def longer(array: NDArray, more: int) -> NDArray:
-        return np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)])
-
-    triangles, used = int(mesh.size[0]), int(mesh.size[1])
+def trimmed(mesh: Mesh) -> Mesh:
+    """A copy without unused room."""
+    triangles, vertices = mesh.size.tolist()
     return Mesh(
-        longer(mesh.corner[:triangles], 2 * vertices),
-        longer(mesh.across[:triangles], 2 * vertices),
-        longer(mesh.wall[:triangles], 2 * vertices),
-        longer(mesh.at[:used], vertices),
-        longer(mesh.some[:used], vertices),
-        mesh.size.copy(),
+        mesh.corner[:triangles].copy(),
+        mesh.across[:triangles].copy(),
+        mesh.wall[:triangles].copy(),
+        mesh.at[:vertices].copy(),
+        mesh.triangle_of[:vertices].copy(),
+        mesh.size,
         mesh.frame,
     )
+
+
+@kernel
+def doubled(rows: NDArray) -> NDArray:
+    """A copy with room for twice as many rows."""
+    copy = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
+    copy[: rows.shape[0]] = rows
+    return copy
 
 
 @kernel
@@ -129,7 +133,8 @@ def locate(mesh: Mesh, x: int, y: int, hint: int) -> int:
 
 
 @kernel
-def _corner_of(mesh: Mesh, triangle: int, vertex: int) -> int:
+def corner_of(mesh: Mesh, triangle: int, vertex: int) -> int:
+    """The number of a vertex among the corners of a triangle."""
     for k in range(3):
         if mesh.corner[triangle, k] == vertex:
             return k
@@ -137,7 +142,8 @@ def _corner_of(mesh: Mesh, triangle: int, vertex: int) -> int:
 
 
 @kernel
-def _edge_to(mesh: Mesh, triangle: int, neighbour: int) -> int:
+def edge_to(mesh: Mesh, triangle: int, neighbour: int) -> int:
+    """The number of the edge that a triangle shares with a neighbour."""
     for k in range(3):
         if mesh.across[triangle, k] == neighbour:
             return k
@@ -145,33 +151,34 @@ def _edge_to(mesh: Mesh, triangle: int, neighbour: int) -> int:
 
 
 @kernel
-def _put(
+def _set_triangle(
     mesh: Mesh, t: int, a: int, b: int, c: int, ab: int, bc: int, ca: int, wall_ab: bool, wall_bc: bool, wall_ca: bool
 ) -> None:
     """Set vertices, neighbours and walls of triangle t."""
     mesh.corner[t, 0], mesh.corner[t, 1], mesh.corner[t, 2] = a, b, c
     mesh.across[t, 0], mesh.across[t, 1], mesh.across[t, 2] = ab, bc, ca
     mesh.wall[t, 0], mesh.wall[t, 1], mesh.wall[t, 2] = wall_ab, wall_bc, wall_ca
-    mesh.some[a] = mesh.some[b] = mesh.some[c] = t
+    mesh.triangle_of[a] = mesh.triangle_of[b] = mesh.triangle_of[c] = t
 
 
 @kernel
 def _relink(mesh: Mesh, triangle: int, old: int, new: int) -> None:
+    """Replace a neighbour of a triangle, unless the triangle is -1, beyond the frame."""
     if triangle >= 0:
-        mesh.across[triangle, _edge_to(mesh, triangle, old)] = new
+        mesh.across[triangle, edge_to(mesh, triangle, old)] = new
 
 
 @kernel
 def _flip(mesh: Mesh, t: int, k: int) -> int:
     """Replace edge k of triangle t by the other diagonal: a-d-c in t, d-b-c beyond. Returns the triangle beyond."""
     n = mesh.across[t, k]
-    j = _edge_to(mesh, n, t)
+    j = edge_to(mesh, n, t)
     k1, k2, j1, j2 = (k + 1) % 3, (k + 2) % 3, (j + 1) % 3, (j + 2) % 3
     a, b, c, d = mesh.corner[t, k], mesh.corner[t, k1], mesh.corner[t, k2], mesh.corner[n, j2]
     bc, ca, ad, db = mesh.across[t, k1], mesh.across[t, k2], mesh.across[n, j1], mesh.across[n, j2]
     wall_bc, wall_ca, wall_ad, wall_db = mesh.wall[t, k1], mesh.wall[t, k2], mesh.wall[n, j1], mesh.wall[n, j2]
-    _put(mesh, t, a, d, c, ad, n, ca, wall_ad, False, wall_ca)
-    _put(mesh, n, d, b, c, db, bc, t, wall_db, wall_bc, False)
+    _set_triangle(mesh, t, a, d, c, ad, n, ca, wall_ad, False, wall_ca)
+    _set_triangle(mesh, n, d, b, c, db, bc, t, wall_db, wall_bc, False)
     _relink(mesh, ad, n, t)
     _relink(mesh, bc, t, n)
     return n
@@ -199,7 +206,7 @@ def _restore(mesh: Mesh, stack: Longs, height: int) -> None:
         if n < 0 or mesh.wall[t, 0]:
             continue
         a, b, p = mesh.corner[t, 0], mesh.corner[t, 1], mesh.corner[t, 2]
-        d = mesh.corner[n, (_edge_to(mesh, n, t) + 2) % 3]
+        d = mesh.corner[n, (edge_to(mesh, n, t) + 2) % 3]
         if (
             _in_circle(mesh.at, a, b, p, d)
             and side(mesh.at, d, p, a) > 0
@@ -230,26 +237,26 @@ def insert_vertex(mesh: Mesh, x: int, y: int, hint: int, stack: Longs) -> int:
         ab, bc, ca = mesh.across[t, 0], mesh.across[t, 1], mesh.across[t, 2]
         wall_ab, wall_bc, wall_ca = mesh.wall[t, 0], mesh.wall[t, 1], mesh.wall[t, 2]
         t1, t2 = new, new + 1
-        _put(mesh, t, a, b, p, ab, t1, t2, wall_ab, False, False)
-        _put(mesh, t1, b, c, p, bc, t2, t, wall_bc, False, False)
-        _put(mesh, t2, c, a, p, ca, t, t1, wall_ca, False, False)
+        _set_triangle(mesh, t, a, b, p, ab, t1, t2, wall_ab, False, False)
+        _set_triangle(mesh, t1, b, c, p, bc, t2, t, wall_bc, False, False)
+        _set_triangle(mesh, t2, c, a, p, ca, t, t1, wall_ca, False, False)
         _relink(mesh, bc, t, t1)
         _relink(mesh, ca, t, t2)
         stack[0], stack[1], stack[2] = t, t1, t2
         _restore(mesh, stack, 3)
         return p
     k, n = on_edge, mesh.across[t, on_edge]
-    j = _edge_to(mesh, n, t)
+    j = edge_to(mesh, n, t)
     k1, k2, j1, j2 = (k + 1) % 3, (k + 2) % 3, (j + 1) % 3, (j + 2) % 3
     a, b, c, d = mesh.corner[t, k], mesh.corner[t, k1], mesh.corner[t, k2], mesh.corner[n, j2]
     bc, ca, ad, db = mesh.across[t, k1], mesh.across[t, k2], mesh.across[n, j1], mesh.across[n, j2]
     wall_bc, wall_ca, wall_ad, wall_db = mesh.wall[t, k1], mesh.wall[t, k2], mesh.wall[n, j1], mesh.wall[n, j2]
     wall_ab = mesh.wall[t, k]
     t1, t2 = new, new + 1  # t: c-a-p, t1: b-c-p, n: a-d-p, t2: d-b-p
-    _put(mesh, t, c, a, p, ca, n, t1, wall_ca, wall_ab, False)
-    _put(mesh, t1, b, c, p, bc, t, t2, wall_bc, False, wall_ab)
-    _put(mesh, n, a, d, p, ad, t2, t, wall_ad, False, wall_ab)
-    _put(mesh, t2, d, b, p, db, t1, n, wall_db, wall_ab, False)
+    _set_triangle(mesh, t, c, a, p, ca, n, t1, wall_ca, wall_ab, False)
+    _set_triangle(mesh, t1, b, c, p, bc, t, t2, wall_bc, False, wall_ab)
+    _set_triangle(mesh, n, a, d, p, ad, t2, t, wall_ad, False, wall_ab)
+    _set_triangle(mesh, t2, d, b, p, db, t1, n, wall_db, wall_ab, False)
     _relink(mesh, bc, t, t1)
     _relink(mesh, db, n, t2)
     stack[0], stack[1], stack[2], stack[3] = t, t1, n, t2
@@ -258,41 +265,41 @@ def insert_vertex(mesh: Mesh, x: int, y: int, hint: int, stack: Longs) -> int:
 
 
 @kernel
-def _first_of_star(mesh: Mesh, vertex: int) -> int:
+def first_of_star(mesh: Mesh, vertex: int) -> int:
     """The first triangle around a vertex: the last one clockwise at the frame, else any."""
-    first = here = mesh.some[vertex]
+    first = here = mesh.triangle_of[vertex]
     while True:
-        before = mesh.across[here, _corner_of(mesh, here, vertex)]
+        before = mesh.across[here, corner_of(mesh, here, vertex)]
         if before < 0 or before == first:
             return here
         here = before
 
 
 @kernel
-def _after_in_star(mesh: Mesh, vertex: int, triangle: int) -> int:
+def next_in_star(mesh: Mesh, vertex: int, triangle: int) -> int:
     """The next triangle counter-clockwise around a vertex, -1 at the frame."""
-    return mesh.across[triangle, (_corner_of(mesh, triangle, vertex) + 2) % 3]
+    return mesh.across[triangle, (corner_of(mesh, triangle, vertex) + 2) % 3]
 
 
 @kernel
 def _find_edge(mesh: Mesh, a: int, b: int) -> tuple[int, int]:
     """The triangle and the number of the edge from a to b; (-1, -1) if there is none."""
-    first = here = _first_of_star(mesh, a)
+    first = here = first_of_star(mesh, a)
     while True:
-        k = _corner_of(mesh, here, a)
+        k = corner_of(mesh, here, a)
         if mesh.corner[here, (k + 1) % 3] == b:
             return here, k
-        here = _after_in_star(mesh, a, here)
+        here = next_in_star(mesh, a, here)
         if here < 0 or here == first:
             return -1, -1
 
 
 @kernel
-def _mark(mesh: Mesh, a: int, b: int, wall: bool) -> None:
+def _mark_wall(mesh: Mesh, a: int, b: int) -> None:
     for start, end in ((a, b), (b, a)):
         triangle, k = _find_edge(mesh, start, end)
         if triangle >= 0:
-            mesh.wall[triangle, k] = wall
+            mesh.wall[triangle, k] = True
 
 
 @kernel
@@ -315,9 +322,9 @@ def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
     the line crosses first; (vertex or -1, triangle, edge)."""
     triangle, edge = -1, -1
     nearest, least = -1, 2.0
-    first = here = _first_of_star(mesh, a)
+    first = here = first_of_star(mesh, a)
     while True:
-        k = _corner_of(mesh, here, a)
+        k = corner_of(mesh, here, a)
         right, left = mesh.corner[here, (k + 1) % 3], mesh.corner[here, (k + 2) % 3]
         for p in (right, left):
             along = _along(mesh.at, a, b, p)
@@ -325,29 +332,28 @@ def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
                 nearest, least = p, along
         if side(mesh.at, a, b, right) < 0 and side(mesh.at, a, b, left) > 0 and side(mesh.at, right, left, a) > 0:
             triangle, edge = here, (k + 1) % 3
-        here = _after_in_star(mesh, a, here)
+        here = next_in_star(mesh, a, here)
         if here < 0 or here == first:
             return nearest, triangle, edge
 
 
 @kernel
-def insert_wall(mesh: Mesh, a: int, b: int) -> bool:
-    """Make the line from vertex a to vertex b a wall; False if another wall crosses a part of it."""
+def insert_wall(mesh: Mesh, a: int, b: int) -> None:
+    """Make the line from vertex a to vertex b a wall, as far as no other wall crosses it."""
     for _ in range(mesh.size[1]):
         if a == b:
-            return True
+            return
         on, triangle, edge = _next_on(mesh, a, b)
         if on < 0:
-            on = _clear(mesh, a, b, triangle, edge)
+            on = _flip_crossed_edges(mesh, a, b, triangle, edge)
             if on < 0:
-                return False
-        _mark(mesh, a, on, True)
+                return
+        _mark_wall(mesh, a, on)
         a = on
-    return False
 
 
 @kernel
-def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
+def _flip_crossed_edges(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
     """Flip the edges that the line from a to b crosses up to the next vertex on it. Returns that vertex; -1 if one
     of the edges is a wall."""
     if triangle < 0:
@@ -358,13 +364,11 @@ def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
         if mesh.wall[triangle, edge] or mesh.across[triangle, edge] < 0 or count > mesh.size[0]:
             return -1
         if count == crossed.shape[0]:
-            longer = np.empty((2 * count, 2), np.int64)
-            longer[:count] = crossed
-            crossed = longer
+            crossed = doubled(crossed)
         crossed[count, 0], crossed[count, 1] = mesh.corner[triangle, edge], mesh.corner[triangle, (edge + 1) % 3]
         count += 1
         there = mesh.across[triangle, edge]
-        j = _edge_to(mesh, there, triangle)
+        j = edge_to(mesh, there, triangle)
         apex = mesh.corner[there, (j + 2) % 3]
         if _along(mesh.at, a, b, apex) > 0.0:
             target = apex
@@ -381,7 +385,7 @@ def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
         if t < 0:
             continue
         n = mesh.across[t, k]
-        c, d = mesh.corner[t, (k + 2) % 3], mesh.corner[n, (_edge_to(mesh, n, t) + 2) % 3]
+        c, d = mesh.corner[t, (k + 2) % 3], mesh.corner[n, (edge_to(mesh, n, t) + 2) % 3]
         last = (first + waiting) % room
         if side(mesh.at, d, c, p) <= 0 or side(mesh.at, d, c, q) >= 0:  # not convex: later
             crossed[last, 0], crossed[last, 1] = p, q
@@ -397,20 +401,16 @@ def _clear(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
 
 
 @kernel
-def insert_walls(mesh: Mesh, segments: Floats, order: Longs, ends: Longs) -> int:
-    """Insert segments (n, 4) [m] as walls, their ends in the given order (2n,); ends (2n,) receives their vertices.
-    Returns the number of walls that were not inserted completely."""
+def insert_walls(mesh: Mesh, segments: Floats, order: Longs, ends: Longs) -> None:
+    """Insert segments (n, 4) [m] as walls, their ends in the given order (2n,); ends (2n,) receives their vertices."""
     stack = np.empty(4096, np.int64)
     hint = 0
     for end in order:
         x, y = on_lattice(mesh, segments[end // 2, 2 * (end % 2)], segments[end // 2, 2 * (end % 2) + 1])
         ends[end] = insert_vertex(mesh, x, y, hint, stack)
-        hint = mesh.some[ends[end]]
-    failed = 0
+        hint = mesh.triangle_of[ends[end]]
     for i in range(segments.shape[0]):
-        if not insert_wall(mesh, ends[2 * i], ends[2 * i + 1]):
-            failed += 1
-    return failed
+        insert_wall(mesh, ends[2 * i], ends[2 * i + 1])
 
 
 @kernel
@@ -420,7 +420,7 @@ def insert_points(mesh: Mesh, points: Floats) -> None:
     hint = 0
     for i in range(points.shape[0]):
         x, y = on_lattice(mesh, points[i, 0], points[i, 1])
-        hint = mesh.some[insert_vertex(mesh, x, y, hint, stack)]
+        hint = mesh.triangle_of[insert_vertex(mesh, x, y, hint, stack)]
 
 
 @kernel
@@ -446,9 +446,7 @@ def crossings(grid: Grid) -> Floats:
                 if not (1e-9 < t < 1 - 1e-9 and 1e-9 < u < 1 - 1e-9):
                     continue
                 if count == found.shape[0]:
-                    longer = np.empty((2 * count, 2))
-                    longer[:count] = found
-                    found = longer
+                    found = doubled(found)
                 found[count, 0], found[count, 1] = ax + t * (bx - ax), ay + t * (by - ay)
                 count += 1
     return found[:count]

@@ -12,7 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.kernels import kernel
-from robocorba.planning.triangulation import Mesh, _after_in_star, _corner_of, _first_of_star, locate, on_lattice
+from robocorba.planning.triangulation import (
+    Mesh,
+    corner_of,
+    edge_to,
+    first_of_star,
+    locate,
+    next_in_star,
+    on_lattice,
+)
 from robocorba.spatial.grids import Floats, Longs
 
 #: Distance beside a ray within which a vertex counts as seen [steps of the lattice].
@@ -20,8 +28,8 @@ SLACK_STEPS = 4.0
 
 
 class Scratch(NamedTuple):
-    """Work arrays of an expansion: edges to cross and the rays that bound the view, the vertices seen, and the
-    number of the last expansion that saw each vertex."""
+    """Work arrays of an expansion: a stack of edges to cross, each with the left and right rays that bound the view;
+    the vertices seen; the number of the last expansion that saw each vertex; the number of this expansion."""
 
     edges: Longs
     rays: Floats
@@ -53,7 +61,7 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
     count = height = 0
     if vertex < 0:
         column, row = on_lattice(mesh, x, y)
-        here = locate(mesh, column, row, mesh.some[0])
+        here = locate(mesh, column, row, mesh.triangle_of[0])
         for k in range(3):
             v = mesh.corner[here, k]
             if math.hypot(xy[v, 0] - x, xy[v, 1] - y) <= slack:
@@ -61,19 +69,19 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
     if vertex >= 0:
         x, y = xy[vertex, 0], xy[vertex, 1]
         stamp[vertex] = epoch
-        first = here = _first_of_star(mesh, vertex)
+        first = here = first_of_star(mesh, vertex)
         while True:
-            k = (_corner_of(mesh, here, vertex) + 1) % 3
-            count = _note(mesh.corner[here, k], stamp, epoch, seen, count)
-            count = _note(mesh.corner[here, (k + 1) % 3], stamp, epoch, seen, count)
-            height = _open(mesh, xy, here, k, x, y, edges, rays, height)
-            here = _after_in_star(mesh, vertex, here)
+            k = (corner_of(mesh, here, vertex) + 1) % 3
+            count = _add_seen(mesh.corner[here, k], stamp, epoch, seen, count)
+            count = _add_seen(mesh.corner[here, (k + 1) % 3], stamp, epoch, seen, count)
+            height = _push_edge(mesh, xy, here, k, x, y, edges, rays, height)
+            here = next_in_star(mesh, vertex, here)
             if here < 0 or here == first:
                 break
     else:
         for k in range(3):
-            count = _note(mesh.corner[here, k], stamp, epoch, seen, count)
-            height = _open(mesh, xy, here, k, x, y, edges, rays, height)
+            count = _add_seen(mesh.corner[here, k], stamp, epoch, seen, count)
+            height = _push_edge(mesh, xy, here, k, x, y, edges, rays, height)
     visited = 0
     while height:
         height -= 1
@@ -81,13 +89,13 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
         triangle, k = edges[height]
         lx, ly, rx, ry = rays[height]
         there = mesh.across[triangle, k]
-        j = _edge_index(mesh, there, triangle)
+        j = edge_to(mesh, there, triangle)
         apex = mesh.corner[there, (j + 2) % 3]
         ax, ay = xy[apex, 0] - x, xy[apex, 1] - y
-        beside_right = rx * ay - ry * ax  # how far the apex is to the left of the right ray, m
-        beside_left = ax * ly - ay * lx  # and to the right of the left one
+        beside_right = rx * ay - ry * ax  # how far the apex is to the left of the right ray [m]
+        beside_left = ax * ly - ay * lx  # and to the right of the left ray [m]
         if beside_right >= -slack and beside_left >= -slack:
-            count = _note(apex, stamp, epoch, seen, count)
+            count = _add_seen(apex, stamp, epoch, seen, count)
         far = math.hypot(ax, ay)
         if far > 0.0:
             ax, ay = ax / far, ay / far
@@ -98,19 +106,13 @@ def seen_from(mesh: Mesh, xy: Floats, vertex: int, x: float, y: float, scratch: 
         faces_left = ax * (xy[left, 1] - y) - ay * (xy[left, 0] - x) > 0.0
         if beside_right >= -slack and faces_right and not _is_closed(mesh, there, right_edge):
             edges[height, 0], edges[height, 1] = there, right_edge
-            if beside_left >= 0.0:
-                rays[height, 0], rays[height, 1] = ax, ay
-            else:
-                rays[height, 0], rays[height, 1] = lx, ly
+            rays[height, 0], rays[height, 1] = (ax, ay) if beside_left >= 0.0 else (lx, ly)
             rays[height, 2], rays[height, 3] = rx, ry
             height += 1
         if beside_left >= -slack and faces_left and not _is_closed(mesh, there, left_edge):
             edges[height, 0], edges[height, 1] = there, left_edge
             rays[height, 0], rays[height, 1] = lx, ly
-            if beside_right >= 0.0:
-                rays[height, 2], rays[height, 3] = ax, ay
-            else:
-                rays[height, 2], rays[height, 3] = rx, ry
+            rays[height, 2], rays[height, 3] = (ax, ay) if beside_right >= 0.0 else (rx, ry)
             height += 1
         if height + 2 > edges.shape[0]:
             break
@@ -124,16 +126,8 @@ def _is_closed(mesh: Mesh, triangle: int, k: int) -> bool:
 
 
 @kernel
-def _edge_index(mesh: Mesh, triangle: int, neighbour: int) -> int:
-    for k in range(3):
-        if mesh.across[triangle, k] == neighbour:
-            return k
-    return -1
-
-
-@kernel
-def _note(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) -> int:
-    """Add a vertex to those seen, once."""
+def _add_seen(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) -> int:
+    """Add a vertex to those seen, once; returns their number."""
     if stamp[vertex] == epoch:
         return count
     stamp[vertex] = epoch
@@ -142,10 +136,10 @@ def _note(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) -> int
 
 
 @kernel
-def _open(
+def _push_edge(
     mesh: Mesh, xy: Floats, triangle: int, k: int, x: float, y: float, edges: Longs, rays: Floats, height: int
 ) -> int:
-    """Put an edge of the first triangle on the stack, unless a wall lies on it."""
+    """Push an edge of the first triangle on the stack, unless a wall lies on it; returns the stack's height."""
     if _is_closed(mesh, triangle, k):
         return height
     right, left = mesh.corner[triangle, k], mesh.corner[triangle, (k + 1) % 3]

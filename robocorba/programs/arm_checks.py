@@ -1,4 +1,4 @@
-"""Checks of the arms in a program: hands reach their poses, and no link collides with the body on the way."""
+"""Checks of the arms in a program: hands reach their poses, and no links collide during a motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.kinematics.smartpal import JOINTS, LUMBAR
-from robocorba.programs.hands import BodyModel, HandIcon, Kinematics, home, joints_of, way
+from robocorba.programs.hands import BodyModel, HandIcon, Kinematics, home, joint_path, joints_of
 from robocorba.programs.icons import (
     Gripper,
     HandOver,
@@ -25,10 +25,10 @@ from robocorba.programs.icons import (
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.grids import Floats
 
-#: Greatest change of a joint between two tested postures [rad].
+#: Maximum change of a joint between two postures that are checked for collisions [rad].
 _STEP_RAD = math.radians(2)
-#: Parameters of each icon that determine the target joints.
-_GOAL: dict[type, str] = {
+#: The parameters of each icon that determine its target joints, as a finding names them.
+_TARGET_PARAMETERS: dict[type, str] = {
     MhandPose: "x, y, z",
     MhandOffset: "dx, dy, dz",
     MhandJoints: "joints",
@@ -37,90 +37,91 @@ _GOAL: dict[type, str] = {
 }
 
 
-class ArmsAt(NamedTuple):
-    """Joints (18,) after a part of a program, and which of them are known; unknown joints have the angles of the
-    home posture."""
+class KnownArms(NamedTuple):
+    """What a check knows of the joints (18,) between two icons: their angles [rad], and whether each is known. Unknown
+    joints have the angles of the home posture."""
 
     joints: tuple[float, ...]
     is_known: tuple[bool, ...] = (True,) * len(JOINTS)
 
-    def with_unknown(self, joints: Iterable[int], home: Floats) -> ArmsAt:
-        """The same with some joints unknown."""
+    def with_unknown(self, joints: Iterable[int], home: Floats) -> KnownArms:
+        """The same, with some joints unknown."""
         values, known = list(self.joints), list(self.is_known)
         for joint in joints:
             values[joint], known[joint] = float(home[joint]), False
-        return ArmsAt(tuple(values), tuple(known))
+        return KnownArms(tuple(values), tuple(known))
 
-    def or_at(self, other: ArmsAt, home: Floats) -> ArmsAt:
-        """Joints that are equal in both stay known; the others become unknown."""
-        here, there = (list(zip(at.joints, at.is_known, strict=True)) for at in (self, other))
-        return self.with_unknown((joint for joint in range(len(JOINTS)) if here[joint] != there[joint]), home)
+    def merged_with(self, other: KnownArms, home: Floats) -> KnownArms:
+        """What is known if either state is possible: the joints that are equal in both."""
+        one, two = (list(zip(arms.joints, arms.is_known, strict=True)) for arms in (self, other))
+        return self.with_unknown((joint for joint in range(len(JOINTS)) if one[joint] != two[joint]), home)
 
     @property
     def is_body_known(self) -> bool:
-        """Whether arms and lumbar, the joints that decide about collisions, are known."""
+        """Whether arms and lumbar are known, the joints that determine collisions."""
         return all(self.is_known[: LUMBAR.stop])
 
 
 class ArmChecks:
-    """Follows the arms through a program and reports what is impossible. Without kinematics it checks nothing."""
+    """Tracks the arms through a program, and reports impossible motions. Without kinematics it only tracks."""
 
     def __init__(self, report: CheckReport, kinematics: Kinematics | None, postures: Mapping[str, Floats]) -> None:
         self._report, self._kinematics, self._postures = report, kinematics, postures
         self.home = home(postures)
 
-    def after(self, path: str, icon: Icon, at: ArmsAt) -> ArmsAt:
-        """Where the arms are after an icon that contains no others."""
+    def after(self, path: str, icon: Icon, arms: KnownArms) -> KnownArms:
+        """The arms after an icon that contains no others."""
         if isinstance(icon, MoveTable | HandOver):
-            return at.with_unknown(range(len(JOINTS)), self.home)
+            return arms.with_unknown(range(len(JOINTS)), self.home)
         if not isinstance(icon, HandIcon):
-            return at
-        lost = at.with_unknown(joints_of(icon), self.home)
+            return arms
+        unknown = arms.with_unknown(joints_of(icon), self.home)
         if not self._kinematics:
-            return lost
-        if isinstance(icon, MhandOffset) and not at.is_body_known:
-            self._report.note(path, "the start of the hand is unknown: not proved that it can move like this")
-            return lost
+            return unknown
+        if isinstance(icon, MhandOffset) and not arms.is_body_known:
+            self._report.add_note(path, "the start of the hand is unknown: this motion is not checked")
+            return unknown
         try:
-            steps = way(icon, np.array(at.joints), self._kinematics, self._postures)
+            postures = joint_path(icon, np.array(arms.joints), self._kinematics, self._postures)
         except Unreachable as error:
-            self._report.find(path, _GOAL[type(icon)], str(error))
-            return lost
+            self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], str(error))
+            return unknown
         except InvalidProgram as error:
-            self._report.find(path, error.parameter, error.reason)
-            return lost
-        known = list(at.is_known)
+            self._report.add_finding(path, error.parameter, error.reason)
+            return unknown
+        known = list(arms.is_known)
         for joint in joints_of(icon):
-            # Many postures hold a hand in a pose; the start decides which one results.
-            known[joint] = at.is_body_known or not isinstance(icon, MhandPose)
-        end = ArmsAt(tuple(steps[-1].tolist()), tuple(known))
-        if isinstance(icon, Gripper) or self._is_clear(path, icon, at, steps, end, self._kinematics.body):
+            # Many postures have the same hand pose; which one results depends on the start.
+            known[joint] = arms.is_body_known or not isinstance(icon, MhandPose)
+        end = KnownArms(tuple(postures[-1].tolist()), tuple(known))
+        if isinstance(icon, Gripper) or self._is_clear(path, icon, arms, postures, end, self._kinematics.body):
             return end
-        return lost
+        return unknown
 
     def _is_clear(
-        self, path: str, icon: HandIcon, at: ArmsAt, steps: Sequence[Floats], end: ArmsAt, body: BodyModel
+        self, path: str, icon: HandIcon, start: KnownArms, postures: Sequence[Floats], end: KnownArms, body: BodyModel
     ) -> bool:
-        """Whether no links collide that did not collide before, as far as the joints are known; reports a collision."""
-        postures: Iterable[Floats] = steps[-1:] if end.is_body_known else ()
-        before: set[tuple[str, str]] = set()
-        if at.is_body_known:
-            start = np.array(at.joints)
-            postures, before = _between(start, steps), set(body.collisions(start))
+        """Whether no links collide that did not collide at the start, as far as the joints are known; reports a
+        collision."""
+        checked: Iterable[Floats] = postures[-1:] if end.is_body_known else ()
+        colliding_before: set[tuple[str, str]] = set()
+        if start.is_body_known:
+            joints = np.array(start.joints)
+            checked, colliding_before = _interpolated(joints, postures), set(body.collisions(joints))
         else:
-            self._report.note(path, "the start of the arms is unknown: not proved that their path is clear")
-        for posture in postures:
-            if touching := set(body.collisions(posture)) - before:
-                one, other = min(touching)
-                where = "at the end" if posture is steps[-1] else "on the way"
-                self._report.find(path, _GOAL[type(icon)], f"{where} {one} runs into {other}")
+            self._report.add_note(path, "the start of the arms is unknown: collisions on the way are not checked")
+        for posture in checked:
+            if colliding := set(body.collisions(posture)) - colliding_before:
+                one, other = min(colliding)
+                where = "at the end" if posture is postures[-1] else "during the motion"
+                self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], f"{where} {one} collides with {other}")
                 return False
         return True
 
 
-def _between(start: Floats, steps: Sequence[Floats]) -> Iterator[Floats]:
-    """Postures along the path through the steps, the steps included."""
-    for goal in steps:
+def _interpolated(start: Floats, postures: Sequence[Floats]) -> Iterator[Floats]:
+    """Postures on the path from `start` through `postures`, these included, at most _STEP_RAD apart."""
+    for goal in postures:
         count = math.ceil(float(np.abs(goal - start).max()) / _STEP_RAD)
         for number in range(1, count):
             yield start + number / count * (goal - start)

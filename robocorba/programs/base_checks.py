@@ -1,4 +1,4 @@
-"""Checks of the mobile base in a program: it can drive from each place to the next."""
+"""Checks of the mobile base in a program: it can drive from each point to the next."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robocorba.planning.request import Path, PathRequest, Place, RouteMode
 from robocorba.programs.icons import HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
 from robocorba.programs.report import CheckReport
 
-#: A path this much longer than the straight line goes around an obstacle [m].
+#: Excess over the straight line above which a path goes around an obstacle [m].
 _DETOUR_M = 0.01
 
 
@@ -24,86 +24,87 @@ class Planner(Protocol):
 
 
 @dataclass(frozen=True)
-class BaseAt:
-    """Where the base is. If not `is_known`, `place` is the last known place, None if there was none."""
+class KnownBase:
+    """What a check knows of the base between two icons. heading: [rad], None if unknown. If not `is_known`, `place` is
+    the last known point, None if there was none."""
 
     place: Place | None = None
     heading: float | None = None
     is_known: bool = False
 
-    def lost(self) -> BaseAt:
+    def with_unknown_pose(self) -> KnownBase:
         """The base after a motion of unknown length."""
-        return BaseAt(self.place)
+        return KnownBase(self.place)
 
-    def or_at(self, other: BaseAt) -> BaseAt:
-        """What is equal in both stays known."""
+    def merged_with(self, other: KnownBase) -> KnownBase:
+        """What is known if either state is possible."""
         if self == other:
             return self
         is_same_place = self.is_known and other.is_known and self.place == other.place
-        return BaseAt(self.place or other.place, is_known=is_same_place)
+        return KnownBase(self.place or other.place, is_known=is_same_place)
 
 
 class BaseChecks:
-    """Follows the base through a program and reports what is impossible. Without a planner it only follows."""
+    """Tracks the base through a program, and reports impossible drives. Without a planner it only tracks."""
 
     def __init__(self, report: CheckReport, planner: Planner | None) -> None:
         self._report, self._planner = report, planner
 
-    def after(self, path: str, icon: Icon, at: BaseAt) -> BaseAt:
-        """Where the base is after an icon that contains no others."""
+    def after(self, path: str, icon: Icon, base: KnownBase) -> KnownBase:
+        """The base after an icon that contains no others."""
         if isinstance(icon, MbasePath):
-            return self._along_path(path, icon, at)
+            return self._along_path(path, icon, base)
         if isinstance(icon, MbaseTo):
-            return self._straight_to(path, icon, at)
+            return self._straight_to(path, icon, base)
         if isinstance(icon, MbaseBy):
-            return self._by(path, icon, at)
+            return self._by(path, icon, base)
         if isinstance(icon, MbaseVelocity):
-            return at.lost() if icon.ahead or icon.left or icon.turn else at
+            return base.with_unknown_pose() if icon.ahead or icon.left or icon.turn else base
         if isinstance(icon, MoveTable | HandOver):
-            self._report.note(path, "the mission layer expands it: not proved here")
-            return at.lost()
-        return at
+            self._report.add_note(path, "the mission layer expands it at run time: not checked")
+            return base.with_unknown_pose()
+        return base
 
-    def _along_path(self, path: str, icon: MbasePath, at: BaseAt) -> BaseAt:
+    def _along_path(self, path: str, icon: MbasePath, base: KnownBase) -> KnownBase:
         goal = Place(icon.floor, icon.x, icon.y)
         if self._planner:
-            if not at.place:
-                self._report.note(path, "the start of the drive is unknown: proved only that its end is free")
-            elif not at.is_known:
-                self._report.note(path, "the start of the drive is unknown: proved from the last known place")
-            if self._path_m(path, at.place or goal, goal, RouteMode.SMOOTHED, "x, y") is None:
-                return at.lost()
-        return BaseAt(goal, icon.heading, is_known=True)
+            if not base.place:
+                self._report.add_note(path, "the start of the drive is unknown: only its end is checked")
+            elif not base.is_known:
+                self._report.add_note(path, "the start of the drive is unknown: checked from the last known point")
+            if self._path_m(path, base.place or goal, goal, RouteMode.SMOOTHED, "x, y") is None:
+                return base.with_unknown_pose()
+        return KnownBase(goal, icon.heading, is_known=True)
 
-    def _straight_to(self, path: str, icon: MbaseTo, at: BaseAt) -> BaseAt:
-        if not at.place or not at.is_known:
+    def _straight_to(self, path: str, icon: MbaseTo, base: KnownBase) -> KnownBase:
+        if not base.place or not base.is_known:
             self._note_unknown(path)
-            return at.lost()
-        goal = Place(at.place.floor, icon.x, icon.y)
-        if not self._is_straight(path, at.place, goal, "x, y"):
-            return at.lost()
-        return BaseAt(goal, at.heading if icon.heading is None else icon.heading, is_known=True)
+            return base.with_unknown_pose()
+        goal = Place(base.place.floor, icon.x, icon.y)
+        if not self._is_straight(path, base.place, goal, "x, y"):
+            return base.with_unknown_pose()
+        return KnownBase(goal, base.heading if icon.heading is None else icon.heading, is_known=True)
 
-    def _by(self, path: str, icon: MbaseBy, at: BaseAt) -> BaseAt:
-        heading = None if at.heading is None else at.heading + icon.turn
+    def _by(self, path: str, icon: MbaseBy, base: KnownBase) -> KnownBase:
+        heading = None if base.heading is None else base.heading + icon.turn
         if not (icon.ahead or icon.left):
-            return replace(at, heading=heading)
-        if not at.place or at.heading is None or not at.is_known:
+            return replace(base, heading=heading)
+        if not base.place or base.heading is None or not base.is_known:
             self._note_unknown(path)
-            return at.lost()
-        c, s = math.cos(at.heading), math.sin(at.heading)
-        floor, x, y = at.place
+            return base.with_unknown_pose()
+        c, s = math.cos(base.heading), math.sin(base.heading)
+        floor, x, y = base.place
         goal = Place(floor, x + c * icon.ahead - s * icon.left, y + s * icon.ahead + c * icon.left)
-        if not self._is_straight(path, at.place, goal, "ahead, left"):
-            return at.lost()
-        return BaseAt(goal, heading, is_known=True)
+        if not self._is_straight(path, base.place, goal, "ahead, left"):
+            return base.with_unknown_pose()
+        return KnownBase(goal, heading, is_known=True)
 
     def _note_unknown(self, path: str) -> None:
         if self._planner:
-            self._report.note(path, "the start of the drive is unknown: not proved that it is free")
+            self._report.add_note(path, "the start of the drive is unknown: this drive is not checked")
 
     def _is_straight(self, path: str, start: Place, goal: Place, parameter: str) -> bool:
-        """Whether the straight line is free, as far as its start is known; reports an obstacle."""
+        """Whether the straight line is free; reports an obstacle. True without a planner."""
         if not self._planner:
             return True
         length_m = self._path_m(path, start, goal, RouteMode.GEOMETRIC, parameter)
@@ -111,12 +112,12 @@ class BaseChecks:
             return False
         if length_m > math.dist(start[1:], goal[1:]) + _DETOUR_M:
             line = f"from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f}) on {goal.floor}"
-            self._report.find(path, parameter, f"an obstacle blocks the straight line {line}")
+            self._report.add_finding(path, parameter, f"an obstacle blocks the straight line {line}")
             return False
         return True
 
     def _path_m(self, path: str, start: Place, goal: Place, mode: RouteMode, parameter: str) -> float | None:
-        """Length of the path [m]; None if there is none, which is reported."""
+        """Length of the path [m]; reports that there is none, and returns None."""
         assert self._planner
         try:
             return self._planner.paths(PathRequest(start, goal, mode=mode))[0].distance
@@ -125,5 +126,5 @@ class BaseChecks:
                 parameter = ""
             elif isinstance(error, UnknownFloor):
                 parameter = "floor"
-            self._report.find(path, parameter, str(error))
+            self._report.add_finding(path, parameter, str(error))
             return None

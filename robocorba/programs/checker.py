@@ -1,8 +1,7 @@
-"""Checks before a run what can be proved of a program, and notes what cannot.
+"""Checks a program before it runs, and notes what it can't check.
 
-The check follows the icons as a run would, and tracks where each of them leaves the base and the arms. After
-alternatives only what is equal in all of them is known.
-"""
+The check follows the icons as a run would, and tracks the state of the base and the arms after each icon (an abstract
+interpretation). After a branch only what is equal in both alternatives is known."""
 
 from __future__ import annotations
 
@@ -10,11 +9,11 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from robocorba.kinematics.smartpal import BASE
+from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.planning.request import Place
-from robocorba.programs.arm_checks import ArmChecks, ArmsAt
-from robocorba.programs.base_checks import BaseAt, BaseChecks, Planner
+from robocorba.programs.arm_checks import ArmChecks, KnownArms
+from robocorba.programs.base_checks import BaseChecks, KnownBase, Planner
 from robocorba.programs.hands import Kinematics
 from robocorba.programs.icons import (
     Branch,
@@ -30,18 +29,19 @@ from robocorba.programs.icons import (
     WaitUntil,
     range_m,
 )
-from robocorba.programs.program import Program, walk
+from robocorba.programs.program import Program, icons_with_paths
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.grids import Floats
 
-#: Maximum number of icons that a check follows. Those in a repeat count as often as they are followed: twice at most.
+#: Maximum number of icons that a check follows. Icons in a repeat count each time they are followed, at most twice.
 MAX_ICONS_CHECKED = 4000
 #: Number of findings after which a check ends.
 MAX_FINDINGS = 100
 
 
 class Start(NamedTuple):
-    """What is known of the robot at the start: joints (18,), None for upright with both arms in the posture `home`."""
+    """What is known of the robot at the start. heading: [rad]. joints (18,): [rad]; None if it is upright
+    with both arms in the posture `home`."""
 
     place: Place | None = None
     heading: float | None = None
@@ -58,34 +58,20 @@ def check(
     start: Start = UNKNOWN_START,
     postures: Mapping[str, Floats] = POSTURES,
 ) -> CheckReport:
-    """What is wrong with a program that `loads` accepts, and what could not be proved.
+    """Check a program that `loads` accepts.
 
-    kinematics: an InverseKinematics; without it the hands are not checked. planner: a PathPlanner; without it the
-    base is not checked. Raises only NotReachable, from a remote planner."""
+    kinematics: an InverseKinematics; without it the arms are not checked. planner: a PathPlanner; without it the base
+    is not checked. Raises only NotReachable, from a remote planner."""
     report = CheckReport()
     if kinematics is None:
-        report.note("", "there is no kinematics: nothing is proved of the arms")
+        report.add_note("", "no robot model: the arms are not checked")
     elif start.joints is None:
-        report.note("", "the robot is assumed upright with its arms in the posture home at the start")
+        report.add_note("", "assumed at the start: the robot is upright, its arms are in the posture home")
     if planner is None:
-        report.note("", "there is no map: nothing is proved of the base")
-    for path, icon in walk(program):
+        report.add_note("", "no map: the base is not checked")
+    for path, icon in icons_with_paths(program):
         _check_alone(path, icon, report)
-    _ProgramWalk(report, kinematics, planner, postures).through(program, start)
-    return report
-
-
-def require(
-    program: Program,
-    kinematics: Kinematics | None = None,
-    planner: Planner | None = None,
-    start: Start = UNKNOWN_START,
-    postures: Mapping[str, Floats] = POSTURES,
-) -> CheckReport:
-    """Like `check`, but raises InvalidProgram for the first finding."""
-    report = check(program, kinematics, planner, start, postures)
-    for finding in report.findings:
-        raise finding.error()
+    _Interpreter(report, kinematics, planner, postures).run(program, start)
     return report
 
 
@@ -94,17 +80,19 @@ def require(
 
 def _check_alone(path: str, icon: Icon, report: CheckReport) -> None:
     """Report parameters of one icon that contradict each other."""
-    if isinstance(icon, MbaseVelocity) and math.hypot(icon.ahead, icon.left) > BASE.speed:
-        report.find(path, "ahead, left", f"together they are faster than {BASE.speed:g} m/s")
+    if isinstance(icon, MbaseVelocity) and (speed := math.hypot(icon.ahead, icon.left)) > BASE_LIMITS.speed:
+        report.add_finding(
+            path, "ahead, left", f"together {speed:.2f} m/s, above the limit of {BASE_LIMITS.speed:g} m/s"
+        )
     if isinstance(icon, MhandPose):
         angles = {"roll": icon.roll, "pitch": icon.pitch, "yaw": icon.yaw}
         missing = [name for name, angle in angles.items() if angle is None]
         if 0 < len(missing) < len(angles):
-            report.find(path, missing[0], "is missing: roll, pitch and yaw are given together, or none of them")
+            report.add_finding(path, missing[0], "is missing: roll, pitch and yaw are given together, or none of them")
     if isinstance(icon, Gripper) and icon.action == "open":
         for name, value in (("force", icon.force), ("object", icon.object)):
             if value is not None:
-                report.find(path, name, "is for closing")
+                report.add_finding(path, name, "only valid with the action close")
     if isinstance(icon, StopIfCloser):
         _check_distance(path, "distance", icon.sensor, icon.distance, report)
     if isinstance(icon, WaitUntil | Branch) and isinstance(icon.condition, CloserThan | FartherThan):
@@ -113,21 +101,24 @@ def _check_alone(path: str, icon: Icon, report: CheckReport) -> None:
 
 def _check_distance(path: str, parameter: str, sensor: str, distance: float, report: CheckReport) -> None:
     if distance > range_m(sensor):
-        report.find(path, parameter, f"{sensor} sees no farther than {range_m(sensor):g} m")
+        report.add_finding(path, parameter, f"{distance:g} m is beyond the range of {sensor}, {range_m(sensor):g} m")
 
 
 # ---- sequences of icons ----
 
 
-class _RobotState(NamedTuple):
-    """if_done: what is known in addition if the previous icon ended with the result `done`."""
+class _KnownState(NamedTuple):
+    """What is known of the robot between two icons. if_done: the state to use instead if the previous icon's result is
+    `done`."""
 
-    arms: ArmsAt
-    base: BaseAt
-    if_done: _RobotState | None = None
+    arms: KnownArms
+    base: KnownBase
+    if_done: _KnownState | None = None
 
 
-class _ProgramWalk:
+class _Interpreter:
+    """Follows a program, and adds findings and notes to the report."""
+
     def __init__(
         self,
         report: CheckReport,
@@ -141,17 +132,17 @@ class _ProgramWalk:
         self._icons_checked = 0
         self._end_reason = ""
 
-    def through(self, program: Program, start: Start) -> None:
+    def run(self, program: Program, start: Start) -> None:
         joints = self._arms.home if start.joints is None else start.joints
-        base = BaseAt(start.place, start.heading, start.place is not None)
-        self._icons("icons", program.icons, _RobotState(ArmsAt(tuple(joints.tolist())), base))
+        base = KnownBase(start.place, start.heading, start.place is not None)
+        self._icons("icons", program.icons, _KnownState(KnownArms(tuple(joints.tolist())), base))
 
-    def _icons(self, at: str, icons: tuple[Icon, ...], state: _RobotState) -> _RobotState:
+    def _icons(self, parent: str, icons: tuple[Icon, ...], state: _KnownState) -> _KnownState:
         for number, icon in enumerate(icons):
-            state = self._icon(f"{at}[{number}]", icon, state)
+            state = self._icon(f"{parent}[{number}]", icon, state)
         return state
 
-    def _icon(self, path: str, icon: Icon, state: _RobotState) -> _RobotState:
+    def _icon(self, path: str, icon: Icon, state: _KnownState) -> _KnownState:
         if self._is_at_limit(path):
             return state
         if isinstance(icon, Repeat):
@@ -163,25 +154,25 @@ class _ProgramWalk:
             elif state.if_done and icon.condition == Result("stopped"):
                 if_false = state.if_done
             then = self._icons(f"{path}.then", icon.then, if_true)
-            return self._either(then, self._icons(f"{path}.otherwise", icon.otherwise, if_false))
+            return self._merged(then, self._icons(f"{path}.otherwise", icon.otherwise, if_false))
         if isinstance(icon, StopIfCloser):
-            # It may stop anywhere; the joints and the base that it does not move are unchanged.
+            # It may stop anywhere; what its icons do not move is unchanged.
             done = self._icons(f"{path}.icons", icon.icons, state)
-            return self._either(state, done)._replace(if_done=done._replace(if_done=None))
-        return _RobotState(self._arms.after(path, icon, state.arms), self._base.after(path, icon, state.base))
+            return self._merged(state, done)._replace(if_done=done._replace(if_done=None))
+        return _KnownState(self._arms.after(path, icon, state.arms), self._base.after(path, icon, state.base))
 
     def _is_at_limit(self, path: str) -> bool:
         if not self._end_reason:
             self._icons_checked += 1
             if self._icons_checked > MAX_ICONS_CHECKED:
-                self._end_reason = f"the check has followed {MAX_ICONS_CHECKED} icons"
+                self._end_reason = f"the check has followed {MAX_ICONS_CHECKED} icons, its limit"
             elif len(self._report.findings) >= MAX_FINDINGS:
-                self._end_reason = f"the check has {MAX_FINDINGS} findings"
+                self._end_reason = f"the check has {MAX_FINDINGS} findings, its limit"
             if self._end_reason:
-                self._report.note(path, f"{self._end_reason}: nothing is proved from here on")
+                self._report.add_note(path, f"{self._end_reason}: motions are not checked from here on")
         return bool(self._end_reason)
 
-    def _repeat(self, path: str, icon: Repeat, state: _RobotState) -> _RobotState:
+    def _repeat(self, path: str, icon: Repeat, state: _KnownState) -> _KnownState:
         """The state after a repeat, which is known if a repetition leaves the state unchanged."""
         first = self._icons(f"{path}.icons", icon.icons, state)
         if icon.times == 1 or first == state:
@@ -189,10 +180,9 @@ class _ProgramWalk:
         second = self._icons(f"{path}.icons", icon.icons, first)
         if icon.times == 2 or second == first:
             return second
-        self._report.note(path, "each repetition leaves the robot elsewhere: proved for the first two")
-        return self._either(first, second)
+        self._report.add_note(path, "each repetition ends in another state: only the first two are checked")
+        return self._merged(first, second)
 
-    def _either(self, first_state: _RobotState, second_state: _RobotState) -> _RobotState:
-        return _RobotState(
-            first_state.arms.or_at(second_state.arms, self._arms.home), first_state.base.or_at(second_state.base)
-        )
+    def _merged(self, one: _KnownState, other: _KnownState) -> _KnownState:
+        """What is known if either state is possible."""
+        return _KnownState(one.arms.merged_with(other.arms, self._arms.home), one.base.merged_with(other.base))

@@ -1,4 +1,4 @@
-"""Target joints of the icons for hands, lumbar and grippers: for the check and for the run of a program."""
+"""Target joints of the icons for hands, lumbar and grippers, for both the check and the run of a program."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs.icons import Gripper, Lumbar, MhandJoints, MhandOffset, MhandPose, MhandPosture, sides
 from robocorba.spatial.grids import Floats
 
-#: Icons that move joints.
+#: The icons that move joints.
 HandIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar | Gripper
-#: Distance between solutions of the inverse kinematics along a straight line [m].
+#: Distance between the points of a straight line for which the inverse kinematics is solved [m].
 LINE_STEP_M = 0.01
 
 
 class BodyModel(Protocol):
-    """The part of `robocorba.kinematics.body.Body` used here."""
+    """The part of `robocorba.kinematics.body.SmartPalBody` used here."""
 
     def hand(self, side: Side, joints: Floats) -> HandPose: ...
 
@@ -35,9 +35,14 @@ class Kinematics(Protocol):
     @property
     def body(self) -> BodyModel: ...
 
-    def solve(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
-
-    def solve_position(self, side: Side, target: HandPose, seed: Floats, *, leaps: bool = True) -> Floats: ...
+    def solve(
+        self,
+        targets: Mapping[Side, HandPose],
+        seed: Floats,
+        *,
+        with_attitude: bool = True,
+        allow_restarts: bool = True,
+    ) -> Floats: ...
 
 
 def joints_of(icon: HandIcon) -> list[int]:
@@ -57,17 +62,17 @@ def home(postures: Mapping[str, Floats] = POSTURES) -> Floats:
     return joints
 
 
-def way(
+def joint_path(
     icon: HandIcon, joints: Floats, kinematics: Kinematics, postures: Mapping[str, Floats] = POSTURES
 ) -> list[Floats]:
-    """Joints (18,) of each step of an icon, from `joints` on; within a step all joints move in proportion.
+    """The postures (18,) that an icon passes after `joints`; between two postures all joints move in proportion.
 
-    A straight line of a hand has a step every LINE_STEP_M, other icons have one. Raises Unreachable, or
-    InvalidProgram without the icon's path for an unknown posture."""
+    A straight line of a hand has a posture every LINE_STEP_M, other icons have only their target. Raises Unreachable;
+    InvalidProgram, without the icon's path, for an unknown posture."""
     if isinstance(icon, MhandOffset):
-        return _line(icon, joints, kinematics)
+        return _straight_line(icon, joints, kinematics)
     if isinstance(icon, MhandPose):
-        return [_posed(icon, joints, kinematics)]
+        return [_hand_pose(icon, joints, kinematics)]
     goal = joints.copy()
     if isinstance(icon, Lumbar):
         goal[LUMBAR] = icon.lower, icon.upper
@@ -81,28 +86,27 @@ def way(
             goal[ARM[side]] = postures[icon.posture]
         else:
             known = ", ".join(postures)
-            raise InvalidProgram("", "posture", f"there is no posture {icon.posture!r}; there are {known}")
+            raise InvalidProgram("", "posture", f"unknown posture {icon.posture!r}; known are {known}")
     return [goal]
 
 
-def _posed(icon: MhandPose, joints: Floats, kinematics: Kinematics) -> Floats:
+def _hand_pose(icon: MhandPose, joints: Floats, kinematics: Kinematics) -> Floats:
     pose = HandPose(icon.x, icon.y, icon.z, icon.roll or 0.0, icon.pitch or 0.0, icon.yaw or 0.0)
     targets = dict.fromkeys(sides(icon.hand), pose)
     if icon.hand == "both":
         targets[Side.RIGHT] = pose.mirrored()
-    solve = kinematics.solve_position if icon.roll is None else kinematics.solve
     for side, target in targets.items():
-        joints = solve(side, target, joints)
+        joints = kinematics.solve({side: target}, joints, with_attitude=icon.roll is not None)
     return joints
 
 
-def _line(icon: MhandOffset, joints: Floats, kinematics: Kinematics) -> list[Floats]:
+def _straight_line(icon: MhandOffset, joints: Floats, kinematics: Kinematics) -> list[Floats]:
     start = {side: kinematics.body.hand(side, joints) for side in sides(icon.hand)}
     steps = max(2, math.ceil(math.hypot(icon.dx, icon.dy, icon.dz) / LINE_STEP_M))
     found = []
     for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
         for side, at in start.items():
             target = at._replace(x=at.x + share * icon.dx, y=at.y + share * icon.dy, z=at.z + share * icon.dz)
-            joints = kinematics.solve(side, target, joints, leaps=False)
+            joints = kinematics.solve({side: target}, joints, allow_restarts=False)
         found.append(joints)
     return found

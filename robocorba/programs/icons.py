@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, Struct
 
-from robocorba.kinematics.smartpal import BASE, LOWER, LUMBAR, OPEN_RAD, SHUT_RAD, UPPER, Side
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, LUMBAR, OPEN_RAD, SHUT_RAD, Side
 from robocorba.sensing.fan import LASER, PROXIMITY
 
 
@@ -22,7 +22,7 @@ def _tag(name: str) -> str:
 
 
 def _joint(number: int, title: str) -> Meta:
-    return Meta(ge=float(LOWER[number]), le=float(UPPER[number]), title=f"{title} [rad]")
+    return Meta(ge=float(JOINT_LOWER[number]), le=float(JOINT_UPPER[number]), title=f"{title} [rad]")
 
 
 # ---- types of parameters ----
@@ -34,9 +34,11 @@ Heading = Annotated[
 ]
 Offset = Annotated[float, Meta(ge=-1000.0, le=1000.0, title="distance [m]", description="In the robot's own frame.")]
 Turn = Annotated[float, Meta(ge=-2 * math.pi, le=2 * math.pi, title="turn [rad]", description="Plus to the left.")]
-Speed = Annotated[float, Meta(ge=0.01, le=BASE.speed, title="speed [m/s]", description="At most this fast.")]
-Velocity = Annotated[float, Meta(ge=-BASE.speed, le=BASE.speed, title="velocity [m/s]")]
-TurnVelocity = Annotated[float, Meta(ge=-BASE.turn, le=BASE.turn, title="turn [rad/s]", description="Plus: left.")]
+Speed = Annotated[float, Meta(ge=0.01, le=BASE_LIMITS.speed, title="speed [m/s]", description="At most this fast.")]
+Velocity = Annotated[float, Meta(ge=-BASE_LIMITS.speed, le=BASE_LIMITS.speed, title="velocity [m/s]")]
+TurnVelocity = Annotated[
+    float, Meta(ge=-BASE_LIMITS.turn_speed, le=BASE_LIMITS.turn_speed, title="turn [rad/s]", description="Plus: left.")
+]
 Seconds = Annotated[float, Meta(gt=0.0, le=3600.0, title="time [s]")]
 Reach = Annotated[float, Meta(ge=-2.0, le=2.0, title="coordinate [m]", description="In the robot's own frame.")]
 Angle = Annotated[float, Meta(ge=-math.pi, le=math.pi, title="angle [rad]", description="In the robot's own frame.")]

@@ -1,4 +1,4 @@
-"""A program and its JSON file: reading, checking, writing and traversal. Errors name icon and parameter."""
+"""A program and its JSON format: reading, validation, writing. Errors name icon and parameter."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from robocorba.programs.icons import CONDITIONS, ICONS, Body, Icon, Text, bodies
 
 #: Size limit of a program file [bytes].
 MAX_BYTES = 1024 * 1024
-#: Greatest number of icons of a program, nested ones included.
+#: Maximum number of icons of a program, including nested ones.
 MAX_ICONS = 1000
-#: Greatest nesting depth of icons; those of the program itself have depth 1.
+#: Maximum nesting depth of icons; those of the program itself have depth 1.
 MAX_NESTING = 8
-#: Greatest nesting depth of objects and arrays, including an event's payload.
+#: Maximum nesting depth of objects and arrays, including an event's payload.
 MAX_DEPTH = 64
-#: Longest integer that is parsed [digits]; Python takes long for millions of digits.
+#: Maximum length of a parsed integer [digits]; longer ones count as infinite, because Python parses them slowly.
 _MAX_DIGITS = 20
 
 
 class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A program of a robot: icons in sequence. `format` is the version of this format."""
+    """A program of a robot: icons that it runs in sequence. format: version of the file format."""
 
     format: Literal[1] = 1
     name: Text
@@ -42,7 +42,7 @@ def load(file: str | Path) -> Program:
 
 
 def loads(text: str | bytes) -> Program:
-    """A program from JSON. Raises InvalidProgram, which names the first wrong icon and parameter."""
+    """A program from JSON. Raises InvalidProgram, which names the first invalid icon and parameter."""
     try:
         data = text.encode() if isinstance(text, str) else text
         if len(data) > MAX_BYTES:
@@ -58,7 +58,7 @@ def loads(text: str | bytes) -> Program:
 
 
 def checked(program: Program) -> Program:
-    """The same program, checked like one from a file; for programs made in Python. Raises InvalidProgram."""
+    """The program, validated like one from a file; for programs built in Python. Raises InvalidProgram."""
     try:
         return _converted(msgspec.to_builtins(program))
     except RecursionError:
@@ -85,25 +85,25 @@ def schema() -> dict[str, Any]:
     }
 
 
-def walk(program: Program) -> Iterator[tuple[str, Icon]]:
-    """Every icon with its path, such as icons[2].then[0], in the order of the file."""
-    for path, icon, _ in _walk("icons", program.icons, 1):
+def icons_with_paths(program: Program) -> Iterator[tuple[str, Icon]]:
+    """Every icon, including nested ones, with its path, such as icons[2].then[0]; in the order of the file."""
+    for path, icon, _ in _nested("icons", program.icons, 1):
         yield path, icon
 
 
-def _walk(at: str, icons: tuple[Icon, ...], depth: int) -> Iterator[tuple[str, Icon, int]]:
+def _nested(parent: str, icons: tuple[Icon, ...], depth: int) -> Iterator[tuple[str, Icon, int]]:
     for number, icon in enumerate(icons):
-        path = f"{at}[{number}]"
+        path = f"{parent}[{number}]"
         yield path, icon, depth
         for name, body in bodies(icon):
-            yield from _walk(f"{path}.{name}", body, depth + 1)
+            yield from _nested(f"{path}.{name}", body, depth + 1)
 
 
-# ---- from plain data ----
+# ---- from decoded JSON ----
 
 
-class _Twice(dict[str, Any]):
-    """A JSON object with a duplicate key."""
+class _DuplicateKey(dict[str, Any]):
+    """A JSON object with the duplicate key `key`."""
 
     key = ""
 
@@ -113,9 +113,9 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) == len(pairs):
         return found
     keys = [key for key, _ in pairs]
-    wrong = _Twice(found)
-    wrong.key = next(key for key in keys if keys.count(key) > 1)
-    return wrong
+    broken = _DuplicateKey(found)
+    broken.key = next(key for key in keys if keys.count(key) > 1)
+    return broken
 
 
 def _integer(text: str) -> int | float:
@@ -129,7 +129,7 @@ def _converted(plain: Any) -> Program:
     except msgspec.ValidationError as error:
         raise _translated(str(error)) from None
     count = 0
-    for path, icon, depth in _walk("icons", program.icons, 1):
+    for path, icon, depth in _nested("icons", program.icons, 1):
         count += 1
         if depth == MAX_NESTING and any(body for _, body in bodies(icon)):
             name = next(name for name, body in bodies(icon) if body)
@@ -140,10 +140,10 @@ def _converted(plain: Any) -> Program:
 
 
 def _check_plain(value: Any, at: str, depth: int) -> None:
-    """Raise InvalidProgram for what JSON readers accept: duplicate keys, numbers that are not finite, text that is
-    not UTF-8."""
+    """Raise InvalidProgram for what Python's JSON reader accepts and JSON does not allow: duplicate keys, numbers that
+    are not finite, text that is not UTF-8."""
     if isinstance(value, dict):
-        if isinstance(value, _Twice):
+        if isinstance(value, _DuplicateKey):
             raise _located(f"{at}.{value.key}", "is a duplicate key")
         for key, part in value.items():
             if not isinstance(key, str):
@@ -172,7 +172,7 @@ def _check_text(text: str, at: str) -> None:
     try:
         text.encode()
     except UnicodeError:
-        raise _located(at, "holds half of a surrogate pair, which is no character") from None
+        raise _located(at, "contains half of a surrogate pair, which is no character") from None
 
 
 # ---- errors ----
@@ -180,7 +180,7 @@ def _check_text(text: str, at: str) -> None:
 
 def _unwritable(program: Program) -> tuple[str, str]:
     """Icon and parameter with a value that JSON cannot represent."""
-    for path, icon in walk(program):
+    for path, icon in icons_with_paths(program):
         inside = {name for name, _ in bodies(icon)}
         for name in set(icon.__struct_fields__) - inside:
             try:
@@ -208,12 +208,12 @@ def _translated(message: str) -> InvalidProgram:
     if missing := re.fullmatch(r"Object missing required field `(.*)`", reason):
         return _located(f"{at}.{missing[1]}", "is missing")
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", reason, re.DOTALL):
-        return _located(f"{at}.{unknown[1]}", "there is no such parameter")
+        return _located(f"{at}.{unknown[1]}", "unknown parameter")
     tag = at.rpartition(".")[2]
     if tag in _TAGS and reason.startswith("Invalid value"):
         what, known = _TAGS[tag]
         given = _short(reason.removeprefix("Invalid value "))
-        return _located(at, f"there is no {what} {given}; there are {known}")
+        return _located(at, f"unknown {what} {given}; known are {known}")
     return _located(at, reason[:1].lower() + reason[1:].replace("`", ""))
 
 

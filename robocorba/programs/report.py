@@ -1,4 +1,4 @@
-"""Findings and notes of a program check."""
+"""The result of a program check: findings and notes."""
 
 from __future__ import annotations
 
@@ -7,24 +7,8 @@ from typing import NamedTuple
 from robocorba.errors.robots import InvalidProgram
 
 
-class ProgramFinding(NamedTuple):
-    """An error: `parameter` of the icon at a path such as icons[2].then[0], and what is wrong. Parameters that are
-    wrong in combination are joined, such as `x, y, z`."""
-
-    icon: str
-    parameter: str
-    what: str
-
-    def __str__(self) -> str:
-        return str(self.error())
-
-    def error(self) -> InvalidProgram:
-        """The finding as an exception."""
-        return InvalidProgram(*self)
-
-
 class Note(NamedTuple):
-    """What could not be proved of an icon, or what was assumed; with an empty path, of the whole program."""
+    """What could not be checked of an icon, or what was assumed. icon: its path, empty for the whole program."""
 
     icon: str
     what: str
@@ -34,14 +18,14 @@ class Note(NamedTuple):
 
 
 class CheckReport:
-    """Notes and findings in the order found, with the first finding of each parameter only."""
+    """Findings and notes of a check, in the order found; only the first finding of each parameter."""
 
     def __init__(self) -> None:
-        self._findings: dict[tuple[str, str], ProgramFinding] = {}
+        self._findings: dict[tuple[str, str], InvalidProgram] = {}
         self._notes: dict[Note, None] = {}
 
     @property
-    def findings(self) -> tuple[ProgramFinding, ...]:
+    def findings(self) -> tuple[InvalidProgram, ...]:
         return tuple(self._findings.values())
 
     @property
@@ -49,14 +33,18 @@ class CheckReport:
         return tuple(self._notes)
 
     @property
-    def is_sound(self) -> bool:
+    def is_valid(self) -> bool:
         """Whether there are no findings."""
         return not self._findings
 
-    def find(self, icon: str, parameter: str, what: str) -> None:
-        """Add a finding."""
-        self._findings.setdefault((icon, parameter), ProgramFinding(icon, parameter, what))
+    def require_valid(self) -> None:
+        """Raise InvalidProgram for the first finding."""
+        for finding in self.findings:
+            raise finding
 
-    def note(self, icon: str, what: str) -> None:
-        """Add a note."""
+    def add_finding(self, icon: str, parameter: str, reason: str) -> None:
+        """Parameters that are wrong in combination are joined, such as `x, y, z`."""
+        self._findings.setdefault((icon, parameter), InvalidProgram(icon, parameter, reason))
+
+    def add_note(self, icon: str, what: str) -> None:
         self._notes.setdefault(Note(icon, what))

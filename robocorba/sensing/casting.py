@@ -17,7 +17,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.spatial.grids import Floats, Grid, Longs, column_of, row_of
 
-#: Largest error of `direction` [rad].
+#: Maximum error of `direction` [rad].
 SLACK_RAD = 1e-3
 #: Sine of the angle below which a segment counts as seen edge-on.
 EDGE_ON = 1e-12
@@ -27,13 +27,13 @@ _TURN = 2 * math.pi
 
 
 class Eye(NamedTuple):
-    """A sensor: position [m], angle of the first ray [rad], rays per radian, range [m], and unit vector of the
-    fan's middle, (0, 0) for a fan of more than half a turn."""
+    """A sensor during a scan: position [m], angle of the first ray [rad], rays per radian, range [m], and unit vector
+    of the fan's middle, (0, 0) for a fan of more than half a turn."""
 
     x: float
     y: float
     start: float
-    rays_a_rad: float
+    rays_per_rad: float
     range_m: float
     ahead_x: float
     ahead_y: float
@@ -57,14 +57,14 @@ def direction(x: float, y: float) -> float:
 
 
 @kernel
-def spans(begin: float, width: float, rays_a_rad: float, count: int) -> tuple[int, int, int, int]:
+def spans(begin: float, width: float, rays_per_rad: float, count: int) -> tuple[int, int, int, int]:
     """Rays within `width` from angle `begin`, both relative to ray 0 [rad]: first and last ray of an interval, and of a
     second interval after a wrap past a full turn. An interval is empty if its last ray precedes its first."""
     begin -= _TURN * math.floor(begin / _TURN)
-    low, high = begin * rays_a_rad, (begin + width) * rays_a_rad
+    low, high = begin * rays_per_rad, (begin + width) * rays_per_rad
     first = math.ceil(low) if low < count else count
     last = math.floor(high) if high < count else count - 1
-    over = high - _TURN * rays_a_rad
+    over = high - _TURN * rays_per_rad
     if over < 0.0:
         return int(first), int(last), 0, -1
     return int(first), int(last), 0, int(min(over, first - 1.0, count - 1.0))
@@ -112,7 +112,7 @@ def shorten(grid: Grid, cell: int, visited: Longs, scan: int, eye: Eye, rays: Fl
             if width < -SLACK_RAD * 2:
                 width += _TURN
         begin, width = begin - eye.start - SLACK_RAD, max(width, 0.0) + 2 * SLACK_RAD
-        first, last, first2, last2 = spans(begin, width, eye.rays_a_rad, count)
+        first, last, first2, last2 = spans(begin, width, eye.rays_per_rad, count)
         distance = math.sqrt(near)
         for _ in range(2):
             if is_edge_on:
@@ -140,7 +140,7 @@ def shorten_by_disc(px: float, py: float, radius: float, eye: Eye, rays: Floats)
         rays[2] = 0.0
         return
     half = min(radius / math.sqrt(square), 1.0) * (math.pi / 2) + SLACK_RAD  # an upper bound of the arc sine
-    first, last, first2, last2 = spans(direction(px, py) - eye.start - half, 2 * half, eye.rays_a_rad, rays.shape[1])
+    first, last, first2, last2 = spans(direction(px, py) - eye.start - half, 2 * half, eye.rays_per_rad, rays.shape[1])
     for low, high in ((first, last), (first2, last2)):
         for k in range(low, high + 1):
             along = px * rays[0, k] + py * rays[1, k]
@@ -169,7 +169,7 @@ def is_hidden(lx: float, ly: float, hx: float, hy: float, eye: Eye, rays: Floats
     if width < 0.0:
         width += _TURN
     begin, width = begin - eye.start - SLACK_RAD, width + 2 * SLACK_RAD
-    first, last, first2, last2 = spans(begin, width, eye.rays_a_rad, rays.shape[1])
+    first, last, first2, last2 = spans(begin, width, eye.rays_per_rad, rays.shape[1])
     for low, high in ((first, last), (first2, last2)):
         for k in range(low, high + 1):
             if rays[2, k] > distance:
@@ -177,11 +177,11 @@ def is_hidden(lx: float, ly: float, hx: float, hy: float, eye: Eye, rays: Floats
     return True
 
 
-class Scene(NamedTuple):
-    """Obstacles of a floor: static and moving segments, and the robots' discs (n, 4) of x, y, radius and number, with
-    their cells. All three grids share one frame."""
+class ObstacleGrids(NamedTuple):
+    """Obstacles of a floor: static segments, moving segments, and the robots' discs (n, 4) of x, y, radius [m] and
+    number, indexed as in Grid by `disc_start` and `disc_items`. All three grids share one frame."""
 
-    standing: Grid
+    static: Grid
     moving: Grid
     discs: Floats
     disc_start: Longs
@@ -190,9 +190,9 @@ class Scene(NamedTuple):
 
 @kernel
 def cast(
-    scene: Scene,
+    obstacles: ObstacleGrids,
     poses: Floats,
-    owners: Longs,
+    own_robots: Longs,
     cosines: Floats,
     sines: Floats,
     first: float,
@@ -201,18 +201,19 @@ def cast(
 ) -> Floats:
     """Distances (m, rays) [m]; `range_m` for a ray that hits nothing.
 
-    poses: (m, 3) of the sensors. owners: (m,) numbers of the robots that carry them, whose discs they ignore. cosines,
-    sines: of the rays in the sensor's frame; ray k points to first + k * step, with a positive step [rad]."""
-    standing, moving, discs = scene.standing, scene.moving, scene.discs
-    frame = standing.frame
+    poses: (m, 3) of the sensors. own_robots: (m,) numbers of the robots that they are mounted on, whose discs they
+    ignore. cosines, sines: of the rays in the sensor's frame; ray k points to first + k * step, with a positive step
+    [rad]."""
+    static, moving, discs = obstacles.static, obstacles.moving, obstacles.discs
+    frame = static.frame
     x0, y0, size, columns, rows = frame[0], frame[1], frame[2], int(frame[3]), int(frame[4])
     count = len(cosines)
-    found = np.empty((len(poses), count))
-    visited = np.full(len(standing.segments), -1, np.int64)
+    distances = np.empty((len(poses), count))
+    visited = np.full(len(static.segments), -1, np.int64)
     visited_moving = np.full(len(moving.segments), -1, np.int64)
     visited_discs = np.full(len(discs), -1, np.int64)
     rays = np.empty((3, count))
-    rays_a_rad, middle = 1.0 / step, first + (count - 1) * step / 2
+    rays_per_rad, middle = 1.0 / step, first + (count - 1) * step / 2
     for scan in range(len(poses)):
         x, y, heading = poses[scan, 0], poses[scan, 1], poses[scan, 2]
         ch, sh = math.cos(heading), math.sin(heading)
@@ -224,44 +225,44 @@ def cast(
         is_narrow = (count - 1) * step <= math.pi + 1e-9
         ahead_x = math.cos(heading + middle) if is_narrow else 0.0
         ahead_y = math.sin(heading + middle) if is_narrow else 0.0
-        eye = Eye(x, y, heading + first, rays_a_rad, range_m, ahead_x, ahead_y)
+        eye = Eye(x, y, heading + first, rays_per_rad, range_m, ahead_x, ahead_y)
         column, row = column_of(frame, x), row_of(frame, y)
-        farther = 0  # no ray before this one reaches beyond the last ring
+        first_far = 0  # rays before this one end within the rings visited so far
         for ring in range(max(columns, rows)):
             if ring > 0:  # this ring and all beyond lie outside a square around the sensor
                 left, right = x - (x0 + (column - ring + 1) * size), x0 + (column + ring) * size - x
                 below, above = y - (y0 + (row - ring + 1) * size), y0 + (row + ring) * size - y
                 outside = min(left, right, below, above)
-                while farther < count and rays[2, farther] <= outside:
-                    farther += 1
-                if farther == count:
+                while first_far < count and rays[2, first_far] <= outside:
+                    first_far += 1
+                if first_far == count:
                     break
-            for at_row in range(max(0, row - ring), min(rows - 1, row + ring) + 1):
-                stride = 1 if ring == 0 or abs(at_row - row) == ring else 2 * ring
-                for at_column in range(column - ring, column + ring + 1, stride):
-                    if not 0 <= at_column < columns:
+            for cell_row in range(max(0, row - ring), min(rows - 1, row + ring) + 1):
+                stride = 1 if ring == 0 or abs(cell_row - row) == ring else 2 * ring
+                for cell_column in range(column - ring, column + ring + 1, stride):
+                    if not 0 <= cell_column < columns:
                         continue
-                    cell = at_row * columns + at_column
+                    cell = cell_row * columns + cell_column
                     if (
-                        standing.start[cell] == standing.start[cell + 1]
+                        static.start[cell] == static.start[cell + 1]
                         and moving.start[cell] == moving.start[cell + 1]
-                        and scene.disc_start[cell] == scene.disc_start[cell + 1]
+                        and obstacles.disc_start[cell] == obstacles.disc_start[cell + 1]
                     ):
                         continue
                     if ring > 0:
-                        lx, ly = x0 + at_column * size - x, y0 + at_row * size - y
+                        lx, ly = x0 + cell_column * size - x, y0 + cell_row * size - y
                         if is_hidden(lx, ly, lx + size, ly + size, eye, rays):
                             continue
-                    shorten(standing, cell, visited, scan, eye, rays)
+                    shorten(static, cell, visited, scan, eye, rays)
                     shorten(moving, cell, visited_moving, scan, eye, rays)
-                    for at in range(scene.disc_start[cell], scene.disc_start[cell + 1]):
-                        i = scene.disc_items[at]
+                    for at in range(obstacles.disc_start[cell], obstacles.disc_start[cell + 1]):
+                        i = obstacles.disc_items[at]
                         if visited_discs[i] != scan:
                             visited_discs[i] = scan
                             px, py, radius, number = discs[i, 0] - x, discs[i, 1] - y, discs[i, 2], discs[i, 3]
                             reach = range_m + radius
-                            if number != owners[scan] and px * px + py * py < reach * reach:
+                            if number != own_robots[scan] and px * px + py * py < reach * reach:
                                 shorten_by_disc(px, py, radius, eye, rays)
         for k in range(count):
-            found[scan, k] = rays[2, k]
-    return found
+            distances[scan, k] = rays[2, k]
+    return distances

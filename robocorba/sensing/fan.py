@@ -11,9 +11,9 @@ import numpy as np
 from robocorba.errors.sensing import InvalidScan
 from robocorba.spatial.grids import Floats
 
-#: Rays of a fan at most.
+#: Maximum number of rays of a fan.
 MAX_RAYS = 8192
-#: Longest range of a sensor [m].
+#: Maximum range of a sensor [m].
 MAX_RANGE_M = 1000.0
 
 
@@ -21,7 +21,8 @@ MAX_RANGE_M = 1000.0
 class Fan:
     """`count` rays of length `range_m` in the sensor's frame, spanning at most a full turn.
 
-    first_rad: angle of the first ray, counter-clockwise from ahead. step_rad: between rays. Raises InvalidScan."""
+    first_rad: angle of the first ray, counter-clockwise from straight ahead [rad]. step_rad: angle between rays [rad].
+    Raises InvalidScan."""
 
     first_rad: float
     step_rad: float

@@ -13,7 +13,9 @@ from robocorba.spatial.floor_state import Pose
 
 
 class Reports:
-    """Thread-safe. clock: returns the time [s]. cpu: returns the CPU time of this process [s]."""
+    """Collects the load and the last scans. Thread-safe.
+
+    clock: returns the time [s]. cpu: returns the CPU time of this process [s]."""
 
     def __init__(
         self,
@@ -26,7 +28,7 @@ class Reports:
         self._scans = 0
         self._last: dict[str, tuple[str, ScanSpec, ScanResult]] = {}
         self._measured_at, self._cpu_at_measurement = clock(), cpu()
-        self._busy = self._scan_rate = 0.0
+        self._cpu_use = self._scan_rate = 0.0
         #: Robots assigned to this server.
         self.robots = 0
 
@@ -41,14 +43,14 @@ class Reports:
     def load(self) -> Load:
         """Load between the last two calls of `collect`."""
         with self._lock:
-            return Load(self._busy, min(self._sensor.lag_s, 1e9), self._scan_rate, self.robots)
+            return Load(self._cpu_use, min(self._sensor.lag_s, 1e9), self._scan_rate, self.robots)
 
     def collect(self) -> list[LastScan]:
         """Measure the load since the last call; return the last scan of each robot that scanned since."""
         with self._lock:
             now, cpu = self._clock(), self._cpu()
             passed = max(now - self._measured_at, 1e-6)
-            self._busy, self._scan_rate = (cpu - self._cpu_at_measurement) / passed, self._scans / passed
+            self._cpu_use, self._scan_rate = (cpu - self._cpu_at_measurement) / passed, self._scans / passed
             self._measured_at, self._cpu_at_measurement, self._scans = now, cpu, 0
             last, self._last = self._last, {}
         return [_last_scan(robot, *scan) for robot, scan in last.items()]
@@ -56,5 +58,5 @@ class Reports:
 
 def _last_scan(robot: str, floor: str, spec: ScanSpec, result: ScanResult) -> LastScan:
     x, y, heading = result.sensors[0].tolist()
-    place, fan = Pose(floor, x, y, heading), spec.fan
-    return LastScan(robot, result.time, place, fan.first_rad, fan.step_rad, result.distances[0] + spec.rim_m)
+    pose, fan = Pose(floor, x, y, heading), spec.fan
+    return LastScan(robot, result.time, pose, fan.first_rad, fan.step_rad, result.distances[0] + spec.rim_m)

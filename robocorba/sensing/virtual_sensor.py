@@ -1,6 +1,6 @@
-"""The virtual sensor: scans that robots would make at their poses in the building.
+"""The virtual sensor: scans that sensors on robots would make in the simulated building.
 
-It follows each floor of the Omni database; walls come from the map.
+Its copy of each floor follows the Omni database; walls come from the map.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.kernels import kernel
 from robocorba.maps.model import Building
-from robocorba.maps.movable import landing_doors, standing
-from robocorba.sensing.casting import Scene, cast
+from robocorba.maps.movable import fixed_obstacles, landing_doors
+from robocorba.sensing.casting import ObstacleGrids, cast
 from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
 from robocorba.sensing.noise import Noise
-from robocorba.sensing.sight import NOBODY, SensedScene, lines_of
+from robocorba.sensing.visible_obstacles import NO_ROBOT, VisibleObstacles, border_segments
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
 from robocorba.spatial.grids import Floats, Longs, column_of, row_of
 
-#: Largest age of floor data for a scan [s].
+#: Maximum age of floor data for a scan [s].
 LAG_LIMIT_S = 1.0
-#: Largest distance of the rays' start from the sensor [m].
+#: Maximum distance from the sensor at which the rays start [m].
 MAX_RIM_M = 100.0
-#: Rays of one call at most.
+#: Maximum number of rays in one call.
 MAX_RAYS_AT_ONCE = 1_000_000
 NO_NOISE = Noise()
-#: Carrier number that denotes the robot at the pose of the scan.
-ROBOT_AT_PLACE = -2
+#: Number in place of a robot's: the sensor is mounted on the robot at the pose of the scan.
+ROBOT_AT_POSE = -2
 
 
 class Mount(NamedTuple):
@@ -49,7 +49,8 @@ class Mount(NamedTuple):
 
 @dataclass(frozen=True)
 class ScanSpec:
-    """Rays of a fan, measured from a rim at distance `rim_m` around the sensor [m]. Raises InvalidScan."""
+    """Distances along the rays of `fan`, measured from a circle of radius `rim_m` [m] around the sensor,
+    with noise from `seed`. Raises InvalidScan."""
 
     fan: Fan
     rim_m: float = 0.0
@@ -77,7 +78,9 @@ class ScanResult(NamedTuple):
 
 
 class VirtualSensor:
-    """One thread updates it (`know`, `follow`); scans are thread-safe. `clock` returns the time [s]."""
+    """Virtual sensors on all floors of a building. One thread updates it (`set_map`, `follow`); scans are thread-safe.
+
+    clock: returns the time [s]."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -94,13 +97,13 @@ class VirtualSensor:
         """Names of the robots on all floors."""
         return {name for floor in self._floors.values() for name in floor.numbers}
 
-    def know(self, building: Building) -> None:
-        """Take over a map; forget floors that it does not have."""
+    def set_map(self, building: Building) -> None:
+        """Use a new or edited map; forget floors that it does not have."""
         for name in [name for name in self._floors if name not in building.floors]:
             del self._floors[name]
         for name in building.floors:
             if name in self._floors:
-                self._floors[name].set_obstacles(building)
+                self._floors[name].set_map(building)
             else:
                 self._floors[name] = _SensedFloor(name, building)
 
@@ -112,7 +115,7 @@ class VirtualSensor:
         """Compile or load the kernels, so that the first update and scan take no longer than the others."""
         for floor in list(self._floors.values())[:1]:
             place_discs(floor.view.motions, floor.view.moved, floor.view.moved, np.empty(0, bool), np.empty((0, 4)))
-            scan_from(floor.sensed.scene, np.zeros((1, 3)), Mount(), NOBODY, LASER.rays, ScanSpec(LASER).frame)
+            scan_from(floor.obstacles.grids, np.zeros((1, 3)), Mount(), NO_ROBOT, LASER.rays, ScanSpec(LASER).frame)
         Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 
     def view(self, floor: str) -> FloorView:
@@ -123,46 +126,46 @@ class VirtualSensor:
         """Version of the copy of a floor, for the request of later changes. Raises UnknownFloor."""
         return self.view(floor).version
 
-    def follow(self, update: FloorUpdate, asked_at: float) -> None:
-        """Apply an update of a floor that was requested from the Omni database at time `asked_at` of the clock [s].
+    def follow(self, update: FloorUpdate, requested_at: float) -> None:
+        """Apply an update that was requested from the Omni database at `requested_at` by the clock [s].
 
         Raises UnknownFloor, UpdateMismatch."""
-        self._floor(update.floor).follow(update, asked_at)
+        self._floor(update.floor).follow(update, requested_at)
 
-    def scan(self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None) -> ScanResult:
+    def scan(
+        self, floor: str, robots: Floats, mount: Mount, spec: ScanSpec, own_robot: str | None = None
+    ) -> ScanResult:
         """Scan with sensors on robots (m, 3) of x, y [m], heading [rad].
 
-        The scan ignores the robot that carries the sensor: `carrier`, or for None the robot at each pose. Raises
-        InvalidScan, UnknownFloor, SensorBehind."""
-        here = self._floor(floor)
-        lag_s = self._clock() - here.valid_at
+        The scan ignores the robot that the sensor is mounted on: `own_robot`, or for None the robot at each pose.
+        Raises InvalidScan, UnknownFloor, SensorBehind."""
+        sensed = self._floor(floor)
+        lag_s = self._clock() - sensed.valid_at
         if lag_s > LAG_LIMIT_S:
             raise SensorBehind(lag_s, LAG_LIMIT_S)
         _check_rays(len(robots), spec)
-        time_s, fan = here.view.time, spec.fan
-        scene, numbers = here.current
-        number = ROBOT_AT_PLACE if carrier is None else numbers.get(carrier, NOBODY)
-        is_placed, sensors, carriers, distances = scan_from(scene, robots, mount, number, fan.rays, spec.frame)
-        if not is_placed:
+        time_s, fan = sensed.view.time, spec.fan
+        grids, numbers = sensed.current
+        number = ROBOT_AT_POSE if own_robot is None else numbers.get(own_robot, NO_ROBOT)
+        is_finite, sensors, own_robots, distances = scan_from(grids, robots, mount, number, fan.rays, spec.frame)
+        if not is_finite:
             raise InvalidScan("robot", "the pose of the robot or of its sensor is not finite")
         if spec.noise:
-            distances = spec.noise.disturb(distances, fan.range_m, spec.seed, carriers, 0)
+            distances = spec.noise.disturb(distances, fan.range_m, spec.seed, own_robots, 0)
         return ScanResult(time_s, sensors, distances)
 
     def scan_many(
-        self, floors: Sequence[str], robots: Floats, mount: Mount, spec: ScanSpec, carrier: str | None = None
+        self, floors: Sequence[str], robots: Floats, mount: Mount, spec: ScanSpec, own_robot: str | None = None
     ) -> list[ScanResult]:
         """Scan with sensors on robots (m, 3) on these floors; one result for each. Raises as `scan`."""
         _check_rays(len(robots), spec)
-        found: dict[int, ScanResult] = {}
+        results: dict[int, ScanResult] = {}
         for floor in dict.fromkeys(floors):
-            places = [place for place, other in enumerate(floors) if other == floor]
-            scanned = self.scan(floor, robots[places], mount, spec, carrier)
-            for row, place in enumerate(places):
-                found[place] = ScanResult(
-                    scanned.time, scanned.sensors[row : row + 1], scanned.distances[row : row + 1]
-                )
-        return [found[place] for place in range(len(robots))]
+            indices = [index for index, other in enumerate(floors) if other == floor]
+            time_s, sensors, distances = self.scan(floor, robots[indices], mount, spec, own_robot)
+            for row, index in enumerate(indices):
+                results[index] = ScanResult(time_s, sensors[row : row + 1], distances[row : row + 1])
+        return [results[index] for index in range(len(robots))]
 
     def _floor(self, name: str) -> _SensedFloor:
         if name not in self._floors:
@@ -176,12 +179,12 @@ def _check_rays(robots: int, spec: ScanSpec) -> None:
 
 
 class _SensedFloor:
-    """A floor: the copy from the Omni database, and the scene that sensors see."""
+    """A floor: the copy from the Omni database, and the obstacles that sensors see."""
 
     def __init__(self, name: str, building: Building) -> None:
         self.view = FloorView(name)
-        self.sensed = SensedScene()
-        #: Time of the clock up to which the copy is certainly valid [s]; -inf before the first update.
+        self.obstacles = VisibleObstacles()
+        #: When the latest update was requested [s]: the copy is at least as new. -inf before the first one.
         self.valid_at = float("-inf")
         self.numbers: dict[str, int] = {}
         self._discs = np.empty((0, 4))
@@ -190,33 +193,33 @@ class _SensedFloor:
         self._is_object = np.empty(0, bool)
         #: Sides of the objects in their own frames, and the row of the object that each belongs to.
         self._sides, self._side_of = np.empty((0, 4)), np.empty(0, np.int64)
-        self.set_obstacles(building)
+        self.set_map(building)
 
-    def set_obstacles(self, building: Building) -> None:
+    def set_map(self, building: Building) -> None:
         floor = self.view.floor
-        self.sensed.set_obstacles(standing(building, floor))
+        self.obstacles.set_static(fixed_obstacles(building, floor))
         self._doors = {
-            name: lines_of([landing_doors(building, name, floor)])
+            name: border_segments([landing_doors(building, name, floor)])
             for name, elevator in building.elevators.items()
             if floor in elevator.floors()
         }
-        self.sensed.move(self._discs, self._moving_segments())
-        #: Scene and the robots' numbers in it, replaced together.
-        self.current = self.sensed.scene, self.numbers
+        self.obstacles.set_moving(self._discs, self._moving_segments())
+        #: Grids and the robots' numbers in them, replaced together.
+        self.current = self.obstacles.grids, self.numbers
 
-    def follow(self, update: FloorUpdate, asked_at: float) -> None:
+    def follow(self, update: FloorUpdate, requested_at: float) -> None:
         has_changed = self.view.apply(update)
         if has_changed:
             self._rebuild()
         view = self.view
-        discs, has_pushed = place_discs(view.motions, view.moved, self._robots, self._is_object, self._discs)
-        is_other = has_changed or update.elevators or has_pushed
-        self.sensed.move(discs, self._moving_segments() if is_other else None)
-        self._discs, self.valid_at = discs, asked_at
-        self.current = self.sensed.scene, self.numbers
+        discs, has_object_moved = place_discs(view.motions, view.moved, self._robots, self._is_object, self._discs)
+        has_new_segments = has_changed or update.elevators or has_object_moved
+        self.obstacles.set_moving(discs, self._moving_segments() if has_new_segments else None)
+        self._discs, self.valid_at = discs, requested_at
+        self.current = self.obstacles.grids, self.numbers
 
     def _rebuild(self) -> None:
-        """Rebuild the discs and sides after bodies came or went."""
+        """Rebuild the discs and sides after bodies were added or removed."""
         bodies = list(self.view.bodies.values())
         robots = [body for body in bodies if body.kind is BodyKind.ROBOT]
         objects = [body for body in bodies if body.kind is BodyKind.OBJECT]
@@ -270,22 +273,22 @@ def place_sides(motions: Motions, side_of: Longs, sides: Floats) -> Floats:
 
 @kernel
 def scan_from(
-    scene: Scene,
+    obstacles: ObstacleGrids,
     robots: Floats,
     mount: Mount,
-    carrier: int,
+    own_robot: int,
     rays: tuple[Floats, Floats],
     frame: tuple[float, float, float, float],
 ) -> tuple[bool, Floats, Longs, Floats]:
-    """Scan with sensors mounted on robots (m, 3), carried by the robot number `carrier`.
+    """Scan with sensors mounted on robots (m, 3); `own_robot` is a number, NO_ROBOT or ROBOT_AT_POSE.
 
-    Returns whether all poses are finite, poses (m, 3) of the sensors, numbers (m,) of their carriers, and distances
-    (m, rays) from the rim [m]. rays: of a Fan. frame: of a ScanSpec."""
+    Returns whether all poses are finite, poses (m, 3) of the sensors, numbers (m,) of the robots that they are mounted
+    on, and distances (m, rays) from the rim [m]. rays: of a Fan. frame: of a ScanSpec."""
     ahead_m, left_m, heading = mount
     cosines, sines = rays
     first, step, range_m, rim_m = frame
     m = len(robots)
-    sensors, carriers = np.empty((m, 3)), np.full(m, carrier)
+    sensors, own_robots = np.empty((m, 3)), np.full(m, own_robot)
     total = 0.0
     for row in range(m):
         x, y, facing = robots[row]
@@ -295,28 +298,28 @@ def scan_from(
         sensors[row, 2] = (facing + heading) % (2 * math.pi)
         total += 0.0 * (sensors[row, 0] + sensors[row, 1] + sensors[row, 2])
     if total != 0.0:
-        return False, sensors, carriers, np.empty((0, 0))
-    if carrier == ROBOT_AT_PLACE:
+        return False, sensors, own_robots, np.empty((0, 0))
+    if own_robot == ROBOT_AT_POSE:
         for row in range(m):
-            carriers[row] = robot_at(robots[row, 0], robots[row, 1], scene)
-    distances = cast(scene, sensors, carriers, cosines, sines, first, step, range_m + rim_m)
+            own_robots[row] = robot_at(robots[row, 0], robots[row, 1], obstacles)
+    distances = cast(obstacles, sensors, own_robots, cosines, sines, first, step, range_m + rim_m)
     if rim_m > 0.0:
         for row in range(m):
             for k in range(len(cosines)):
-                met = distances[row, k] < range_m + rim_m
-                distances[row, k] = max(distances[row, k] - rim_m, 0.0) if met else range_m
-    return True, sensors, carriers, distances
+                is_hit = distances[row, k] < range_m + rim_m
+                distances[row, k] = max(distances[row, k] - rim_m, 0.0) if is_hit else range_m
+    return True, sensors, own_robots, distances
 
 
 @kernel
-def robot_at(x: float, y: float, scene: Scene) -> int:
-    """Number of the robot whose disc contains a point; NOBODY for none."""
-    found, nearest = NOBODY, 0.0
-    frame = scene.standing.frame
+def robot_at(x: float, y: float, obstacles: ObstacleGrids) -> int:
+    """Number of the robot whose disc contains a point; NO_ROBOT for none."""
+    found, nearest_m = NO_ROBOT, 0.0
+    frame = obstacles.static.frame
     cell = row_of(frame, y) * int(frame[3]) + column_of(frame, x)
-    for at in range(scene.disc_start[cell], scene.disc_start[cell + 1]):
-        disc_x, disc_y, radius, number = scene.discs[scene.disc_items[at]]
-        beside = math.hypot(disc_x - x, disc_y - y) - radius
-        if beside <= nearest:
-            nearest, found = beside, int(number)
+    for at in range(obstacles.disc_start[cell], obstacles.disc_start[cell + 1]):
+        disc_x, disc_y, radius, number = obstacles.discs[obstacles.disc_items[at]]
+        distance_m = math.hypot(disc_x - x, disc_y - y) - radius
+        if distance_m <= nearest_m:
+            nearest_m, found = distance_m, int(number)
     return found

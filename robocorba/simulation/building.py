@@ -16,32 +16,32 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownRobot
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
-from robocorba.maps.movable import landing_doors, movables, outline, standing
-from robocorba.simulation.elevator import Cabin, Phase, RideStatus
+from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
+from robocorba.simulation.elevator import Cabin, RidePhase, RideStatus
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
-from robocorba.simulation.reservations import Reservations, Wanted
+from robocorba.simulation.reservations import AreaRequest, Reservations
 from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
 
-#: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses.
-KG_A_SQUARE_METRE = 9.0
-#: Reach of a hand from the robot's centre [m].
-REACH_M = 1.0
-#: Largest force of a grip [N].
-HAND_FORCE_N = 200.0
-#: Mass that one hand carries [kg].
+#: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
+KG_PER_SQUARE_METRE = 9.0
+#: Maximum distance of a grip point from the robot's centre [m].
+MAX_REACH_M = 1.0
+#: Maximum force of a grip [N].
+MAX_GRIP_FORCE_N = 200.0
+#: Mass that one robot carries [kg]: a SmartPal grips with both hands, 2 kg each.
 PAYLOAD_KG = 4.0
-#: Largest distance of a grip point from the object's outline [m].
-HANDLE_M = 0.05
-#: Longest validity of a velocity command [s].
+#: Maximum distance of a grip point from the object's outline [m].
+MAX_GRIP_DISTANCE_M = 0.05
+#: Maximum validity of a velocity command [s].
 MAX_VALID_S = 5.0
 
 
 class SimulatedRobot:
-    """A robot in the building. `command`, `brake`, `state` and `holding` are thread-safe."""
+    """A robot in the building. Its methods and `holding` are thread-safe."""
 
     __slots__ = ("_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
 
@@ -50,7 +50,7 @@ class SimulatedRobot:
         self.body = _robot_body(description.name)
         self.floor, self.physics = floor, physics
         self.collisions = 0
-        #: Robot or object of the last collision; empty for a wall or another static obstacle.
+        #: Name of the robot or object of the last collision; empty for a static obstacle.
         self.touched = ""
         self._last = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0))
 
@@ -87,7 +87,9 @@ class SimulatedRobot:
 
 
 class SimulationEvent(NamedTuple):
-    """A published event of the simulation. kind: "collision", "grip lost", "ride lost" or "reservation over"."""
+    """An event of the simulation; its fields are the published payload.
+
+    kind: "collision", "grip lost", "ride lost" or "reservation over". who: names of the robots and objects involved."""
 
     time: float
     floor: str
@@ -97,9 +99,9 @@ class SimulationEvent(NamedTuple):
 
 
 class SimulatedBuilding:
-    """Simulation of `building`; movable objects start at their places on the map.
+    """Simulation of `building`; movable objects start at their poses on the map.
 
-    One thread may use it, except for the members of SimulatedRobot and the methods that are thread-safe."""
+    One thread may use it; methods marked as thread-safe and SimulatedRobot are exceptions."""
 
     def __init__(self, building: Building) -> None:
         self.building = Building(building.name)
@@ -107,7 +109,7 @@ class SimulatedBuilding:
         self.floors: dict[str, FloorPhysics] = {}
         self.cabins: dict[str, Cabin] = {}
         #: State of the elevators after the last step, by name.
-        self.moments: Mapping[str, ElevatorState] = {}
+        self.elevator_states: Mapping[str, ElevatorState] = {}
         #: Rides after the last step, by robot.
         self.rides: Mapping[str, RideStatus] = {}
         #: Movable objects by name: the object on the map, and its current floor.
@@ -130,21 +132,20 @@ class SimulatedBuilding:
     # ---- the map ----
 
     def update(self, building: Building) -> list[str]:
-        """Take over an edited map; return the robots that were removed with their floors.
+        """Use an edited map; return the names of the robots that were removed with their floors.
 
-        Objects that the edit did not change keep their simulated places. Rides of a changed elevator are lost."""
+        Objects that the edit did not change keep their simulated poses. Rides of a changed elevator are lost."""
         before, self.building = self.building, building
-        gone = [robot.name for robot in self.robots.values() if robot.floor not in building.floors]
-        for robot in gone:
+        removed = [robot.name for robot in self.robots.values() if robot.floor not in building.floors]
+        for robot in removed:
             self.remove(robot)
         for name, (_, floor) in list(self.objects.items()):
             if floor not in building.floors:
                 self._remove_object(name)
         self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps, name) for name in building.floors}
         for name, entry in building.floors.items():
-            was = before.floors.get(name)
-            if entry is not was or building.elevators is not before.elevators:
-                self.floors[name].set_obstacles(standing(building, name))
+            if entry is not before.floors.get(name) or building.elevators is not before.elevators:
+                self.floors[name].set_obstacles(fixed_obstacles(building, name))
         self._update_objects(before)
         for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:
             self._remove_cabin(name, before.elevators[name])
@@ -153,13 +154,13 @@ class SimulatedBuilding:
             if name not in self.cabins or self.cabins[name].heights != heights:
                 self._add_cabin(name, Cabin(elevator, heights, self.time))
         self.refresh()
-        return gone
+        return removed
 
     def _update_objects(self, before: Building) -> None:
-        was, after = movables(before), movables(self.building)
-        for name in [name for name in self.objects if after.get(name) != was[name]]:
+        objects_before, objects = movables(before), movables(self.building)
+        for name in [name for name in self.objects if objects.get(name) != objects_before[name]]:
             self._remove_object(name)
-        for name, (map_object, floor) in after.items():
+        for name, (map_object, floor) in objects.items():
             if name not in self.objects:
                 self._add_object(name, map_object, floor)
 
@@ -173,7 +174,7 @@ class SimulatedBuilding:
     def _remove_cabin(self, name: str, elevator: Elevator) -> None:
         for floor in elevator.floors():
             if floor in self.floors:
-                self.floors[floor].open(f"landing/{name}")
+                self.floors[floor].open_door(f"landing/{name}")
         del self.cabins[name], self._last_cabins[name], self._shafts[name]
 
     # ---- robots ----
@@ -209,15 +210,15 @@ class SimulatedBuilding:
         if not math.isfinite(at[0] + at[1]):
             raise CannotGrip(object_name, f"({at[0]}, {at[1]}) is not a finite point")
         x, y, _ = robot.physics.pose(robot.body)
-        away = math.hypot(at[0] - x, at[1] - y)
-        if away > REACH_M:
-            raise CannotGrip(object_name, f"({at[0]:g}, {at[1]:g}) is {away:.2f} m away; hands reach {REACH_M:g} m")
-        beside = robot.physics.distance(_object_body(object_name), at)
-        if beside > HANDLE_M:
-            raise CannotGrip(
-                object_name, f"({at[0]:g}, {at[1]:g}) is {beside:.2f} m off its outline; at most {HANDLE_M:g} m"
-            )
-        robot.physics.grip(robot.body, _object_body(object_name), at, HAND_FORCE_N, PAYLOAD_KG)
+        point = f"({at[0]:g}, {at[1]:g})"
+        distance_m = math.hypot(at[0] - x, at[1] - y)
+        if distance_m > MAX_REACH_M:
+            raise CannotGrip(object_name, f"{point} is {distance_m:.2f} m away; hands reach {MAX_REACH_M:g} m")
+        gap_m = robot.physics.distance(_object_body(object_name), at)
+        if gap_m > MAX_GRIP_DISTANCE_M:
+            reason = f"{point} is {gap_m:.2f} m off its outline; at most {MAX_GRIP_DISTANCE_M:g} m"
+            raise CannotGrip(object_name, reason)
+        robot.physics.grip(robot.body, _object_body(object_name), at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
 
     def release(self, name: str) -> None:
         """Release the held object, if any. Raises UnknownRobot."""
@@ -244,10 +245,10 @@ class SimulatedBuilding:
                 cabin.cancel(name)
         self._update_elevator_states()
 
-    def reserve(self, name: str, wanted: Wanted) -> None:
+    def reserve(self, name: str, areas: AreaRequest) -> None:
         """Request areas for a robot. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
         self._robot(name)
-        self.reservations.reserve(name, wanted)
+        self.reservations.reserve(name, areas)
 
     # ---- time ----
 
@@ -269,12 +270,12 @@ class SimulatedBuilding:
                 self._detect_entry_and_exit(name, cabin)
             cabin.advance(STEP_S)
             self._apply_cabin_state(name, cabin)
-            for rider, why in cabin.ended:
-                events.append(SimulationEvent(self.time, cabin.floor, "ride lost", (rider,), why))
+            for rider, reason in cabin.ended:
+                events.append(SimulationEvent(self.time, cabin.floor, "ride lost", (rider,), reason))
             cabin.ended.clear()
-        for over in self.reservations.advance(self.time):
-            why = f"its limit of {over.limit_s:g} s is over"
-            events.append(SimulationEvent(self.time, over.areas[0][0], "reservation over", (over.owner,), why))
+        for ended in self.reservations.advance(self.time):
+            reason = f"its limit of {ended.limit_s:g} s is over"
+            events.append(SimulationEvent(self.time, ended.areas[0][0], "reservation over", (ended.owner,), reason))
         self._update_elevator_states()
         return events
 
@@ -288,16 +289,18 @@ class SimulatedBuilding:
         """State of the elevators that serve a floor, by name. Thread-safe."""
         served = self.building.elevators
         return {
-            name: state for name, state in self.moments.items() if name in served and floor in served[name].floors()
+            name: state
+            for name, state in self.elevator_states.items()
+            if name in served and floor in served[name].floors()
         }
 
     def _update_elevator_states(self) -> None:
         """Replace both maps as a whole, for readers in other threads; skip this while all elevators stay idle."""
         idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
-        if len(self.moments) == len(self.cabins) == len(idle) and idle == self._idle:
+        if len(self.elevator_states) == len(self.cabins) == len(idle) and idle == self._idle:
             return
         self._idle = idle
-        self.moments = {name: cabin.state() for name, cabin in self.cabins.items()}
+        self.elevator_states = {name: cabin.state() for name, cabin in self.cabins.items()}
         self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
 
     def _count_collision(self, body: str, other: str) -> None:
@@ -310,19 +313,22 @@ class SimulatedBuilding:
         """Advance the rides of robots that are completely inside or completely outside the cabin."""
         shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
-            if session.phase not in (Phase.BOARDING, Phase.ALIGHTING):
+            if session.phase not in (RidePhase.BOARDING, RidePhase.ALIGHTING):
                 continue
             pose = self.pose(session.robot)
-            inside = shaft.exterior.distance(shapely.Point(pose.x, pose.y))
-            is_in = shaft.contains(shapely.Point(pose.x, pose.y))
-            if session.phase is Phase.BOARDING and is_in and inside >= session.radius_m:
-                if not (session.party and self._has_stranger(name, cabin, session.party)):
+            centre = shapely.Point(pose.x, pose.y)
+            if shaft.exterior.distance(centre) < session.radius_m:
+                continue  # partly inside
+            if shaft.contains(centre):
+                if session.phase is RidePhase.BOARDING and not self._has_stranger(name, cabin, session.party):
                     cabin.enter(session.robot)
-            elif session.phase is Phase.ALIGHTING and not is_in and inside >= session.radius_m:
+            elif session.phase is RidePhase.ALIGHTING:
                 cabin.leave(session.robot)
 
     def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:
-        """Whether a robot that is not of the party is in the cabin."""
+        """Whether a robot that is not of the party is in the cabin; False without a party."""
+        if not party:
+            return False
         of_party = {_robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
         return any(body.startswith(_ROBOT) and body not in of_party for body in self._bodies_inside(name, cabin.floor))
 
@@ -341,7 +347,7 @@ class SimulatedBuilding:
         if cabin.floor != before:
             self._transfer(name, before, cabin.floor)
         if cabin.doors is Doors.OPEN:
-            self.floors[cabin.floor].open(f"landing/{name}")
+            self.floors[cabin.floor].open_door(f"landing/{name}")
         elif doors is Doors.OPEN:
             self._close_landing(name, before)
 
@@ -359,10 +365,10 @@ class SimulatedBuilding:
                 self._place_object(_owner(body), self.objects[_owner(body)][0], destination, pose)
         for body, (held_body, at) in grips.items():
             if held_body in poses:
-                after.grip(body, held_body, at, HAND_FORCE_N, PAYLOAD_KG)
+                after.grip(body, held_body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
 
     def _close_landing(self, elevator: str, floor: str) -> None:
-        self.floors[floor].shut(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
+        self.floors[floor].close_door(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
 
     # ---- bodies ----
 
@@ -381,22 +387,23 @@ class SimulatedBuilding:
         return robot
 
     def _place_robot(self, robot: SimulatedRobot, floor: str, pose: tuple[float, float, float]) -> None:
-        about = robot.description
-        self.floors[floor].add_robot(robot.body, pose, about.radius_m, about.mass_kg, about.limits)
-        robot.floor, robot.physics = floor, self.floors[floor]
+        description = robot.description
+        physics = self.floors[floor]
+        physics.add_robot(robot.body, pose, description.radius_m, description.mass_kg, description.limits)
+        robot.floor, robot.physics = floor, physics
 
     def _add_object(self, name: str, map_object: MapObject, floor: str) -> None:
         self._place_object(name, map_object, floor, (*map_object.at, map_object.heading))
-        corners = list(outline(map_object).exterior.coords[:-1])
+        corners = list(object_outline(map_object).exterior.coords[:-1])
         radius_m = max(math.hypot(x, y) for x, y in corners)
         body = _object_body(name)
         mass_kg = self.floors[floor].mass_kg(body)
         self.bodies[body] = Body(self._number(), BodyKind.OBJECT, name, radius_m, tuple(corners), mass_kg)
 
     def _place_object(self, name: str, map_object: MapObject, floor: str, pose: tuple[float, float, float]) -> None:
-        shape = outline(map_object)
+        shape = object_outline(map_object)
         self.objects[name] = (map_object, floor)
-        self.floors[floor].add_object(_object_body(name), pose, shape, KG_A_SQUARE_METRE * shape.area)
+        self.floors[floor].add_object(_object_body(name), pose, shape, KG_PER_SQUARE_METRE * shape.area)
 
     def _remove_object(self, name: str) -> None:
         _, floor = self.objects.pop(name)
@@ -424,7 +431,7 @@ class SimulatedBuilding:
         return WorldRecord(self._steps, robots, objects, cabins, reservations=self.reservations.record())
 
     def restore(self, world: WorldRecord, robots: list[Description]) -> None:
-        """Restore a record with these robots in a freshly built building; all bodies start at rest.
+        """Restore a record with these robots in a new building; all bodies start at rest.
 
         Skips what the map no longer has. Robots that are not in the record get their start poses."""
         self._steps = world.steps
@@ -435,27 +442,27 @@ class SimulatedBuilding:
                 map_object, before = self.objects[name]
                 self.floors[before].remove(_object_body(name))
                 self._place_object(name, map_object, floor, (x, y, heading))
-        for about in robots:
-            known = world.robots.get(about.name)
-            place = Pose(known.floor, known.x, known.y, known.heading) if known else about.pose
-            if place.floor not in self.floors:
+        for description in robots:
+            record = world.robots.get(description.name)
+            pose = Pose(record.floor, record.x, record.y, record.heading) if record else description.pose
+            if pose.floor not in self.floors:
                 continue
-            robot = self._add_new(about, place)
-            robot.collisions = known.collisions if known else 0
-            if known and known.grip and self.objects.get(known.grip[0], (None, ""))[1] == place.floor:
-                held_name, x, y = known.grip
-                robot.physics.grip(robot.body, _object_body(held_name), (x, y), HAND_FORCE_N, PAYLOAD_KG)
+            robot = self._add_new(description, pose)
+            robot.collisions = record.collisions if record else 0
+            if record and record.grip and self.objects.get(record.grip[0], (None, ""))[1] == pose.floor:
+                held_name, x, y = record.grip
+                robot.physics.grip(robot.body, _object_body(held_name), (x, y), MAX_GRIP_FORCE_N, PAYLOAD_KG)
         for name, cabin in self.cabins.items():
             if name in world.cabins and world.cabins[name].floor in cabin.heights:
                 cabin.restore(world.cabins[name], self.time, self.robots.keys())
                 self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
             else:
                 cabin.now = self.time
-        known_here = world.robots.keys() & self.robots.keys()
-        self.reservations.restore(world.reservations, self.time, known_here)
+        self.reservations.restore(world.reservations, self.time, world.robots.keys() & self.robots.keys())
         self.refresh()
 
 
+#: Prefix of the names of robots' bodies.
 _ROBOT = "robot/"
 
 
@@ -468,4 +475,5 @@ def _object_body(name: str) -> str:
 
 
 def _owner(body: str) -> str:
+    """Name of the robot or object of a body."""
     return body.partition("/")[2]

@@ -1,17 +1,18 @@
 """An elevator: robots call it, board, ride and alight; one session for each ride.
 
-The oldest call leads: the cabin serves it, then the next one. En route it also stops for rides in the same direction
-that still fit in. So every wait is bounded; `longest_wait` computes the bound. A robot that does not board or alight in
-time loses its session, and the doors close.
+The cabin serves the oldest call, then the next one. En route it also stops for rides in the same direction that still
+fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded.
 
-Robots that call as a party ride without others. The party's place in the queue is that of its first call. The other
-members may call while the doors are open for it; the doors stay open until all are inside or the limit expires.
+Robots that ride together call as a party, and ride without others. All members board at the turn of its first call;
+`queue` and `ahead` count single calls. The other members may call while the doors are open for the party; the doors
+stay open until all are inside or the limit expires.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -21,20 +22,20 @@ from robocorba.planning.elevators import travel_time, travelled
 from robocorba.simulation.world_record import CabinRecord, RideRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 
-#: Time limit of a robot for boarding, and for alighting, while the doors are open [s].
+#: Time limit for boarding, and for alighting, while the doors are open [s].
 BOARDING_LIMIT_S = 15.0
-#: No robot starts boarding after the doors have been open for this time [s]: robots wait on other floors.
+#: No robot starts boarding after the doors have been open for this time [s], since robots wait on other floors.
 OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
-#: Sessions of an elevator at most.
-MAX_CALLS = 200
-#: Characters of a party's name at most.
+#: Maximum number of simultaneous sessions of an elevator, and of members of a party.
+MAX_SESSIONS = 200
+#: Maximum length of a party's name [characters].
 MAX_PARTY_NAME = 200
 #: Rounding tolerance of heights and widths [m].
 _TOLERANCE_M = 1e-9
 
 
-class Phase(Enum):
-    """Phase of a ride."""
+class RidePhase(Enum):
+    """Phase of a ride, from call to alighting."""
 
     WAITING = 0
     BOARDING = 1
@@ -42,36 +43,34 @@ class Phase(Enum):
     ALIGHTING = 3
 
 
-_INSIDE = (Phase.RIDING, Phase.ALIGHTING)
+_INSIDE = (RidePhase.RIDING, RidePhase.ALIGHTING)
 
 
+@dataclass(eq=False)
 class RideSession:
-    """Session of one robot, from call to alighting. party: name of a party of `size` robots, empty for a lone robot."""
+    """Session of one robot, from call to alighting.
 
-    def __init__(
-        self,
-        robot: str,
-        origin: str,
-        destination: str,
-        radius_m: float,
-        called_at: float,
-        party: str = "",
-        size: int = 1,
-    ) -> None:
-        self.robot, self.origin, self.destination = robot, origin, destination
-        self.radius_m, self.called_at = radius_m, called_at
-        self.party, self.size = party, size
-        self.phase = Phase.WAITING
-        self.since = called_at
+    called_at: simulated time [s]. party: name of a party of `size` robots, empty for a lone robot. since: simulated
+    time at which boarding or alighting began [s]."""
 
-    def enter_phase(self, phase: Phase, now: float) -> None:
+    robot: str
+    origin: str
+    destination: str
+    radius_m: float
+    called_at: float
+    party: str = ""
+    size: int = 1
+    phase: RidePhase = RidePhase.WAITING
+    since: float = 0.0
+
+    def enter_phase(self, phase: RidePhase, now: float) -> None:
         self.phase, self.since = phase, now
 
 
 class RideStatus(NamedTuple):
     """State of a ride as published to its robot. ahead: waiting robots that called before."""
 
-    phase: Phase
+    phase: RidePhase
     elevator: str
     origin: str
     destination: str
@@ -86,13 +85,13 @@ class Cabin:
         self.now = now
         self.doors = Doors.CLOSED
         self.floor = min(heights, key=lambda name: heights[name])
-        #: Destination floor; empty while the cabin is stopped.
+        #: Floor that the cabin travels to; empty while it is stopped.
         self._target = ""
         self._since = now
         #: Time at which a party began to board [s].
         self._party_since = now
         self.sessions: dict[str, RideSession] = {}
-        #: Robot and reason of each session that ended before its robot had alighted.
+        #: Robot and reason of each session that the elevator ended, since the robot was too late.
         self.ended: list[tuple[str, str]] = []
 
     # ---- calls of robots ----
@@ -112,8 +111,8 @@ class Cabin:
             raise InvalidRide("radius", f"a robot of radius {radius_m} m does not fit into {self.elevator.name}")
         if party:
             self._check_party(party, size, origin, destination, radius_m)
-        if len(self.sessions) >= MAX_CALLS:
-            raise ElevatorFull(self.elevator.name, MAX_CALLS)
+        if len(self.sessions) >= MAX_SESSIONS:
+            raise ElevatorFull(self.elevator.name, MAX_SESSIONS)
         session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1)
         self.sessions[robot] = session
         if party and self.doors is Doors.OPEN:
@@ -124,8 +123,8 @@ class Cabin:
         """Check that one more robot may join a party. Raises InvalidRide."""
         if len(party) > MAX_PARTY_NAME:
             raise InvalidRide("party", f"has {len(party)} characters; at most {MAX_PARTY_NAME}")
-        if not 1 <= size <= MAX_CALLS:
-            raise InvalidRide("partySize", f"{size} is not 1 to {MAX_CALLS}")
+        if not 1 <= size <= MAX_SESSIONS:
+            raise InvalidRide("partySize", f"{size} is not 1 to {MAX_SESSIONS}")
         others = self._party(party)
         radii = [radius_m] * (size - len(others)) + [other.radius_m for other in others]
         if radii and not fits(self.elevator, radii):
@@ -145,11 +144,11 @@ class Cabin:
 
     def enter(self, robot: str) -> None:
         """The robot is inside the cabin. Raises NoRide unless it is boarding."""
-        self._session(robot, Phase.BOARDING).enter_phase(Phase.RIDING, self.now)
+        self._session(robot, RidePhase.BOARDING).enter_phase(RidePhase.RIDING, self.now)
 
     def leave(self, robot: str) -> None:
         """The robot has left the cabin at its destination. Raises NoRide unless it is alighting."""
-        self._session(robot, Phase.ALIGHTING)
+        self._session(robot, RidePhase.ALIGHTING)
         del self.sessions[robot]
 
     def cancel(self, robot: str, reason: str = "") -> None:
@@ -160,7 +159,7 @@ class Cabin:
         if reason:
             self.ended.append((robot, reason))
 
-    def _session(self, robot: str, phase: Phase) -> RideSession:
+    def _session(self, robot: str, phase: RidePhase) -> RideSession:
         session = self.sessions.get(robot)
         if session is None or session.phase is not phase:
             raise NoRide(robot, self.elevator.name)
@@ -183,27 +182,27 @@ class Cabin:
         self.floor, self.now, self._since = record.floor, now, now
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
-                about = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
-                session = self.sessions[ride.robot] = RideSession(*about, ride.party, ride.size)
-                session.phase = Phase.RIDING if ride.inside else Phase.WAITING
-        if any(self._is_incomplete(session) for session in self.sessions.values()):
+                trip = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
+                session = self.sessions[ride.robot] = RideSession(*trip, ride.party, ride.size)
+                session.phase = RidePhase.RIDING if ride.inside else RidePhase.WAITING
+        if any(self._waits_for_party_members(session) for session in self.sessions.values()):
             self._set_doors(Doors.OPENING)
             self._party_since = now + self.elevator.door_time
 
     # ---- time ----
 
     def advance(self, seconds: float) -> None:
-        """Advance time; at most 1 s in one call."""
+        """Advance time by `seconds`."""
         end = self.now + seconds
         if self.is_idle:
             self.now = end
         while self.now < end:
-            done = self._phase_end()
-            if done > end:
+            stage_end = self._stage_end()
+            if stage_end > end:
                 self.now = end
                 return
-            self.now = max(self.now, done)
-            if not self._start_next_phase():
+            self.now = max(self.now, stage_end)
+            if not self._start_next_stage():
                 self.now = end
 
     @property
@@ -213,38 +212,29 @@ class Cabin:
 
     def state(self) -> ElevatorState:
         """Current state for publication."""
-        height, past = self.heights[self.floor], self.now - self._since
+        height, passed = self.heights[self.floor], self.now - self._since
         if self._target:
-            height += travelled(self.elevator, self.heights[self._target] - height, past)
+            height += travelled(self.elevator, self.heights[self._target] - height, passed)
         share = {Doors.CLOSED: 0.0, Doors.OPEN: 1.0}.get(self.doors)
         if share is None:
-            share = min(1.0, past / self.elevator.door_time) if self.elevator.door_time else 1.0
+            share = min(1.0, passed / self.elevator.door_time) if self.elevator.door_time else 1.0
             share = share if self.doors is Doors.OPENING else 1.0 - share
         inside = tuple(s.robot for s in self.sessions.values() if s.phase in _INSIDE)
-        queue = tuple(s.robot for s in self.sessions.values() if s.phase is Phase.WAITING)
+        queue = tuple(s.robot for s in self.sessions.values() if s.phase is RidePhase.WAITING)
         return ElevatorState(height, "" if self._target else self.floor, self.doors, share, inside, queue)
 
     def rides(self) -> dict[str, RideStatus]:
         """Status of all rides, by robot."""
         rides, ahead = {}, 0
         for session in self.sessions.values():
-            is_waiting = session.phase is Phase.WAITING
-            place = (self.elevator.name, session.origin, session.destination, ahead if is_waiting else 0)
-            rides[session.robot] = RideStatus(session.phase, *place)
+            is_waiting = session.phase is RidePhase.WAITING
+            trip = (self.elevator.name, session.origin, session.destination)
+            rides[session.robot] = RideStatus(session.phase, *trip, ahead if is_waiting else 0)
             ahead += is_waiting
         return rides
 
-    def longest_wait(self, ahead: int) -> float:
-        """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
-        span = max(self.heights.values()) - min(self.heights.values())
-        stops = len(self.heights) + 1
-        # Robots alight, then board; the last one to start boarding still has its full limit.
-        at_a_stop = 2 * self.elevator.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
-        # Each earlier call may lead once: a round trip over the full height with a stop at every floor.
-        return (ahead + 1) * 2 * (travel_time(self.elevator, span) * stops + stops * at_a_stop)
-
-    def _phase_end(self) -> float:
-        """Time at which the current phase ends; the current time if the cabin is free to start another."""
+    def _stage_end(self) -> float:
+        """Time at which the cabin's stage (doors, travel) ends; the current time if it may start another now."""
         if self._target:
             return self._since + travel_time(self.elevator, self.heights[self._target] - self.heights[self.floor])
         if self.doors in (Doors.OPENING, Doors.CLOSING):
@@ -256,8 +246,8 @@ class Cabin:
             return min(waits, default=self.now)
         return self.now
 
-    def _start_next_phase(self) -> bool:
-        """Start the next phase of the cabin; return False if there is nothing to do."""
+    def _start_next_stage(self) -> bool:
+        """Start the next stage of the cabin; return False if there is nothing to do."""
         if self._target:
             self.floor, self._target = self._target, ""
             self._set_doors(Doors.OPENING)
@@ -267,7 +257,7 @@ class Cabin:
         elif self.doors is Doors.OPEN:
             for session in self._moving_through_doors():
                 if self.now >= session.since + BOARDING_LIMIT_S:
-                    direction = "in" if session.phase is Phase.BOARDING else "out"
+                    direction = "in" if session.phase is RidePhase.BOARDING else "out"
                     self.cancel(session.robot, f"did not drive {direction} within {BOARDING_LIMIT_S:g} s")
             if not self._start_alighting_and_boarding():
                 self._set_doors(Doors.CLOSING)
@@ -287,53 +277,53 @@ class Cabin:
         self.doors, self._since = doors, self.now
 
     def _moving_through_doors(self) -> list[RideSession]:
-        return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.ALIGHTING)]
+        return [s for s in self.sessions.values() if s.phase in (RidePhase.BOARDING, RidePhase.ALIGHTING)]
 
     def _start_alighting_and_boarding(self) -> bool:
-        """Let robots alight, then board; return whether the doors have to stay open."""
+        """Start alighting, and boarding once all have alighted; return whether the doors have to stay open."""
         for session in self.sessions.values():
-            if session.phase is Phase.RIDING and session.destination == self.floor:
-                session.enter_phase(Phase.ALIGHTING, self.now)
-        is_any_alighting = any(s.phase is Phase.ALIGHTING for s in self.sessions.values())
+            if session.phase is RidePhase.RIDING and session.destination == self.floor:
+                session.enter_phase(RidePhase.ALIGHTING, self.now)
+        is_any_alighting = any(s.phase is RidePhase.ALIGHTING for s in self.sessions.values())
         if not is_any_alighting and self.now < self._since + OPEN_LIMIT_S:
             for session in self._next_to_board():
-                if session.party and not self._aboard():
+                if session.party and not self._riders_after_stop():
                     self._party_since = self.now
-                session.enter_phase(Phase.BOARDING, self._party_since if session.party else self.now)
+                session.enter_phase(RidePhase.BOARDING, self._party_since if session.party else self.now)
         return bool(self._moving_through_doors()) or self._is_waiting_for_party()
 
     def _next_to_board(self) -> list[RideSession]:
         """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first."""
-        aboard = self._aboard()
-        leader = self._leader()
+        riders = self._riders_after_stop()
+        leading = self._leading()
         chosen: list[RideSession] = []
         for session in self.sessions.values():
-            if session.phase is not Phase.WAITING or session.origin != self.floor:
+            if session.phase is not RidePhase.WAITING or session.origin != self.floor:
                 continue
-            suits_trip = leader is None or session is leader or self._fits_leader_ride(session, leader)
-            if suits_trip and self._has_room(session, aboard):
-                aboard.append(session)
+            suits_trip = leading is None or session is leading or self._lies_within(session, leading)
+            if suits_trip and self._has_room(session, riders):
+                riders.append(session)
                 chosen.append(session)
         return chosen
 
-    def _aboard(self) -> list[RideSession]:
-        """Sessions of robots inside or boarding, without those that alight."""
-        return [s for s in self.sessions.values() if s.phase in (Phase.BOARDING, Phase.RIDING)]
+    def _riders_after_stop(self) -> list[RideSession]:
+        """Sessions of the robots that ride on: inside or boarding, without those that alight."""
+        return [s for s in self.sessions.values() if s.phase in (RidePhase.BOARDING, RidePhase.RIDING)]
 
-    def _has_room(self, session: RideSession, aboard: list[RideSession]) -> bool:
+    def _has_room(self, session: RideSession, riders: list[RideSession]) -> bool:
         """Whether a robot fits in with these sessions; a party rides without others."""
-        if any(other.party != session.party for other in aboard):
+        if any(other.party != session.party for other in riders):
             return False
-        return fits(self.elevator, [session.radius_m, *(other.radius_m for other in aboard)])
+        return fits(self.elevator, [session.radius_m, *(other.radius_m for other in riders)])
 
     # ---- parties ----
 
     def _party(self, name: str) -> list[RideSession]:
         return [s for s in self.sessions.values() if s.party == name]
 
-    def _is_incomplete(self, session: RideSession) -> bool:
+    def _waits_for_party_members(self, session: RideSession) -> bool:
         """Whether a robot is inside at the floor where its party boards while other members are not."""
-        is_in_here = session.phase is Phase.RIDING and session.origin == self.floor
+        is_in_here = session.phase is RidePhase.RIDING and session.origin == self.floor
         return is_in_here and bool(session.party) and not self._is_complete(self._party(session.party))
 
     @staticmethod
@@ -347,46 +337,48 @@ class Cabin:
 
     def _is_waiting_for_party(self) -> bool:
         """Whether the doors stay open for members of a party that are still outside."""
-        return self._is_party_in_time() and any(map(self._is_incomplete, self.sessions.values()))
+        return self._is_party_in_time() and any(map(self._waits_for_party_members, self.sessions.values()))
 
-    def _leader(self) -> RideSession | None:
-        """The session that determines the destination: the oldest call of those inside, else of those waiting."""
-        inside = [s for s in self.sessions.values() if s.phase is not Phase.WAITING]
-        return min(inside or self.sessions.values(), key=lambda s: s.called_at, default=None)
+    def _leading(self) -> RideSession | None:
+        """The session that determines the next stop: the oldest call of robots at the cabin, else of those waiting."""
+        at_cabin = [s for s in self.sessions.values() if s.phase is not RidePhase.WAITING]
+        return min(at_cabin or self.sessions.values(), key=lambda s: s.called_at, default=None)
 
-    def _fits_leader_ride(self, session: RideSession, leader: RideSession) -> bool:
-        """Whether a ride from this floor lies within the rest of the leader's ride, in its direction."""
-        if leader.phase is Phase.WAITING and leader.origin != self.floor:
+    def _lies_within(self, session: RideSession, leading: RideSession) -> bool:
+        """Whether a ride from this floor lies within the rest of the leading one, in its direction."""
+        if leading.phase is RidePhase.WAITING and leading.origin != self.floor:
             return False
-        here, there, to = (self.heights[name] for name in (self.floor, leader.destination, session.destination))
-        return (to - here) * (there - here) > 0 and abs(to - here) <= abs(there - here) + _TOLERANCE_M
+        here = self.heights[self.floor]
+        rest, trip = self.heights[leading.destination] - here, self.heights[session.destination] - here
+        return trip * rest > 0 and abs(trip) <= abs(rest) + _TOLERANCE_M
 
     def _next_stop(self) -> str | None:
         """Next floor to stop at; the current floor if a robot boards here; None without sessions."""
-        leader = self._leader()
-        if leader is None:
+        leading = self._leading()
+        if leading is None:
             return None
-        goal = leader.origin if leader.phase is Phase.WAITING else leader.destination
+        goal = leading.origin if leading.phase is RidePhase.WAITING else leading.destination
         if goal == self.floor:
             return goal
-        here, there = self.heights[self.floor], self.heights[goal]
-        stops = {s.destination for s in self.sessions.values() if s.phase is Phase.RIDING} | {goal}
-        if leader.phase is not Phase.WAITING:
-            aboard = self._aboard()
+        here = self.heights[self.floor]
+        trip = self.heights[goal] - here
+        stops = {s.destination for s in self.sessions.values() if s.phase is RidePhase.RIDING} | {goal}
+        if leading.phase is not RidePhase.WAITING:
+            riders = self._riders_after_stop()
             stops |= {
                 s.origin
                 for s in self.sessions.values()
-                if s.phase is Phase.WAITING
-                and self._has_room(s, aboard)
-                and (self.heights[s.destination] - self.heights[s.origin]) * (there - here) > 0
-                and abs(self.heights[s.destination] - here) <= abs(there - here) + _TOLERANCE_M
+                if s.phase is RidePhase.WAITING
+                and self._has_room(s, riders)
+                and (self.heights[s.destination] - self.heights[s.origin]) * trip > 0
+                and abs(self.heights[s.destination] - here) <= abs(trip) + _TOLERANCE_M
             }
         between = [
             floor
             for floor in stops
             if floor != self.floor
-            and (self.heights[floor] - here) * (there - here) >= 0
-            and abs(self.heights[floor] - here) <= abs(there - here) + _TOLERANCE_M
+            and (self.heights[floor] - here) * trip >= 0
+            and abs(self.heights[floor] - here) <= abs(trip) + _TOLERANCE_M
         ]
         return min(between, key=lambda floor: abs(self.heights[floor] - here))
 
@@ -394,5 +386,5 @@ class Cabin:
 def fits(elevator: Elevator, radii_m: list[float]) -> bool:
     """Whether robots of these radii fit into the cabin, each in a square as wide as the widest of them."""
     width = 2 * max(radii_m)
-    places = math.floor(elevator.size[0] / width + _TOLERANCE_M) * math.floor(elevator.size[1] / width + _TOLERANCE_M)
-    return len(radii_m) <= places
+    columns, rows = (math.floor(side / width + _TOLERANCE_M) for side in elevator.size)
+    return len(radii_m) <= columns * rows

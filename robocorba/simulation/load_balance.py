@@ -8,16 +8,17 @@ from typing import Any, NamedTuple
 
 #: Lease of a sensor server [s]: without a report for this long it is dropped.
 SENSOR_LEASE_S = 2.0
-#: Least assumed load of one robot, as a share of a core; holds before anything was measured.
-MIN_COST = 0.001
-#: Difference between the busiest and the least busy server above which robots move, as a share of a core.
+#: Minimum assumed load of one robot [cores]; holds before anything was measured.
+MIN_LOAD_PER_ROBOT = 0.001
+#: Difference between the busiest and the least busy server above which robots are reassigned [cores].
 REBALANCE_ABOVE = 0.2
 
 
 class Load(NamedTuple):
     """Reported load of a sensor server.
 
-    busy: share of a core. lag_s: largest age of its floor data [s]. scan_rate: scans per second. robots: assigned."""
+    busy: CPU use, 1.0 for one core. lag_s: largest age of its floor data [s]. scan_rate: scans per second. robots:
+    assigned."""
 
     busy: float
     lag_s: float
@@ -25,67 +26,63 @@ class Load(NamedTuple):
     robots: int
 
 
-class SensorProcess:
+class SensorServer:
     """A virtual sensor server; `reference` is its object reference."""
 
     def __init__(self, name: str, reference: Any, load: Load, now: float) -> None:
         self.name, self.reference, self.load, self.reported_at = name, reference, load, now
-        #: Reported load, corrected by the assignments since the report.
-        self.expected = load.busy
+        #: Reported load plus the assumed load of the robots assigned since [cores].
+        self.expected_load = load.busy
         self.robots: set[str] = set()
 
 
 class LoadBalance:
-    """Thread-safe. `clock` returns the time [s]."""
+    """The assignment of robots to sensor servers. Thread-safe. clock: returns the time [s]."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._lock = threading.Lock()
-        self._sensors: dict[str, SensorProcess] = {}
-        self._sensor_of: dict[str, SensorProcess] = {}
+        self._servers: dict[str, SensorServer] = {}
+        self._server_of: dict[str, SensorServer] = {}
 
     @property
-    def sensors(self) -> list[SensorProcess]:
+    def servers(self) -> list[SensorServer]:
         """Live sensor servers, sorted by name."""
         with self._lock:
             self._drop_expired()
-            return sorted(self._sensors.values(), key=lambda sensor: sensor.name)
+            return sorted(self._servers.values(), key=lambda server: server.name)
 
     def name_for(self, robot: str) -> str:
-        """Name of a robot's assigned sensor server; empty for none."""
-        sensor = self._sensor_of.get(robot)
-        return sensor.name if sensor else ""
+        """Name of a robot's assigned server, which may have died since; empty for none."""
+        server = self._server_of.get(robot)
+        return server.name if server else ""
 
-    def assign(self, robot: str) -> SensorProcess | None:
-        """Sensor server of a robot: its current one, else the least busy one; None if there is none."""
+    def assign(self, robot: str) -> SensorServer | None:
+        """Server of a robot: its current one, else the least busy one; None if there is none."""
         with self._lock:
             self._drop_expired()
-            known = self._sensor_of.get(robot)
-            if known:
-                return known
-            least = min(self._sensors.values(), key=lambda sensor: (sensor.expected, sensor.name), default=None)
-            if least:
-                self._assign_to(robot, least)
-            return least
+            if robot in self._server_of:
+                return self._server_of[robot]
+            least_busy = min(self._servers.values(), key=lambda s: (s.expected_load, s.name), default=None)
+            if least_busy:
+                self._assign_to(robot, least_busy)
+            return least_busy
 
     def release(self, robot: str) -> None:
         """End the assignment of a robot."""
         with self._lock:
-            sensor = self._sensor_of.pop(robot, None)
-            if sensor:
-                sensor.robots.discard(robot)
+            server = self._server_of.pop(robot, None)
+            if server:
+                server.robots.discard(robot)
 
     def report(self, name: str, reference: Any, load: Load) -> list[tuple[str, Any]]:
         """Renew a server's lease and load; reassign robots if the load is uneven.
 
         Returns the reassigned robots, each with its previous server's reference."""
         with self._lock:
-            sensor = self._sensors.get(name)
-            if sensor is None:
-                self._sensors[name] = SensorProcess(name, reference, load, self._clock())
-            else:
-                sensor.reference, sensor.load, sensor.reported_at = reference, load, self._clock()
-                sensor.expected = load.busy
+            server = self._servers.setdefault(name, SensorServer(name, reference, load, self._clock()))
+            server.reference, server.load, server.reported_at = reference, load, self._clock()
+            server.expected_load = load.busy
             self._drop_expired()
             return self._rebalance()
 
@@ -96,34 +93,32 @@ class LoadBalance:
 
     def _drop_expired(self) -> None:
         before = self._clock() - SENSOR_LEASE_S
-        for name in [name for name, sensor in self._sensors.items() if sensor.reported_at < before]:
+        for name in [name for name, server in self._servers.items() if server.reported_at < before]:
             self._drop(name)
 
     def _drop(self, name: str) -> None:
-        sensor = self._sensors.pop(name, None)
-        for robot in sensor.robots if sensor else ():
-            del self._sensor_of[robot]
+        server = self._servers.pop(name, None)
+        for robot in server.robots if server else ():
+            del self._server_of[robot]
 
-    def _assign_to(self, robot: str, sensor: SensorProcess) -> None:
-        sensor.robots.add(robot)
-        sensor.expected += self._cost()
-        self._sensor_of[robot] = sensor
-
-    def _cost(self) -> float:
-        """Average load of a robot, as a share of a core."""
-        busy = sum(sensor.load.busy for sensor in self._sensors.values())
-        return max(busy / max(1, len(self._sensor_of)), MIN_COST)
+    def _assign_to(self, robot: str, server: SensorServer) -> None:
+        """Assign a robot to a server, and expect the average load of a robot there."""
+        total_load = sum(server.load.busy for server in self._servers.values())
+        server.robots.add(robot)
+        server.expected_load += max(total_load / max(1, len(self._server_of)), MIN_LOAD_PER_ROBOT)
+        self._server_of[robot] = server
 
     def _rebalance(self) -> list[tuple[str, Any]]:
-        busiest = max(self._sensors.values(), key=lambda sensor: sensor.expected)
-        least = min(self._sensors.values(), key=lambda sensor: sensor.expected)
-        uneven = busiest.expected - least.expected
-        if uneven < REBALANCE_ABOVE or len(busiest.robots) < 2:
+        """Move half of the difference in load from the busiest server to the least busy one."""
+        busiest = max(self._servers.values(), key=lambda server: server.expected_load)
+        least_busy = min(self._servers.values(), key=lambda server: server.expected_load)
+        difference = busiest.expected_load - least_busy.expected_load
+        if difference < REBALANCE_ABOVE or len(busiest.robots) < 2:
             return []
-        cost = busiest.expected / len(busiest.robots)
-        moving = sorted(busiest.robots)[: min(int(uneven / cost / 2), len(busiest.robots) - 1)]
+        load_per_robot = busiest.expected_load / len(busiest.robots)
+        moving = sorted(busiest.robots)[: min(int(difference / load_per_robot / 2), len(busiest.robots) - 1)]
         for robot in moving:
             busiest.robots.discard(robot)
-            busiest.expected -= cost
-            self._assign_to(robot, least)
+            busiest.expected_load -= load_per_robot
+            self._assign_to(robot, least_busy)
         return [(robot, busiest.reference) for robot in moving]

@@ -1,4 +1,4 @@
-"""The communication management agent: robots log on and off, and simulated time runs."""
+"""The communication management agent: robots log on and off and get a sensor server; simulated time runs."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from robocorba.simulation.registry import Description, Registry, RobotClient
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
-from robocorba.simulation.store import Choices, ClientRecord, SimulationStore
+from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
 
-#: Default limit of logged-on robots.
+#: Default maximum number of logged-on robots.
 DEFAULT_LIMIT = 300
 #: Highest limit that an administrator may set.
 MAX_ROBOTS = 10_000
-#: Interval between writes of all poses [s]; a kill may lose at most twice as much.
+#: Interval between writes of all poses [s]. A kill loses at most twice as much.
 WRITE_INTERVAL_S = 0.1
 #: Interval between checks of leases [s].
 LEASE_CHECK_INTERVAL_S = 0.1
@@ -54,28 +54,29 @@ class ServerState(NamedTuple):
 
 
 class ManagementAgent:
-    """The simulation of a building, restored from `store` or, without a record, started from the map.
+    """The paper's communication management agent: it owns the simulated building, its time, the robots' sessions and
+    their records. It is restored from `store`, or started from the map if there is no record.
 
     publish: called with each event in the simulation thread; must not block. session_ended: called with each ended
     session. After `start`, everything is thread-safe except `step`. Leases run from `begin_leases` on."""
 
     def __init__(
         self,
-        building: Building,
+        edited_map: Building,
         map_version: int,
         store: SimulationStore,
-        publish: Callable[[SimulationEvent], None] = lambda happening: None,
+        publish: Callable[[SimulationEvent], None] = lambda event: None,
         session_ended: Callable[[Session], None] = lambda session: None,
     ) -> None:
         self._store, self._publish, self._session_ended = store, publish, session_ended
-        choices = store.choices() or Choices(DEFAULT_LIMIT)
-        self.registry = Registry(choices.limit, time.monotonic)
-        self.building = SimulatedBuilding(building)
-        self.database = OmniDatabase(self.building)
+        settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
+        self.registry = Registry(settings.limit, time.monotonic)
+        self.simulated = SimulatedBuilding(edited_map)
+        self.database = OmniDatabase(self.simulated)
         self.database.map_version = map_version
-        self.sensors = LoadBalance(time.monotonic)
+        self.load_balance = LoadBalance(time.monotonic)
         self.loop = SimulationLoop(self.step, self._housekeeping)
-        self.loop.configure(choices.pace, choices.paused)
+        self.loop.configure(settings.pace, settings.paused)
         self.sessions: dict[str, Session] = {}
         self.collisions = 0
         self._event_count = self._counted_events = 0
@@ -131,16 +132,16 @@ class ManagementAgent:
 
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""
-        self._end(self.registry.find(name))
+        self._log_off_durably(self.registry.find(name))
 
     # ---- time ----
 
     def step(self) -> None:
         """Advance by STEP_S. For use without `start` only: a started simulation advances in its own thread."""
-        for happening in self.building.step():
-            self.collisions += happening.kind == "collision"
+        for event in self.simulated.step():
+            self.collisions += event.kind == "collision"
             self._event_count += 1
-            self._publish(happening)
+            self._publish(event)
 
     def configure(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
         """Change settings and store them before returning. Raises InvalidChoice, SimulationBusy, ServiceError."""
@@ -149,24 +150,24 @@ class ManagementAgent:
         if pace is not None:
             check_pace(pace)
 
-        def change() -> Choices:
+        def change() -> AdministratorSettings:
             self.registry.limit = self.registry.limit if limit is None else limit
             self.loop.configure(
                 self.loop.pace if pace is None else pace, self.loop.is_paused if is_paused is None else is_paused
             )
-            return Choices(self.registry.limit, self.loop.pace, self.loop.is_paused)
+            return AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
 
-        self._store.save_choices(self.loop.do(change))
+        self._store.save_settings(self.loop.do(change))
 
     # ---- the map ----
 
-    def follow_map(self, building: Building, version: int) -> None:
-        """Take over an edited map; robots on removed floors are logged off. Raises SimulationBusy."""
+    def follow_map(self, edited_map: Building, version: int) -> None:
+        """Use an edited map; log off the robots on removed floors. Raises SimulationBusy."""
 
         def change() -> None:
-            for name in self.building.update(building):
+            for name in self.simulated.update(edited_map):
                 client = self.registry.find(name)
-                self._forget(client)
+                self._close_session(client)
                 self._writer.forget(client.key)
             self.database.map_version = version
 
@@ -179,7 +180,7 @@ class ManagementAgent:
         return ServerState(
             self.registry.limit,
             len(self.registry),
-            self.building.time,
+            self.simulated.time,
             self.loop.pace,
             self.loop.achieved,
             self.loop.is_paused,
@@ -188,53 +189,33 @@ class ManagementAgent:
             self._event_rate,
         )
 
-    # ---- internals, all in the simulation thread ----
+    # ---- internals, in the caller's thread ----
 
     def _restore(self) -> None:
-        kept = self._store.clients()
+        """Restore the building and the sessions from the store, before the simulation thread starts."""
+        records = self._store.clients()
         # A kill between a log-off and its write can leave two records of one name: the later one counts.
-        clients = {record.name: record for record in kept}
-        world = self._store.world() or self.building.record()
+        clients = {record.name: record for record in records}
+        world = self._store.world() or self.simulated.record()
         # The world record may hold the pose of an earlier robot of the same name.
-        own = {name: robot for name, robot in world.robots.items() if _belongs_to(world, clients.get(name))}
-        world = msgspec.structs.replace(world, robots=own)
-        self.building.restore(world, [record.description for record in clients.values()])
-        for record in kept:
-            is_here = record.name in self.building.robots  # else its floor was removed from the map
-            if is_here and clients[record.name] is record:
-                self._open(self.registry.restore(record.description, record.key, record.since))
+        robots = {
+            name: robot
+            for name, robot in world.robots.items()
+            if name in clients and world.keys.get(name) == clients[name].key
+        }
+        world = msgspec.structs.replace(world, robots=robots)
+        self.simulated.restore(world, [record.description for record in clients.values()])
+        for record in records:
+            is_restored = record.name in self.simulated.robots  # else its floor was removed from the map
+            if is_restored and clients[record.name] is record:
+                self._open_session(self.registry.restore(record.description, record.key, record.since))
             else:
                 self._store.forget_client(record.key)
 
-    def _log_on(self, description: Description) -> Session:
-        self.registry.check(description)
-        self.building.add(description)
-        self.building.refresh()
-        return self._open(self.registry.register(description))
-
-    def _open(self, client: RobotClient) -> Session:
-        robot = self.building.robots[client.name]
-        self.sensors.assign(client.name)
-        session = Session(client, robot, self.building, self._do_durably, self._end)
-        self.sessions[client.key] = session
-        return session
-
-    def _end(self, client: RobotClient) -> None:
+    def _log_off_durably(self, client: RobotClient) -> None:
+        """Log a robot off and delete its record. Raises SessionExpired, SimulationBusy, ServiceError."""
         self.loop.do(lambda: self._log_off(client))
         self._store.forget_client(client.key)
-
-    def _log_off(self, client: RobotClient) -> None:
-        if client.is_logged_off:
-            raise SessionExpired()
-        self.building.remove(client.name)
-        self.building.refresh()
-        self._forget(client)
-
-    def _forget(self, client: RobotClient) -> None:
-        self.registry.remove(client)
-        self.sensors.release(client.name)
-        self.database.forget_scans(client.name)
-        self._session_ended(self.sessions.pop(client.key))
 
     def _do_durably(self, change: Callable[[], None]) -> None:
         """Make a change in the simulation thread, and wait until it is written to disk."""
@@ -245,9 +226,39 @@ class ManagementAgent:
 
         self._writer.wait(self.loop.do(change_and_submit))
 
+    # ---- internals, in the simulation thread ----
+
+    def _log_on(self, description: Description) -> Session:
+        self.registry.check(description)
+        self.simulated.add(description)
+        self.simulated.refresh()
+        return self._open_session(self.registry.register(description))
+
+    def _open_session(self, client: RobotClient) -> Session:
+        robot = self.simulated.robots[client.name]
+        self.load_balance.assign(client.name)
+        session = Session(client, robot, self.simulated, self._do_durably, self._log_off_durably)
+        self.sessions[client.key] = session
+        return session
+
+    def _log_off(self, client: RobotClient) -> None:
+        """Remove a robot from the building and close its session. Raises SessionExpired."""
+        if client.is_logged_off:
+            raise SessionExpired()
+        self.simulated.remove(client.name)
+        self.simulated.refresh()
+        self._close_session(client)
+
+    def _close_session(self, client: RobotClient) -> None:
+        """Unregister a robot whose body is gone, and end its session."""
+        self.registry.remove(client)
+        self.load_balance.release(client.name)
+        self.database.forget_scan(client.name)
+        self._session_ended(self.sessions.pop(client.key))
+
     def _record(self) -> WorldRecord:
         keys = {client.name: client.key for client in self.registry.clients}
-        return msgspec.structs.replace(self.building.record(), keys=keys)
+        return msgspec.structs.replace(self.simulated.record(), keys=keys)
 
     def _housekeeping(self) -> None:
         now = time.monotonic()
@@ -263,8 +274,3 @@ class ManagementAgent:
         if now - self._counted_at >= RATE_WINDOW_S:
             self._event_rate = (self._event_count - self._counted_events) / (now - self._counted_at)
             self._counted_events, self._counted_at = self._event_count, now
-
-
-def _belongs_to(world: WorldRecord, client: ClientRecord | None) -> bool:
-    """Whether the record of a robot's name belongs to this client."""
-    return client is not None and world.keys.get(client.name) == client.key

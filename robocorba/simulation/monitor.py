@@ -14,8 +14,8 @@ from robocorba.spatial.floor_update import BodyKind, FloorView
 if TYPE_CHECKING:
     from robocorba.simulation.picture import FloorPainter
 
-#: Age of the oldest scan shown, in simulated time [s].
-OLD_S = 1.0
+#: Maximum age of a scan that is drawn, in simulated time [s].
+MAX_SCAN_AGE_S = 1.0
 
 
 class Monitor:
@@ -40,7 +40,7 @@ class Monitor:
         fans = [
             ScanFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
             for scan in database.last_scans(floor)
-            if scan.time >= view.time - OLD_S
+            if scan.time >= view.time - MAX_SCAN_AGE_S
         ]
         robots = sum(body.kind is BodyKind.ROBOT for body in view.bodies.values())
         rate = self._agent.state.event_rate

@@ -25,8 +25,8 @@ MAX_DEPARTED = 10_000
 
 
 class LastScan(NamedTuple):
-    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: first ray and step [rad].
-    distances: lengths of the rays [m]."""
+    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: angle of the first ray
+    from the sensor's heading, and between rays, counter-clockwise [rad]. distances: lengths of the rays [m]."""
 
     robot: str
     time: float
@@ -65,11 +65,11 @@ class OmniDatabase:
                 raise UnknownFloor("floorName", name, self.floors)
             floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
             floor.update(physics.snapshot, self._building.bodies, self._building.elevator_states_on(name))
-            return floor.since(name, since, self.map_version)
+            return floor.changes(name, since, self.map_version)
 
     def elevators(self) -> dict[str, ElevatorState]:
         """State of all elevators, by name."""
-        return dict(self._building.moments)
+        return dict(self._building.elevator_states)
 
     # ---- scans ----
 
@@ -77,7 +77,7 @@ class OmniDatabase:
         """Keep a scan as the last one of its robot."""
         self._scans[scan.robot] = scan
 
-    def forget_scans(self, robot: str) -> None:
+    def forget_scan(self, robot: str) -> None:
         """Forget the scan of a robot that logged off."""
         self._scans.pop(robot, None)
 
@@ -95,25 +95,24 @@ class _FloorVersions:
         self.version = self._oldest = version
         self._snapshot: FloorState | None = None
         self._bodies: dict[str, Body] = {}
-        #: Body by body: numbers, row indices in the snapshot, rows, and the version of the last change.
-        self._numbers = self._places = self._moved_in = np.empty(0, np.int64)
+        #: One entry for each body: number, row index in the snapshot, row, and version of the last change.
+        self._numbers = self._snapshot_rows = self._moved_in = np.empty(0, np.int64)
         self._rows: Floats = np.empty((0, 6))
         self._arrived_in: dict[str, int] = {}
         self._last_arrival = version
-        self._went: deque[tuple[int, int]] = deque()
+        self._departed: deque[tuple[int, int]] = deque()
         self._elevators: dict[str, tuple[ElevatorState, int]] = {}
 
-    def update(self, snapshot: FloorState, known: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
+    def update(self, snapshot: FloorState, bodies: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
         """Create a new version if anything changed."""
         next_version = self.version + 1
         has_changed = False
         if snapshot is not self._snapshot:
-            is_same = self._snapshot is not None and snapshot.names is self._snapshot.names
-            has_changed = (
-                self._merge_motion(snapshot, next_version)
-                if is_same
-                else self._rebuild_rows(snapshot, known, next_version)
-            )
+            if self._snapshot is not None and snapshot.names is self._snapshot.names:
+                has_changed = merge_motion(snapshot.rows, self._snapshot_rows, self._rows, self._moved_in, next_version)
+            else:
+                self._rebuild_rows(snapshot, bodies, next_version)
+                has_changed = True
             self._snapshot = snapshot
         for name, state in elevators.items():
             if name not in self._elevators or self._elevators[name][0] != state:
@@ -125,52 +124,49 @@ class _FloorVersions:
         if has_changed:
             self.version = next_version
 
-    def since(self, name: str, since: int, map_version: int) -> FloorUpdate:
+    def changes(self, name: str, since: int, map_version: int) -> FloorUpdate:
+        """Changes since a version; the whole floor if that version is not remembered."""
         if not self._oldest <= since <= self.version:
             since = WHOLE
         came = []
         if since < self._last_arrival:
             came = [self._bodies[body] for body, version in self._arrived_in.items() if version > since]
-        went = [] if since == WHOLE else [number for version, number in self._went if version > since]
+        went = [] if since == WHOLE else [number for version, number in self._departed if version > since]
         elevators = {elevator: state for elevator, (state, version) in self._elevators.items() if version > since}
         time_s = self._snapshot.time if self._snapshot else 0.0
         motions = np.empty(len(self._bodies), MOTION)
         moved = write_motion(self._numbers, self._rows, self._moved_in, since, motions)
         return FloorUpdate(name, since, self.version, time_s, map_version, came, went, motions[:moved], elevators)
 
-    def _merge_motion(self, snapshot: FloorState, version: int) -> bool:
-        return merge_motion(snapshot.rows, self._places, self._rows, self._moved_in, version)
-
-    def _rebuild_rows(self, snapshot: FloorState, known: dict[str, Body], version: int) -> bool:
-        """Rebuild the rows after bodies came, went or changed their order."""
-        # `known` has neither the static body nor bodies that were just removed.
-        bodies = {name: body for name in snapshot.names if (body := known.get(name))}
-        same = {name for name, body in bodies.items() if self._bodies.get(name) is body}
-        places = np.array([snapshot.row_of[name] for name in bodies], np.int64)
-        rows, moved_in = snapshot.rows[places], np.full(len(bodies), version)
-        before = {name: row for row, name in enumerate(self._bodies)}
+    def _rebuild_rows(self, snapshot: FloorState, published: dict[str, Body], version: int) -> None:
+        """Rebuild the rows after bodies were added, removed or reordered."""
+        # `published` has neither the static body nor bodies that were just removed.
+        bodies = {name: body for name in snapshot.names if (body := published.get(name))}
+        kept = {name for name, body in bodies.items() if self._bodies.get(name) is body}
+        snapshot_rows = np.array([snapshot.row_of[name] for name in bodies], np.int64)
+        rows, moved_in = snapshot.rows[snapshot_rows], np.full(len(bodies), version)
+        row_before = {name: row for row, name in enumerate(self._bodies)}
         for row, name in enumerate(bodies):
-            if name in same and np.array_equal(rows[row], self._rows[before[name]]):
-                moved_in[row] = self._moved_in[before[name]]
-        self._went.extend((version, body.number) for name, body in self._bodies.items() if name not in same)
-        while len(self._went) > MAX_DEPARTED:
-            self._oldest = self._went.popleft()[0]
-        self._arrived_in = {name: self._arrived_in[name] if name in same else version for name in bodies}
+            if name in kept and np.array_equal(rows[row], self._rows[row_before[name]]):
+                moved_in[row] = self._moved_in[row_before[name]]
+        self._departed.extend((version, body.number) for name, body in self._bodies.items() if name not in kept)
+        while len(self._departed) > MAX_DEPARTED:
+            self._oldest = self._departed.popleft()[0]
+        self._arrived_in = {name: self._arrived_in[name] if name in kept else version for name in bodies}
         self._last_arrival = max(self._arrived_in.values(), default=version)
-        self._bodies, self._places, self._rows, self._moved_in = bodies, places, rows, moved_in
+        self._bodies, self._snapshot_rows, self._rows, self._moved_in = bodies, snapshot_rows, rows, moved_in
         self._numbers = np.array([body.number for body in bodies.values()], np.int64)
-        return True
 
 
 @kernel
-def merge_motion(snapshot: Floats, places: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
-    """Copy changed rows from `snapshot`, at indices `places`, to `rows` (n, 6); return whether any changed."""
+def merge_motion(snapshot: Floats, snapshot_rows: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
+    """Copy changed rows from `snapshot`, at indices `snapshot_rows`, to `rows` (n, 6); return whether any changed."""
     has_moved = False
-    for body in range(len(places)):
-        place = places[body]
+    for body in range(len(snapshot_rows)):
+        row = snapshot_rows[body]
         for k in range(6):
-            if snapshot[place, k] != rows[body, k]:
-                rows[body] = snapshot[place]
+            if snapshot[row, k] != rows[body, k]:
+                rows[body] = snapshot[row]
                 moved_in[body] = version
                 has_moved = True
                 break

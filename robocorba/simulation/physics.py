@@ -36,21 +36,20 @@ GRAVITY_M_S2 = 9.81
 _SLOP_M = 0.001
 #: Packs a command: velocity ahead, to the left [m/s] and turn [rad/s], and the time until which it is valid [s].
 _pack_command = Struct("4d").pack
-
-
-#: Limits of an object on the floor: friction slows it down.
-SLIDING = Limits(0.0, 0.0, GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2)
+#: Stop within the robot's limits.
+_NO_COMMAND = _pack_command(0.0, 0.0, 0.0, math.inf)
+#: Stop as fast as ground friction allows, regardless of the robot's limits.
+_BRAKE = _pack_command(0.0, 0.0, 0.0, -math.inf)
+#: Deceleration by ground friction, of a sliding object and of a braking robot [m/s^2, rad/s^2].
+BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
+#: Limits of an object on the floor.
+SLIDING = Limits(0.0, 0.0, BRAKING_M_S2, BRAKING_RAD_S2)
 #: Limits of the static body.
 STATIC = Limits(0.0, 0.0, 0.0, 0.0)
-_NO_COMMAND = _pack_command(0.0, 0.0, 0.0, math.inf)
-#: Marks braking: stop as fast as ground friction allows, regardless of the robot's limits.
-_BRAKE = _pack_command(0.0, 0.0, 0.0, -math.inf)
-#: Deceleration while braking [m/s^2, rad/s^2].
-BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
-#: Limits of a lifted object: it follows its carriers, with a little damping in their hands.
+#: Limits of a lifted object: it follows its carriers, with a little damping.
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
 #: Distance between a hand and its grip point beyond which the grip slips [m].
-SLIPPED_M = 0.05
+SLIP_M = 0.05
 
 
 class Contact(NamedTuple):
@@ -76,7 +75,7 @@ class _Grip(NamedTuple):
 
 
 class FloorPhysics:
-    """Physics of floor `name` after `steps` steps. obstacles: static lines and polygons."""
+    """Physics of the floor `name`, beginning after `steps` steps. obstacles: static lines and polygons."""
 
     #: State after the last step, without bodies that were added since.
     snapshot: FloorState
@@ -86,14 +85,14 @@ class FloorPhysics:
         self._space = pymunk.Space()
         self._space.collision_slop = _SLOP_M
         self._space.on_collision(begin=self._contact_began)
-        self._ground = self._space.static_body  # pymunk adds it when it is first asked for
+        self._ground = self._space.static_body  # pymunk creates it at the first access
         self._bodies: dict[str, pymunk.Body] = {}
         self._robots: dict[str, Limits] = {}
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
         self._static: list[pymunk.Shape] = []
-        self._gates: dict[str, list[pymunk.Shape]] = {}
-        self._moving = Bodies(self._space)
+        self._doors: dict[str, list[pymunk.Shape]] = {}
+        self._batched = Bodies(self._space)
         self._contacts: list[Contact] = []
         self.set_steps(steps)
         #: Last command of each robot, packed: replacing one needs no lock, reading all of them needs no loop.
@@ -113,15 +112,15 @@ class FloorPhysics:
         self._static += self._segments(parts[~is_solid])
         self._space.add(*self._static)
 
-    def shut(self, name: str, line: BaseGeometry) -> None:
-        """Add a named static line that can disappear again, such as a closed door; `open` removes it."""
-        self.open(name)
-        leaves = self._gates[name] = self._segments(np.array([line], object))
-        self._space.add(*leaves)
+    def close_door(self, name: str, line: BaseGeometry) -> None:
+        """Add a static line that `open_door` removes."""
+        self.open_door(name)
+        self._doors[name] = self._segments(np.array([line], object))
+        self._space.add(*self._doors[name])
 
-    def open(self, name: str) -> None:
-        """Remove the line that `shut` added under this name, if any."""
-        self._space.remove(*self._gates.pop(name, ()))
+    def open_door(self, name: str) -> None:
+        """Remove the line of a closed door, if any."""
+        self._space.remove(*self._doors.pop(name, ()))
 
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
         """Static segments along lines."""
@@ -208,7 +207,7 @@ class FloorPhysics:
         for robot, grip in self._grips.items():
             hand = grip.joint.a.local_to_world(grip.joint.anchor_a)
             held = grip.joint.b.local_to_world(grip.joint.anchor_b)
-            if hand.get_distance(held) > SLIPPED_M:
+            if hand.get_distance(held) > SLIP_M:
                 lost.append(robot)
         for robot in lost:
             self._remove_grip(robot)
@@ -251,7 +250,7 @@ class FloorPhysics:
 
     def _rebuild_rows(self) -> None:
         """Rebuild names, limits and commands in pymunk's current order of bodies."""
-        names = [self._name_of.get(id, "") for id in self._moving.rebuild()]  # includes the static body
+        names = [self._name_of.get(id, "") for id in self._batched.rebuild()]  # includes the static body
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
         self._commands = np.empty((len(names), 4))
@@ -285,9 +284,9 @@ class FloorPhysics:
             self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
-        moving = self._moving
-        control(moving.state, self._commands, self._limits, self.time, moving.velocities)
-        moving.write()
+        bodies = self._batched
+        control(bodies.state, self._commands, self._limits, self.time, bodies.velocities)
+        bodies.write()
         self._space.step(STEP_S)
         self._take_snapshot()
         contacts = self._contacts
@@ -306,13 +305,13 @@ class FloorPhysics:
         self._commands[:] = np.frombuffer(packed).reshape(-1, 4)
 
     def refresh(self) -> None:
-        """Update `snapshot` after bodies came or went, also while time is paused."""
+        """Update `snapshot` after bodies were added or removed, also while time is paused."""
         self._rebuild_rows_if_changed()
 
     def row(self, name: str) -> tuple[float, ...]:
         """Current x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s] of a body. Raises KeyError."""
         self._rebuild_rows_if_changed()
-        return tuple(self._moving.state[self._row_of[name]].tolist())
+        return tuple(self._batched.state[self._row_of[name]].tolist())
 
     def pose(self, name: str) -> tuple[float, float, float]:
         """Current x, y [m], heading [rad] of a body. Raises KeyError."""
@@ -322,15 +321,15 @@ class FloorPhysics:
     def state(self) -> dict[str, tuple[float, ...]]:
         """Rows as of `row` for all bodies, by name."""
         self._rebuild_rows_if_changed()
-        return {name: tuple(row) for name, row in zip(self._names, self._moving.state.tolist(), strict=True) if name}
+        return {name: tuple(row) for name, row in zip(self._names, self._batched.state.tolist(), strict=True) if name}
 
     def _take_snapshot(self) -> None:
-        self._moving.read()
-        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._moving.state.copy())
+        self._batched.read()
+        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._batched.state.copy())
 
     def _contact_began(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Record a contact; pymunk calls this within a step."""
-        first, second = self._moving.touching(arbiter)
+        first, second = self._batched.pair_of(arbiter)
         self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
 
 
@@ -354,15 +353,15 @@ def control(state: Floats, commands: Floats, limits: Floats, now: float, velocit
         if ahead != 0.0 or left != 0.0:
             c, s = math.cos(state[i, 2]), math.sin(state[i, 2])
             dx, dy = c * ahead - s * left + dx, s * ahead + c * left + dy
-        brakes = until == -math.inf
-        most = (BRAKING_M_S2 if brakes else limits[i, 2]) * STEP_S
+        is_braking = until == -math.inf
+        max_change = (BRAKING_M_S2 if is_braking else limits[i, 2]) * STEP_S
         share = 1.0
-        if abs(dx) + abs(dy) > most:
-            share = min(1.0, most / max(math.hypot(dx, dy), 1e-12))
+        if abs(dx) + abs(dy) > max_change:
+            share = min(1.0, max_change / max(math.hypot(dx, dy), 1e-12))
         velocities[i, 0] = state[i, 3] + dx * share
         velocities[i, 1] = state[i, 4] + dy * share
-        most_turn = (BRAKING_RAD_S2 if brakes else limits[i, 3]) * STEP_S
-        velocities[i, 2] = state[i, 5] + min(max(turn - state[i, 5], -most_turn), most_turn)
+        max_turn_change = (BRAKING_RAD_S2 if is_braking else limits[i, 3]) * STEP_S
+        velocities[i, 2] = state[i, 5] + min(max(turn - state[i, 5], -max_turn_change), max_turn_change)
 
 
 def warm_up() -> None:

@@ -33,20 +33,21 @@ from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import Body, BodyKind, FloorView
 from robocorba.spatial.pose import XY
 
-#: Width of a picture [px].
+#: Minimum and maximum width of a picture [px].
 MIN_WIDTH_PX, MAX_WIDTH_PX = 200, 4096
-#: Pixels of all cached layers of a painter; one byte each.
+#: Default maximum size of a painter's cached layers [px], one byte each.
 MAX_CACHED_PX = 64_000_000
-#: Characters of a caption at most.
+#: Maximum length of a caption [characters].
 MAX_CAPTION = 200
+#: Colours.
 ROBOT, VELOCITY, LASER = "#7b2cbf", "#0b5d51", "#f03e3e"
 #: Share of the laser's colour in lit areas.
 LIGHT = 0.2
-#: Number of rays from which on a fan is thinned out: every second ray is drawn, every third, and so on.
+#: Maximum number of drawn rays of a fan; of a larger one every second ray is drawn, or every third, and so on.
 MAX_RAYS = 720
 #: A velocity arrow shows the distance covered in this time [s].
 ARROW_S = 1.0
-#: Least drawn radius of a robot, for visibility [px].
+#: Minimum drawn radius of a robot, for visibility [px].
 MIN_RADIUS_PX = 3.0
 #: Coordinates beyond this are not drawn [m].
 _FAR_M = 1e9
@@ -56,10 +57,12 @@ _FAR_PX = 20_000.0
 _HALO_PX = 2
 #: Shades between the colours of letters and ground.
 _SHADES = 16
+#: Colours of the moving parts.
 _MOVING = (ROBOT, VELOCITY, LASER, MOVABLE, CABIN, CLOSED_SHAFT, DOOR)
-#: Colours of the static layer. The palette consists of these, their lit versions, moving colours, and shades.
+#: Number of colours of the static layer. The palette has these, their lit versions, moving colours, and shades.
 _STATIC = (256 - len(_MOVING) - _SHADES) // 2
-_NUMBER = {colour: 2 * _STATIC + i for i, colour in enumerate(_MOVING)} | {INK: 256 - _SHADES, GROUND: 255}
+#: Palette index of each moving colour.
+_INDEX = {colour: 2 * _STATIC + i for i, colour in enumerate(_MOVING)} | {INK: 256 - _SHADES, GROUND: 255}
 #: Palette index of the lit version, by palette index.
 _LIT = [i + _STATIC if i < _STATIC else i for i in range(256)]
 #: Palette index of a letter's shade, by the coverage of a pixel (0 to 255).
@@ -112,10 +115,10 @@ class _Layer(NamedTuple):
 
 
 class FloorPainter:
-    """Draws the floors of `building`. Thread-safe."""
+    """Draws the floors of `building`. Thread-safe. max_cached_px: maximum size of all cached layers [px]."""
 
-    def __init__(self, building: Building) -> None:
-        self._building = building
+    def __init__(self, building: Building, max_cached_px: int = MAX_CACHED_PX) -> None:
+        self._building, self._max_cached_px = building, max_cached_px
         #: Layers by floor and width, least recently used first.
         self._layers: OrderedDict[tuple[str, int], _Layer] = OrderedDict()
         self._lock = threading.Lock()
@@ -123,7 +126,7 @@ class FloorPainter:
         self._drawing = threading.Lock()
 
     def png(self, view: FloorView, fans: Sequence[ScanFan], width_px: int, caption: str = "") -> bytes:
-        """Render a floor as a PNG file in the pixel coordinates of drawing.to_pixel; `view` must not change meanwhile.
+        """Render a floor as a PNG file in the pixel coordinates of draw_floor; `view` must not change meanwhile.
 
         Skips bodies without a finite pose. The first picture of a floor and width takes as long as draw_floor. Raises
         UnknownFloor, and InvalidPicture for a width outside MIN_WIDTH_PX to MAX_WIDTH_PX."""
@@ -154,7 +157,7 @@ class FloorPainter:
     def _cache(self, key: tuple[str, int], layer: _Layer) -> _Layer:
         with self._lock:
             self._layers[key] = layer
-            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > MAX_CACHED_PX:
+            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > self._max_cached_px:
                 self._layers.popitem(last=False)
         return layer
 
@@ -185,7 +188,7 @@ class _Picture:
                 for door in shaft.doors:
                     self._open(door, state.opening)
             else:
-                self._pen.polygon(shaft.ground, _NUMBER[CLOSED_SHAFT])
+                self._pen.polygon(shaft.ground, _INDEX[CLOSED_SHAFT])
                 if state is not None:
                     label += f" {'▲' if state.height > self._layer.elevation else '▼'} {state.floor}"
             self._write(label, *_middle(shaft.ground))
@@ -197,9 +200,9 @@ class _Picture:
         (ax, ay), (bx, by) = door
         left = max(0.0, 1.0 - share) / 2
         dx, dy = left * (bx - ax), left * (by - ay)
-        self._pen.line(door, _NUMBER[GROUND], round(_px(self._frame, 0.2, 4, 8)))
+        self._pen.line(door, _INDEX[GROUND], round(_px(self._frame, 0.2, 4, 8)))
         for leaf in ((ax, ay, ax + dx, ay + dy), (bx, by, bx - dx, by - dy)):
-            self._pen.line(leaf, _NUMBER[DOOR], round(_px(self._frame, 0.09, 2, 4)))
+            self._pen.line(leaf, _INDEX[DOOR], round(_px(self._frame, 0.09, 2, 4)))
 
     def add_fans(self, fans: Sequence[ScanFan]) -> None:
         """Light the area of each fan, and outline it."""
@@ -212,7 +215,7 @@ class _Picture:
         if box is not None:
             self._pixels.paste(self._pixels.crop(box).point(_LIT), box, light.crop(box))
         for outline in outlines:
-            self._pen.polygon(outline, outline=_NUMBER[LASER])
+            self._pen.polygon(outline, outline=_INDEX[LASER])
 
     def _outline(self, fan: ScanFan) -> list[XY]:
         """Polygon of the sensor and its ray ends [px]; empty for a sensor without a finite pose."""
@@ -220,19 +223,19 @@ class _Picture:
             return []
         rays = np.arange(0, len(fan.distances), 1 + len(fan.distances) // MAX_RAYS)
         angles = fan.heading + fan.first_rad + fan.step_rad * rays
-        seen = np.nan_to_num(fan.distances[rays]).clip(0.0, _FAR_PX / self._frame.scale)
-        x, y = seen * np.cos(angles), seen * np.sin(angles)
+        distances = np.nan_to_num(fan.distances[rays]).clip(0.0, _FAR_PX / self._frame.scale)
+        x, y = distances * np.cos(angles), distances * np.sin(angles)
         return _polygon(self._frame, fan.x + np.append(0.0, x), fan.y + np.append(0.0, y))
 
     def add_bodies(self, view: FloorView) -> None:
         """Draw objects, robots above them, and names above both."""
-        found = [
+        visible = [
             (body, *motion[1:])
             for body, motion in zip(view.bodies.values(), view.motions.tolist(), strict=True)
             if all(abs(value) < _FAR_M for value in motion[4:])
         ]
         names = []
-        for body, vx, vy, _, x, y, heading in sorted(found, key=lambda row: row[0].kind is BodyKind.ROBOT):
+        for body, vx, vy, _, x, y, heading in sorted(visible, key=lambda row: row[0].kind is BodyKind.ROBOT):
             if body.kind is BodyKind.OBJECT:
                 self._add_object(body, x, y, heading)
                 continue
@@ -249,7 +252,7 @@ class _Picture:
             return
         (ahead, aside), cos, sin = np.transpose(body.outline), math.cos(heading), math.sin(heading)
         corners = _polygon(self._frame, x + cos * ahead - sin * aside, y + sin * ahead + cos * aside)
-        self._pen.polygon(corners, _NUMBER[MOVABLE], _NUMBER[INK])
+        self._pen.polygon(corners, _INDEX[MOVABLE], _INDEX[INK])
         column, row = _middle(corners)
         if 0 <= column < self._frame.width and 0 <= row < self._frame.height:
             self._write(body.name, column, row, room_px=2 * (column - min(corners)[0]))
@@ -259,22 +262,24 @@ class _Picture:
         speed, course = math.hypot(vx, vy), math.atan2(vy, vx)
         if speed < math.inf:
             tip = _ahead(column, row, course, min(radius + ARROW_S * speed * self._frame.scale, _FAR_PX))
-            self._pen.line((column, row, *tip), _NUMBER[VELOCITY], 2)
-            self._pen.polygon(_wedge(*tip, course, min(4.0, radius / 2)), _NUMBER[VELOCITY])
+            self._pen.line((column, row, *tip), _INDEX[VELOCITY], 2)
+            self._pen.polygon(_wedge(*tip, course, min(4.0, radius / 2)), _INDEX[VELOCITY])
         for reach, colour in ((radius + 1, GROUND), (radius, ROBOT)):
-            self._pen.ellipse((column - reach, row - reach, column + reach, row + reach), _NUMBER[colour])
+            self._pen.ellipse((column - reach, row - reach, column + reach, row + reach), _INDEX[colour])
         front = _ahead(column, row, heading, 0.85 * radius)
-        self._pen.polygon(_wedge(*front, heading, 0.3 * radius), _NUMBER[GROUND])
+        self._pen.polygon(_wedge(*front, heading, 0.3 * radius), _INDEX[GROUND])
 
     def add_caption(self, caption: str) -> None:
         """Draw a caption above the floor."""
-        letters, halo = _written(caption[:MAX_CAPTION], round(min(18.0, max(10.0, self._frame.width / 50))), bold=True)
+        letters, halo = _render_text(
+            caption[:MAX_CAPTION], round(min(18.0, max(10.0, self._frame.width / 50))), bold=True
+        )
         self._pixels.paste(letters, (12, (HEAD_PX - letters.height) // 2), halo)
 
     def _write(self, name: str, column: float, row: float, room_px: float = math.inf) -> None:
         """Draw a name centred at a pixel, shifted to lie within the picture; skip a name wider than `room_px`."""
         shown = name if len(name) <= MAX_LABEL_LENGTH else f"{name[: MAX_LABEL_LENGTH - 2]}…"
-        letters, halo = _name(shown, self._letter_px)
+        letters, halo = _render_name(shown, self._letter_px)
         if letters.width < room_px:
             left = min(max(0, round(column - letters.width / 2)), self._frame.width - letters.width)
             top = min(max(0, round(row - letters.height / 2)), self._frame.height - letters.height)
@@ -298,17 +303,17 @@ def _layer(building: Building, floor: str, width_px: int) -> _Layer:
 def _draw_static(frame: Frame, building: Building, floor: str) -> Image.Image:
     """Draw a floor without roads and movable objects; shafts that serve it are labelled later, with their cabins."""
     entry = building.floors[floor]
-    moving = {item.name for item, where in movables(building).values() if where == floor}
-    objects = {name: item for name, item in entry.geometrical.objects.items() if name not in moving}
+    movable = {item.name for item, where in movables(building).values() if where == floor}
+    objects = {name: item for name, item in entry.geometrical.objects.items() if name not in movable}
     plan = msgspec.structs.replace(entry.geometrical, objects=objects)
-    standing = FloorMap(entry.floor, plan)
-    building = msgspec.structs.replace(building, floors={**building.floors, floor: standing})
+    static_map = FloorMap(entry.floor, plan)
+    building = msgspec.structs.replace(building, floors={**building.floors, floor: static_map})
 
     sheet = Sheet(frame)
     drawing.draw_geometrical_map(sheet, building, floor)
     drawing.draw_title_and_legend(sheet, "", _LEGEND)
-    elsewhere = [elevator for elevator in building.elevators.values() if floor not in elevator.floors()]
-    drawing.write_labels(sheet, standing, elsewhere, ())
+    unserved = [elevator for elevator in building.elevators.values() if floor not in elevator.floors()]
+    drawing.write_labels(sheet, static_map, unserved, ())
     return sheet.image()
 
 
@@ -317,8 +322,8 @@ def _palette(static: Sequence[int]) -> bytes:
     colours = np.zeros((256, 3))
     colours[: len(static) // 3] = np.reshape(static, (-1, 3))
     colours[_STATIC : 2 * _STATIC] = colours[:_STATIC] * (1 - LIGHT) + LIGHT * np.array(ImageColor.getrgb(LASER))
-    for colour, number in _NUMBER.items():
-        colours[number] = ImageColor.getrgb(colour)
+    for colour, index in _INDEX.items():
+        colours[index] = ImageColor.getrgb(colour)
     colours[-_SHADES:] = np.linspace(colours[-_SHADES], colours[-1], _SHADES)
     return np.rint(colours).astype(np.uint8).tobytes()
 
@@ -335,12 +340,13 @@ def _shaft(frame: Frame, elevator: Elevator, floor: str) -> _Shaft:
     )
 
 
-def _px(frame: Frame, metres: float, least: float, most: float) -> float:
-    """Line width that scales with the drawing, as Sheet.px."""
-    return min(most, max(least, metres * frame.scale))
+def _px(frame: Frame, metres: float, minimum: float, maximum: float) -> float:
+    """A length that scales with the drawing, within limits [px]; as Sheet.px."""
+    return min(maximum, max(minimum, metres * frame.scale))
 
 
 def _pixel(frame: Frame, x: float, y: float) -> XY:
+    """Pixel coordinates of a point of the floor [m]."""
     return (x - frame.x0) * frame.scale, (frame.y1 - y) * frame.scale
 
 
@@ -373,11 +379,12 @@ def _wedge(column: float, row: float, course: float, size: float) -> list[XY]:
 
 
 @lru_cache(maxsize=1024)
-def _name(text: str, letter_px: int) -> tuple[Image.Image, Image.Image]:
-    return _written(text, letter_px, bold=False)
+def _render_name(text: str, letter_px: int) -> tuple[Image.Image, Image.Image]:
+    """As _render_text; captions differ in each picture and are not cached."""
+    return _render_text(text, letter_px, bold=False)
 
 
-def _written(text: str, letter_px: int, bold: bool) -> tuple[Image.Image, Image.Image]:
+def _render_text(text: str, letter_px: int, bold: bool) -> tuple[Image.Image, Image.Image]:
     """Render a line of text: palette indices of its shades, and the mask of the text with its halo."""
     text = "".join(letter if letter.isprintable() else "□" for letter in text)
     font = _font(letter_px, bold)

@@ -29,19 +29,24 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from robocorba import __version__
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import StateDamaged, UpdateMismatch
+from robocorba.errors.simulation import InvalidRecording, UpdateMismatch
 from robocorba.maps import native
 from robocorba.maps.model import Building
 from robocorba.spatial.floor_format import dumps, loads
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
+#: MCAP profile of a recording.
 PROFILE = "x-robocorba"
-MAP = "building.yaml.gz"
-TOPIC = "floor/"
+#: Name of the attachment with the map.
+MAP_ATTACHMENT = "building.yaml.gz"
+#: A topic is this and the floor's name.
+TOPIC_PREFIX = "floor/"
+#: Encoding of the messages.
 ENCODING = "msgpack"
 #: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
-NS = 1_000_000_000
+#: Nanoseconds per second.
+NS_PER_S = 1_000_000_000
 
 SCHEMA = b"""// RoboCorba::FloorUpdate of omni_database.idl in msgpack: a struct is a map from the names of its members,
 // an enumerator its number, counted from 0.
@@ -85,10 +90,13 @@ struct FloorUpdate {
 #: Errors that the parsers raise on damaged files.
 _DAMAGE: tuple[Any, ...] = (McapError, struct.error, zlib.error, zstandard.ZstdError, msgspec.MsgspecError)
 _DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeError, MapFileError, UpdateMismatch)
-_PREFIX = struct.Struct("<BQ")
+#: Head of an MCAP record: opcode, and length of its content [bytes].
+_RECORD_HEAD = struct.Struct("<BQ")
 
 
-class _Message(NamedTuple):
+class _RecordedUpdate(NamedTuple):
+    """An encoded update. log_time: POSIX time of the recording [ns]."""
+
     floor: str
     log_time: int
     data: bytes
@@ -97,43 +105,44 @@ class _Message(NamedTuple):
 class Recorder:
     """Context manager that writes a recording; an existing file is kept unless `overwrite`.
 
-    Raises StateDamaged if the file can't be written."""
+    Raises InvalidRecording if the file can't be written."""
 
     def __init__(self, path: Path, building: Building, overwrite: bool = False) -> None:
         self.path = path
-        #: Updates recorded, and bytes handed to the operating system.
-        self.count = self.size = 0
+        #: Number of recorded updates.
+        self.count = 0
+        #: Size of the file so far [bytes].
+        self.size = 0
         self._flushed_at = 0.0
         self._channels: dict[str, int] = {}
         document = gzip.compress(native.dumps(building).encode(), mtime=0)
-        with _writing(path):
+        with _translating_write_errors(path):
             self._file = BufferedWriter(FileIO(path, "wb" if overwrite else "xb"))
             self._writer = Writer(self._file)
             self._writer.start(PROFILE, f"robocorba {__version__}")
-            self._writer.add_attachment(0, 0, MAP, "application/gzip", document)
+            self._writer.add_attachment(0, 0, MAP_ATTACHMENT, "application/gzip", document)
             self._schema = self._writer.register_schema("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
         self.flush()
 
     def write(self, update: FloorUpdate, at_s: float) -> None:
-        """Add an update received at POSIX time `at_s` [s]."""
-        with _writing(self.path):
-            self._writer.add_message(
-                self._channel(update.floor), round(at_s * NS), dumps(update), round(update.time * NS), self.count
-            )
+        """Add an update that was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
+        with _translating_write_errors(self.path):
+            log_time, publish_time = round(at_s * NS_PER_S), round(update.time * NS_PER_S)
+            self._writer.add_message(self._channel(update.floor), log_time, dumps(update), publish_time, self.count)
         self.count += 1
         if not 0.0 <= at_s - self._flushed_at < CHUNK_S:
             self._flushed_at = at_s
             self.flush()
 
     def flush(self) -> None:
-        """Write the current chunk, which then survives the end of this process."""
-        with _writing(self.path):
+        """Write the current chunk, which then survives a kill of this process. Raises InvalidRecording."""
+        with _translating_write_errors(self.path):
             self._writer.flush()
         self.size = self._file.tell()
 
     def _channel(self, floor: str) -> int:
         if floor not in self._channels:
-            self._channels[floor] = self._writer.register_channel(f"{TOPIC}{floor}", ENCODING, self._schema)
+            self._channels[floor] = self._writer.register_channel(f"{TOPIC_PREFIX}{floor}", ENCODING, self._schema)
         return self._channels[floor]
 
     def __enter__(self) -> Recorder:
@@ -142,65 +151,64 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        with _writing(self.path), self._file:
-            if not isinstance(error, StateDamaged):  # readers find nothing after a truncated chunk
+        with _translating_write_errors(self.path), self._file:
+            if not isinstance(error, InvalidRecording):  # readers find nothing after a truncated chunk
                 self._writer.finish()
             self.size = self._file.tell()
 
 
 @contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def _translating_write_errors(path: Path) -> Iterator[None]:
+    """Raise InvalidRecording for an OSError."""
     try:
         yield
     except OSError as error:
-        raise StateDamaged(str(path), error.strerror or str(error)) from None
+        raise InvalidRecording(path, error.strerror or str(error)) from None
 
 
 class Recording:
-    """A recording as far as it was written when this object is created.
-
-    floors: recorded floors. began: POSIX time of the first update [s]. Raises StateDamaged for any other file."""
+    """A recording as far as it was written when this object was created. Raises InvalidRecording."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        #: Names of the recorded floors.
         self.floors: list[str] = []
+        #: Number of updates.
         self.count = 0
+        #: POSIX time of the first update [s], and time from the first update to the last one [s].
         self.began = self.duration_s = 0.0
         #: Whether the recorder finished the file.
         self.is_complete = False
         document = None
-        with self._reading():
+        with self._translating_read_errors():
             self._size = path.stat().st_size
             if not self._size:
-                raise StateDamaged(str(path), "empty, nothing has been recorded yet")
+                raise InvalidRecording(path, "empty, nothing has been recorded yet")
             for record in self._records():
-                if isinstance(record, Attachment) and record.name == MAP:
+                if isinstance(record, Attachment) and record.name == MAP_ATTACHMENT:
                     document = gzip.decompress(record.data)
-                elif isinstance(record, _Message):
-                    self._note(record)
+                elif isinstance(record, _RecordedUpdate):
+                    self._count_update(record)
             if document is None:
-                raise StateDamaged(str(path), "contains no map")
-            self.building = native.loads(document, MAP)
-
-    def __iter__(self) -> Iterator[tuple[float, FloorUpdate]]:
-        return self.updates()
+                raise InvalidRecording(path, "contains no map")
+            self.building = native.loads(document, MAP_ATTACHMENT)
 
     def updates(self, floors: Collection[str] = ()) -> Iterator[tuple[float, FloorUpdate]]:
         """Updates of the given floors, by default all, in recorded order, each with its time after `began` [s].
 
-        Raises UnknownFloor, StateDamaged."""
+        Raises UnknownFloor, InvalidRecording."""
         for floor in floors:
             if floor not in self.floors:
                 raise UnknownFloor("recording", floor, self.floors)
-        with self._reading():
+        with self._translating_read_errors():
             for record in self._records():
-                if isinstance(record, _Message) and (not floors or record.floor in floors):
-                    yield record.log_time / NS - self.began, loads(record.data)
+                if isinstance(record, _RecordedUpdate) and (not floors or record.floor in floors):
+                    yield record.log_time / NS_PER_S - self.began, loads(record.data)
 
-    def moments(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
-        """Floors by name, sampled every `every_s` and at the end. Raises UnknownFloor, StateDamaged.
+    def sampled(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
+        """Times [s] and floors by name, every `every_s` seconds and at the end. Raises UnknownFloor, InvalidRecording.
 
-        Yields the same views each time; the next step changes them."""
+        Yields the same views each time; the next iteration changes them."""
         views = self._views(floors)
         count = 0
         for at_s, update in self.updates(floors):
@@ -211,7 +219,7 @@ class Recording:
         yield self.duration_s, views
 
     def at(self, at_s: float, floors: Collection[str] = ()) -> dict[str, FloorView]:
-        """Floors by name at a time after `began` [s]. Raises UnknownFloor, StateDamaged."""
+        """Floors by name at a time after `began` [s]. Raises UnknownFloor, InvalidRecording."""
         views = self._views(floors)
         for updated_at_s, update in self.updates(floors):
             if updated_at_s > at_s:
@@ -223,23 +231,23 @@ class Recording:
         return {floor: FloorView(floor) for floor in floors or self.floors}
 
     def _apply(self, update: FloorUpdate, views: dict[str, FloorView]) -> None:
-        with self._reading():
+        with self._translating_read_errors():
             views[update.floor].apply(update)
 
-    def _note(self, message: _Message) -> None:
-        at_s = message.log_time / NS
+    def _count_update(self, update: _RecordedUpdate) -> None:
+        at_s = update.log_time / NS_PER_S
         if not self.count:
             self.began = at_s
-        if message.floor not in self.floors:
-            self.floors.append(message.floor)
+        if update.floor not in self.floors:
+            self.floors.append(update.floor)
         self.count += 1
         self.duration_s = at_s - self.began
 
-    def _records(self) -> Iterator[Attachment | _Message]:
+    def _records(self) -> Iterator[Attachment | _RecordedUpdate]:
         channels: dict[int, Channel] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
-                raise StateDamaged(str(self.path), "not a recording of RoboCorba, but another MCAP file")
+                raise InvalidRecording(self.path, "not a recording of RoboCorba, but another MCAP file")
             if opcode == Opcode.ATTACHMENT:
                 yield Attachment.read(stream)
             if opcode == Opcode.CHUNK:
@@ -248,16 +256,17 @@ class Recording:
                         channels[record.id] = record
                     elif isinstance(record, Message):
                         channel = channels[record.channel_id]
-                        if channel.message_encoding == ENCODING and channel.topic.startswith(TOPIC):
-                            yield _Message(channel.topic.removeprefix(TOPIC), record.log_time, record.data)
+                        if channel.message_encoding == ENCODING and channel.topic.startswith(TOPIC_PREFIX):
+                            floor = channel.topic.removeprefix(TOPIC_PREFIX)
+                            yield _RecordedUpdate(floor, record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:
         """Opcode and content of each record, up to the end of the data or the last complete record."""
         with open(self.path, "rb") as file:
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise StateDamaged(str(self.path), "not an MCAP file")
-            while self._size - file.tell() >= _PREFIX.size:
-                opcode, length = _PREFIX.unpack(file.read(_PREFIX.size))
+                raise InvalidRecording(self.path, "not an MCAP file")
+            while self._size - file.tell() >= _RECORD_HEAD.size:
+                opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
                 if opcode == Opcode.DATA_END:
                     self.is_complete = True
                     return
@@ -266,10 +275,13 @@ class Recording:
                 yield opcode, ReadDataStream(BytesIO(file.read(length)))
             file.seek(self._size - len(MCAP0_MAGIC))
             if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
-                raise StateDamaged(str(self.path), "damaged: the file has an end mark, but its records do not reach it")
+                raise InvalidRecording(
+                    str(self.path), "damaged: the file has an end mark, but its records do not reach it"
+                )
 
     @contextlib.contextmanager
-    def _reading(self) -> Iterator[None]:
+    def _translating_read_errors(self) -> Iterator[None]:
+        """Raise InvalidRecording for an OSError and for damaged content."""
         try:
             yield
         except OSError as error:
@@ -278,4 +290,4 @@ class Recording:
             reason = f"damaged ({error or type(error).__name__})"
         else:
             return
-        raise StateDamaged(str(self.path), reason) from None
+        raise InvalidRecording(self.path, reason) from None

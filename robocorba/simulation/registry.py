@@ -1,7 +1,4 @@
-"""The logged-on robots and their leases.
-
-The server does not poll robots: a lease expires unless a call of its robot renews it.
-"""
+"""The logged-on robots and their leases: a lease expires unless a call of its robot renews it."""
 
 from __future__ import annotations
 
@@ -15,15 +12,15 @@ from dataclasses import dataclass, field
 from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.spatial.pose import Limits, Pose
 
-#: Lease of a robot [s]: without a call for this long it is logged off.
+#: Lease of a robot [s]: it is logged off after this time without a call.
 LEASE_S = 2.0
-#: Characters of a robot's name at most.
+#: Maximum length of a robot's name [characters].
 MAX_NAME = 60
 
 
 @dataclass(frozen=True)
 class Description:
-    """Description with which a robot logs on. Raises InvalidDescription."""
+    """What a robot states about itself to log on. Raises InvalidDescription."""
 
     name: str
     pose: Pose
@@ -34,41 +31,29 @@ class Description:
     def __post_init__(self) -> None:
         if not re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", self.name):
             raise InvalidDescription("name", f"{self.name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ -")
-        for what, value, most in (
+        for name, value, maximum in (
             ("x", self.pose.x, 1e6),
             ("y", self.pose.y, 1e6),
             ("heading", self.pose.heading, 1e3),
         ):
-            if not abs(value) <= most:  # also refuses NaN
-                raise InvalidDescription(what, f"{value} is not a number between -{most:g} and {most:g}")
-        for what, value, least, most in (
+            if not abs(value) <= maximum:  # also refuses NaN
+                raise InvalidDescription(name, f"{value} is not a number between -{maximum:g} and {maximum:g}")
+        for name, value, minimum, maximum in (
             ("radius", self.radius_m, 0.05, 5.0),
             ("mass", self.mass_kg, 0.1, 10_000.0),
             ("speed", self.limits.speed, 0.0, 10.0),
-            ("turn", self.limits.turn, 0.0, 4 * math.pi),
+            ("turn", self.limits.turn_speed, 0.0, 4 * math.pi),
             ("acceleration", self.limits.acceleration, 1e-3, 50.0),
             ("turn acceleration", self.limits.turn_acceleration, 1e-3, 50.0),
         ):
-            if not least <= value <= most:
-                raise InvalidDescription(what, f"{value} is not {least:g} to {most:g}")
+            if not minimum <= value <= maximum:
+                raise InvalidDescription(name, f"{value} is not {minimum:g} to {maximum:g}")
 
 
 class RobotClient:
     """A logged-on robot. Thread-safe.
 
     key: secret that authorizes a caller to act as this robot. since: POSIX time of the log-on [s]."""
-
-    __slots__ = (
-        "_calls",
-        "_counted_at",
-        "call_rate",
-        "description",
-        "is_logged_off",
-        "key",
-        "last_call_at",
-        "latency_s",
-        "since",
-    )
 
     def __init__(self, description: Description, key: str, since: float, now: float) -> None:
         self.description, self.key, self.since = description, key, since
@@ -101,7 +86,7 @@ class RobotClient:
 
 
 class Registry:
-    """At most `limit` clients; `clock` returns the time [s]."""
+    """The logged-on robots, at most `limit`. clock: returns the time [s]."""
 
     def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
         self._clock, self.lease_s = clock, lease_s

@@ -19,17 +19,19 @@ from robocorba.maps.polygons import FloorArea, check_polygon
 from robocorba.simulation.world_record import ReservationRecord
 from robocorba.spatial.pose import XY
 
-#: Limits of a request: its areas, and the corners of all its areas.
-MAX_AREAS, MAX_CORNERS = 32, 512
-#: Requests in force at most.
+#: Maximum number of areas in a request.
+MAX_AREAS = 32
+#: Maximum number of corners of all areas in a request.
+MAX_CORNERS = 512
+#: Maximum number of requests, granted and waiting.
 MAX_REQUESTS = 500
-#: Longest duration of a grant [s].
+#: Maximum duration of a grant [s].
 MAX_LIMIT_S = 600.0
 #: Each area is shrunk by this margin [m], so that rounding does not make adjacent areas overlap.
 EDGE_M = 0.001
 
 
-class Wanted(NamedTuple):
+class AreaRequest(NamedTuple):
     """A request for areas. limit_s: duration of the grant [s]. shapes: union of its areas, by floor."""
 
     areas: tuple[FloorArea, ...]
@@ -49,51 +51,54 @@ class Reservation(NamedTuple):
     left_s: float
 
 
-class Request:
-    """A robot's request. ahead: owners of the requests that it waits for."""
+class QueuedRequest:
+    """A robot's request, granted or waiting. owner: the robot's name."""
 
-    def __init__(self, owner: str, wanted: Wanted) -> None:
+    def __init__(self, owner: str, request: AreaRequest) -> None:
         self.owner = owner
-        self.areas, self.limit_s, self.shapes = wanted
+        self.areas, self.limit_s, self.shapes = request
+        #: Owners of the requests that it waits for.
         self.ahead: set[str] = set()
+        #: Time of the grant [s]; None while it waits.
         self.granted_at: float | None = None
-        #: Latest time at which it is granted [s].
-        self.granted_by = 0.0
+        #: Upper bound of that time [s].
+        self.latest_grant = 0.0
 
-    def overlaps(self, other: Request) -> bool:
+    def overlaps(self, other: QueuedRequest) -> bool:
         return any(shape.intersects(other.shapes[name]) for name, shape in self.shapes.items() if name in other.shapes)
 
     @property
-    def ends_by(self) -> float:
-        """Latest time at which its grant ends [s]."""
-        return (self.granted_by if self.granted_at is None else self.granted_at) + self.limit_s
+    def latest_end(self) -> float:
+        """Upper bound of the time at which its grant ends [s]."""
+        return (self.latest_grant if self.granted_at is None else self.granted_at) + self.limit_s
 
     def status_at(self, now: float) -> Reservation:
         """Status at a time [s]. Thread-safe."""
         granted_at = self.granted_at
         if granted_at is None:
-            return Reservation(False, len(self.ahead), max(0.0, self.granted_by - now), self.limit_s)
+            return Reservation(False, len(self.ahead), max(0.0, self.latest_grant - now), self.limit_s)
         return Reservation(True, 0, 0.0, max(0.0, granted_at + self.limit_s - now))
 
 
 class Reservations:
     """All requests of a building at time `now` [s]. One thread may use it; `find` is thread-safe."""
 
-    def __init__(self, now: float = 0.0) -> None:
+    def __init__(self, now: float = 0.0, max_requests: int = MAX_REQUESTS) -> None:
         self.now = now
+        self._max_requests = max_requests
         #: By owner, first request first.
-        self.requests: dict[str, Request] = {}
+        self.requests: dict[str, QueuedRequest] = {}
 
-    def reserve(self, owner: str, wanted: Wanted) -> Request:
-        """Request areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
+    def reserve(self, owner: str, areas: AreaRequest) -> QueuedRequest:
+        """QueuedRequest areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
         if owner in self.requests:
             raise InvalidReservation("robot", f"{owner} has a reservation already")
-        if len(self.requests) >= MAX_REQUESTS:
-            raise ReservationsFull(MAX_REQUESTS)
-        request = Request(owner, wanted)
+        if len(self.requests) >= self._max_requests:
+            raise ReservationsFull(self._max_requests)
+        request = QueuedRequest(owner, areas)
         request.ahead = {other.owner for other in self.requests.values() if request.overlaps(other)}
         self.requests[owner] = request
-        self._settle()
+        self._grant()
         return request
 
     def keep(self, owner: str, kept: Sequence[FloorArea]) -> None:
@@ -115,31 +120,26 @@ class Reservations:
         for other in self.requests.values():
             if owner in other.ahead and not other.overlaps(request):
                 other.ahead.discard(owner)
-        self._settle()
+        self._grant()
 
     def release(self, owner: str) -> None:
         """End an owner's request, if any."""
         if self.requests.pop(owner, None):
             for other in self.requests.values():
                 other.ahead.discard(owner)
-            self._settle()
+            self._grant()
 
     def find(self, owner: str, now: float) -> Reservation | None:
         """Status of an owner's request at a time [s]; None without a request. Thread-safe."""
         request = self.requests.get(owner)
         return request.status_at(now) if request else None
 
-    def longest_wait(self, owner: str) -> float:
-        """Upper bound of an owner's wait for its areas [s]; 0 if it does not wait."""
-        found = self.find(owner, self.now)
-        return found.longest_wait_s if found else 0.0
-
-    def advance(self, now: float) -> list[Request]:
+    def advance(self, now: float) -> list[QueuedRequest]:
         """Advance to a time [s]; return the requests whose grant expired."""
         ended = []
-        while over := [r for r in self.requests.values() if r.granted_at is not None and r.ends_by <= now]:
-            first = min(over, key=lambda request: request.ends_by)
-            self.now = first.ends_by  # waiting requests are granted at this time
+        while expired := [r for r in self.requests.values() if r.granted_at is not None and r.latest_end <= now]:
+            first = min(expired, key=lambda request: request.latest_end)
+            self.now = first.latest_end  # waiting requests are granted at this time
             self.release(first.owner)
             ended.append(first)
         self.now = now
@@ -157,39 +157,41 @@ class Reservations:
         self.now = now
         for record in records:
             if record.owner in owners:
-                wanted = Wanted(record.areas, record.limit_s, _shapes(record.areas))
-                self.reserve(record.owner, wanted)
+                areas = AreaRequest(record.areas, record.limit_s, _shapes(record.areas))
+                request = self.reserve(record.owner, areas)
                 if record.granted_at is not None:
-                    self.requests[record.owner].granted_at = record.granted_at
+                    request.granted_at = record.granted_at
 
-    def _settle(self) -> None:
-        """Grant requests that wait for none, and compute the latest grant of the others, in order of arrival."""
+    def _grant(self) -> None:
+        """Grant requests that wait for no other, and compute the latest grant of the rest, in order of arrival."""
         for request in self.requests.values():
             if request.granted_at is None:
-                request.granted_by = max((self.requests[other].ends_by for other in request.ahead), default=self.now)
+                request.latest_grant = max(
+                    (self.requests[other].latest_end for other in request.ahead), default=self.now
+                )
                 if not request.ahead:
                     request.granted_at = self.now
 
 
-def wanted_of(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors: Collection[str]) -> Wanted:
+def area_request(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floors: Collection[str]) -> AreaRequest:
     """Validate a request for areas on these floors; the grant lasts `limit_s` of simulated time.
 
     Raises InvalidReservation, UnknownFloor."""
     if not 0.0 < limit_s <= MAX_LIMIT_S:  # also refuses NaN
         raise InvalidReservation("limit", f"{limit_s} s is not above 0 and at most {MAX_LIMIT_S:g} s")
-    asked = kept_of(areas)
-    if not asked:
+    checked = canonical_areas(areas)
+    if not checked:
         raise InvalidReservation("areas", "a request needs at least one area")
-    for i, (floor, polygon) in enumerate(asked):
+    for i, (floor, polygon) in enumerate(checked):
         if floor not in floors:
             raise UnknownFloor(f"areas[{i}]", floor[:200], tuple(floors))
         check_polygon(f"areas[{i}].polygon", polygon, InvalidReservation)
         if shapely.Polygon(polygon).buffer(-EDGE_M).is_empty:
             raise InvalidReservation(f"areas[{i}].polygon", f"is nowhere wider than {2 * EDGE_M:g} m")
-    return Wanted(asked, limit_s, _shapes(asked))
+    return AreaRequest(checked, limit_s, _shapes(checked))
 
 
-def kept_of(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
+def canonical_areas(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:
     """Areas in canonical form. Raises InvalidReservation for too many areas or corners."""
     check_sizes([polygon for _, polygon in areas])
     return tuple((floor, tuple((float(x), float(y)) for x, y in polygon)) for floor, polygon in areas)
@@ -205,10 +207,11 @@ def check_sizes(polygons: Sequence[Sequence[object]]) -> None:
 
 
 def _shapes(areas: Iterable[FloorArea]) -> dict[str, BaseGeometry]:
+    """Union of areas on each floor, shrunk by EDGE_M."""
     polygons: dict[str, list[BaseGeometry]] = {}
     for floor, polygon in areas:
         polygons.setdefault(floor, []).append(shapely.Polygon(polygon))
-    shapes = {floor: shapely.union_all(found).buffer(-EDGE_M, join_style="mitre") for floor, found in polygons.items()}
+    shapes = {floor: shapely.union_all(parts).buffer(-EDGE_M, join_style="mitre") for floor, parts in polygons.items()}
     for shape in shapes.values():
         shapely.prepare(shape)
     return shapes

@@ -10,25 +10,25 @@ from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import SimulatedBuilding, SimulatedRobot
 from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import RobotClient
-from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
+from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
 from robocorba.spatial.floor_state import RobotMotion
 
 
 class Session:
-    """Thread-safe. Every call raises SessionExpired once the robot is logged off.
+    """What a logged-on robot can do. Thread-safe. Every call raises SessionExpired once the robot is logged off.
 
-    do: applies a change to the building, and returns when it is on disk."""
+    do_durably: applies a change to the building, and returns when it is on disk."""
 
     def __init__(
         self,
         client: RobotClient,
         robot: SimulatedRobot,
         building: SimulatedBuilding,
-        do: Callable[[Callable[[], None]], None],
+        do_durably: Callable[[Callable[[], None]], None],
         log_off: Callable[[RobotClient], None],
     ) -> None:
         self.client, self.robot = client, robot
-        self._building, self._do_durably, self._log_off = building, do, log_off
+        self._building, self._do_durably, self._log_off = building, do_durably, log_off
 
     @property
     def name(self) -> str:
@@ -89,8 +89,8 @@ class Session:
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
         self.client.renew_lease(time.monotonic())
-        wanted = wanted_of(areas, limit_s, self._building.building.floors)
-        self._do(lambda: self._building.reserve(self.name, wanted))
+        request = area_request(areas, limit_s, self._building.building.floors)
+        self._do(lambda: self._building.reserve(self.name, request))
 
     def reservation(self) -> Reservation | None:
         """Status of the request for areas; None if there is none or its grant has ended."""
@@ -99,7 +99,7 @@ class Session:
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         """Release all areas but these. Raises InvalidReservation, SimulationBusy, ServiceError."""
-        kept = kept_of(areas)
+        kept = canonical_areas(areas)
         self._do(lambda: self._building.reservations.keep(self.name, kept))
 
     def release_areas(self) -> None:

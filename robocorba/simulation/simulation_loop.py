@@ -19,17 +19,17 @@ T = TypeVar("T")
 
 #: Timeout of a call that waits for execution [s].
 CALL_LIMIT_S = 5.0
-#: Highest pace, in simulated seconds per second.
+#: Maximum pace, in simulated seconds per second.
 MAX_PACE = 1000.0
-#: Steps of one `step` request at most.
+#: Maximum number of steps in one request.
 MAX_STEPS = 10_000
 #: Time limit of one requested step [s]; a step usually takes far less.
 MAX_STEP_S = 0.05
-#: Largest lag behind real time that the loop catches up on [s]; beyond it simulated time is skipped.
+#: Maximum lag behind real time that the loop catches up on [s]; it skips what exceeds it.
 MAX_LAG_S = 0.25
-#: Longest interval between two runs of the housekeeping [s].
+#: Maximum interval between two runs of the housekeeping [s].
 IDLE_INTERVAL_S = 0.02
-#: Steps in sequence before pending calls are executed.
+#: Maximum number of steps before pending calls are executed.
 MAX_CONSECUTIVE_STEPS = 50
 #: Window over which the achieved pace is measured [s].
 RATE_WINDOW_S = 2.0
@@ -38,10 +38,10 @@ _log = logging.getLogger(__name__)
 
 
 class SimulationLoop:
-    """step: advances simulated time by STEP_S. housekeeping: called after steps and calls, at least every
-    IDLE_INTERVAL_S.
+    """The simulation thread.
 
-    pace: simulated seconds per second, 0 for as fast as possible."""
+    step: advances simulated time by STEP_S. housekeeping: called after steps and calls, at least every
+    IDLE_INTERVAL_S. pace: simulated seconds per second, 0 for as fast as possible."""
 
     def __init__(self, step: Callable[[], None], housekeeping: Callable[[], None]) -> None:
         self._step, self._housekeeping = step, housekeeping
@@ -49,6 +49,7 @@ class SimulationLoop:
         #: Achieved pace over the last RATE_WINDOW_S.
         self.achieved = 0.0
         self._calls: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
+        #: Requests of paused time: the number of the last step, and the result.
         self._step_requests: list[tuple[int, Future[None]]] = []
         self._steps = self._counted = 0
         self._counted_at = 0.0
@@ -129,13 +130,13 @@ class SimulationLoop:
         if self.pace == 0.0:
             self._run_steps_while(lambda: time.monotonic() < now + IDLE_INTERVAL_S and self._calls.empty())
             return now
-        length = STEP_S / self.pace
-        due = min(max(due, now - MAX_LAG_S), now + length)  # the pace may have changed meanwhile
+        interval_s = STEP_S / self.pace
+        due = min(max(due, now - MAX_LAG_S), now + interval_s)  # the pace may have changed meanwhile
         for _ in range(MAX_CONSECUTIVE_STEPS):
             if due > now:
                 break
             self._run_step()
-            due += length
+            due += interval_s
         return due
 
     def _run_steps_while(self, is_wanted: Callable[[], bool]) -> None:

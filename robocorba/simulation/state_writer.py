@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 
 class StateWriter:
-    """The simulation thread calls `submit` and `forget`, which do not block."""
+    """Writes to `store`. The simulation thread calls `submit` and `forget`, which do not block."""
 
     def __init__(self, store: SimulationStore) -> None:
         self._store = store

@@ -1,6 +1,6 @@
 """The simulation server's store, from which it is restored after kill -9: clients, poses, settings, missions.
 
-Poses are written every 0.1 s, so a kill loses the latest ones; everything else is written before a call returns.
+Poses are written every 0.1 s, so a kill loses the latest ones; all other records are written before a call returns.
 """
 
 from __future__ import annotations
@@ -21,14 +21,18 @@ from robocorba.spatial.pose import Limits
 #: "RoCs": marks store files of the simulation server.
 APPLICATION_ID = 0x526F4373
 SCHEMA_VERSION = 1
-#: Missions kept, characters of a name, and bytes of a document, at most.
-MAX_MISSIONS, MAX_MISSION_NAME, MAX_DOCUMENT = 1000, 200, 1024 * 1024
-#: Bytes of all documents, so that they fit into one CORBA message.
+#: Maximum number of missions.
+MAX_MISSIONS = 1000
+#: Maximum length of a mission's name [characters].
+MAX_MISSION_NAME = 200
+#: Maximum size of one mission's document [bytes].
+MAX_DOCUMENT = 1024 * 1024
+#: Maximum size of all documents [bytes], so that one CORBA message holds them.
 MAX_DOCUMENTS = 32 * 1024 * 1024
 
 
 class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A logged-on robot. since: POSIX time of the log-on [s]."""
+    """A logged-on robot client. key: secret of its session. since: POSIX time of the log-on [s]."""
 
     key: str
     since: float
@@ -39,16 +43,16 @@ class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
     limits: tuple[float, float, float, float]
 
     @classmethod
-    def of(cls, key: str, since: float, about: Description) -> ClientRecord:
-        return cls(key, since, about.name, about.pose, about.radius_m, about.mass_kg, about.limits)
+    def of(cls, key: str, since: float, robot: Description) -> ClientRecord:
+        return cls(key, since, robot.name, robot.pose, robot.radius_m, robot.mass_kg, robot.limits)
 
     @property
     def description(self) -> Description:
         return Description(self.name, Pose(*self.pose), self.radius_m, self.mass_kg, Limits(*self.limits))
 
 
-class Choices(msgspec.Struct, frozen=True):
-    """Settings of the administrator. limit: robots at most. pace: simulated seconds per second."""
+class AdministratorSettings(msgspec.Struct, frozen=True):
+    """Settings of the administrator. limit: maximum number of robots. pace: simulated seconds per second."""
 
     limit: int
     pace: float = 1.0
@@ -56,7 +60,9 @@ class Choices(msgspec.Struct, frozen=True):
 
 
 class Mission(msgspec.Struct, frozen=True, array_like=True):
-    """A mission as stored by its leader. version: increases by one with each change."""
+    """A mission as stored by its leader.
+
+    version: increases by one with each change. document: its content, which the server does not read."""
 
     name: str
     version: int
@@ -64,7 +70,7 @@ class Mission(msgspec.Struct, frozen=True, array_like=True):
 
 
 class SimulationStore(RecordFile):
-    """Opened by one process at a time. Raises AlreadyRunning, and ServiceError for an unusable file."""
+    """The records in a file, for one process at a time. Raises AlreadyRunning; ServiceError for an unusable file."""
 
     def __init__(self, file: Path) -> None:
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION)
@@ -79,7 +85,7 @@ class SimulationStore(RecordFile):
         self.save("client", record.key, record)
 
     def forget_client(self, key: str) -> None:
-        self.forget("client", key)
+        self.delete("client", key)
 
     def world(self) -> WorldRecord | None:
         """The last world record; None if none was written."""
@@ -88,20 +94,20 @@ class SimulationStore(RecordFile):
     def save_world(self, world: WorldRecord) -> None:
         self.save("world", "", world)
 
-    def choices(self) -> Choices | None:
+    def settings(self) -> AdministratorSettings | None:
         """The settings; None if an administrator never changed them."""
-        return next(iter(self.all("choices", Choices)), None)
+        return next(iter(self.all("choices", AdministratorSettings)), None)
 
-    def save_choices(self, choices: Choices) -> None:
-        self.save("choices", "", choices)
+    def save_settings(self, settings: AdministratorSettings) -> None:
+        self.save("choices", "", settings)
 
     def secret(self) -> str:
         """The administrators' secret, created once for each file."""
-        known = self.all("secret", str)
-        if not known:
-            known = [secrets.token_urlsafe(24)]
-            self.save("secret", "", known[0])
-        return known[0]
+        secret = next(iter(self.all("secret", str)), None)
+        if secret is None:
+            secret = secrets.token_urlsafe(24)
+            self.save("secret", "", secret)
+        return secret
 
     # ---- missions ----
 
@@ -111,7 +117,7 @@ class SimulationStore(RecordFile):
             return sorted(self._missions.values(), key=lambda mission: mission.name)
 
     def put_mission(self, mission: Mission) -> int:
-        """Store a mission if its version is still the stored one (0: a new mission); return the new version.
+        """Store a mission if `mission.version` is the stored version, 0 for a new mission; return its new version.
 
         Raises InvalidMission, StaleMission."""
         if not 0 < len(mission.name) <= MAX_MISSION_NAME:
@@ -119,24 +125,24 @@ class SimulationStore(RecordFile):
         if len(mission.document) > MAX_DOCUMENT:
             raise InvalidMission("document", f"has {len(mission.document)} bytes; at most {MAX_DOCUMENT}")
         with self._writing_missions:
-            known = self._missions.get(mission.name)
-            current = known.version if known else 0
+            stored = self._missions.get(mission.name)
+            current = stored.version if stored else 0
             if mission.version != current:
                 raise StaleMission(mission.name, mission.version, current)
-            if known is None and len(self._missions) >= MAX_MISSIONS:
+            if stored is None and len(self._missions) >= MAX_MISSIONS:
                 raise InvalidMission("name", f"{MAX_MISSIONS} missions are stored already; remove one")
             others = sum(len(other.document) for name, other in self._missions.items() if name != mission.name)
             if others + len(mission.document) > MAX_DOCUMENTS:
                 raise InvalidMission("document", f"all missions would exceed {MAX_DOCUMENTS} bytes; remove one")
-            kept = Mission(mission.name, current + 1, mission.document)
-            self.save("mission", kept.name, kept)
-            self._missions[kept.name] = kept
-            return kept.version
+            changed = Mission(mission.name, current + 1, mission.document)
+            self.save("mission", changed.name, changed)
+            self._missions[changed.name] = changed
+            return changed.version
 
     def remove_mission(self, name: str) -> None:
         """Remove a mission. Raises UnknownMission."""
         with self._writing_missions:
             if name not in self._missions:
                 raise UnknownMission(name)
-            self.forget("mission", name)
+            self.delete("mission", name)
             del self._missions[name]

@@ -17,7 +17,7 @@ class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class RideRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A ride. inside: whether the robot is in the cabin."""
+    """A ride. called_at: simulated time [s]. inside: whether the robot is in the cabin."""
 
     robot: str
     origin: str

@@ -58,40 +58,41 @@ def dumps(update: FloorUpdate) -> bytes:
 
 def as_map(update: FloorUpdate) -> dict[str, Any]:
     """An update as plain maps and lists, to embed in a larger msgpack document."""
-    found: dict[str, Any] = msgspec.to_builtins(_wire(update), builtin_types=(bytes,))
-    return found
+    builtins: dict[str, Any] = msgspec.to_builtins(_wire(update), builtin_types=(bytes,))
+    return builtins
 
 
 def loads(data: bytes) -> FloorUpdate:
     """Decode what `dumps` encoded. Raises ValueError."""
-    found = _decoder.decode(data)
+    wire = _decoder.decode(data)
     return FloorUpdate(
-        found.floor_name,
-        found.since,
-        found.current,
-        found.time,
-        found.map_version,
+        wire.floor_name,
+        wire.since,
+        wire.current,
+        wire.time,
+        wire.map_version,
         [
             Body(body.number, body.kind, body.name, body.radius, tuple((p.x, p.y) for p in body.outline), body.mass)
-            for body in found.came
+            for body in wire.came
         ],
-        found.went,
-        np.frombuffer(found.motions, MOTION),
+        wire.went,
+        np.frombuffer(wire.motions, MOTION),
         {
-            one.name: ElevatorState(one.height, one.cabin, one.doors, one.opening, one.riders, one.queue)
-            for one in found.elevators
+            state.name: ElevatorState(state.height, state.cabin, state.doors, state.opening, state.riders, state.queue)
+            for state in wire.elevators
         },
     )
 
 
 def _wire(update: FloorUpdate) -> _Update:
+    """An update in the structure of the IDL."""
     came = [
         _Body(body.number, body.kind, body.name, body.radius_m, [_XY(x, y) for x, y in body.outline], body.mass_kg)
         for body in update.came
     ]
     elevators = [
-        _Elevator(name, one.floor, one.height, one.doors, one.opening, one.riders, one.queue)
-        for name, one in update.elevators.items()
+        _Elevator(name, state.floor, state.height, state.doors, state.opening, state.riders, state.queue)
+        for name, state in update.elevators.items()
     ]
     floor, since, version, time, map_version = update[:5]
     motions = update.motions.tobytes()

@@ -46,8 +46,7 @@ class FloorState:
 
 @kernel
 def in_own_frames(rows: Floats) -> Floats:
-    """Convert rows (n, 6) of FloorState to columns (6, n): x, y, heading within [-pi, pi], velocity ahead and to the
-    left, turn."""
+    """Columns (6, n) from rows (n, 6): x, y, heading within [-pi, pi], velocity ahead and to the left, turn."""
     columns = np.empty((6, len(rows)))
     for i in range(len(rows)):
         x, y, heading, vx, vy, turn = rows[i]

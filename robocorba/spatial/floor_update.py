@@ -42,7 +42,7 @@ class Body(NamedTuple):
 class FloorUpdate(NamedTuple):
     """Changes of a floor from version `since` to `version`; the whole floor if `since` is WHOLE.
 
-    time: simulated [s]. came: new bodies. went: numbers of removed bodies. motions: rows of MOTION of moved bodies.
+    time: simulated [s]. came: added bodies. went: numbers of removed bodies. motions: rows of MOTION of moved bodies.
     elevators: changed elevators that serve the floor, by name."""
 
     floor: str
@@ -72,7 +72,7 @@ class FloorView:
         self._rebuild_rows()
 
     def apply(self, update: FloorUpdate) -> bool:
-        """Apply an update; return whether bodies came or went.
+        """Apply an update; return whether bodies were added or removed.
 
         Raises UpdateMismatch if it does not continue `version`."""
         if update.since not in (WHOLE, self.version):
@@ -93,11 +93,12 @@ class FloorView:
         return has_changed
 
     def _rows(self, update: FloorUpdate) -> NDArray[np.int64]:
+        """Rows of the bodies that an update moves. Raises UpdateMismatch."""
         numbers = update.motions["number"]
-        places = self._numbers.searchsorted(numbers)
-        if not (self._numbers_or_none[places] == numbers).all():
+        indices = self._numbers.searchsorted(numbers)
+        if not (self._numbers_and_end[indices] == numbers).all():
             raise UpdateMismatch(update.floor, self.version, update.since)  # a moved body is unknown
-        return self._row_of[places]
+        return self._row_of[indices]
 
     def motion(self, number: int) -> np.void:
         """The row of MOTION of a body. Raises KeyError."""
@@ -107,16 +108,16 @@ class FloorView:
         return row
 
     def _rebuild_rows(self) -> None:
-        """Rebuild the rows after bodies came or went."""
-        before = dict(zip(self.motions["number"].tolist(), self.motions, strict=True))
+        """Rebuild the rows after bodies were added or removed."""
+        motion_before = dict(zip(self.motions["number"].tolist(), self.motions, strict=True))
         self.motions = np.zeros(len(self.bodies), MOTION)
         numbers = np.fromiter(self.bodies, np.int64, len(self.bodies))
         self.motions["number"] = numbers
         for row, number in enumerate(self.bodies):
-            if number in before:
-                self.motions[row] = before[number]
+            if number in motion_before:
+                self.motions[row] = motion_before[number]
         self._row_of = np.argsort(numbers)
         #: Numbers of the bodies in ascending order, in the type of MOTION; `_row_of` has their rows.
         self._numbers = numbers[self._row_of].astype(MOTION["number"])
         #: With a sentinel, so that a search for a number above all others stays in range.
-        self._numbers_or_none = np.append(self._numbers, self._numbers.dtype.type(0))
+        self._numbers_and_end = np.append(self._numbers, self._numbers.dtype.type(0))

@@ -1,4 +1,4 @@
-"""Transforms of points and velocities between a floor and the frame of a robot, an object or a cabin."""
+"""Transforms of points and vectors between a floor and the frame of a robot, an object or a cabin."""
 
 from __future__ import annotations
 

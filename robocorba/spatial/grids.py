@@ -1,7 +1,7 @@
 """Line segments in a uniform grid: a query examines only the cells it touches.
 
 Walls and objects become segments; planning queries distances to them, sensing casts rays at them. Robots are discs in
-the same kind of grid (sensing/sight.py).
+the same kind of grid (sensing/visible_obstacles.py).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _MAX_COLUMNS = 5000
 
 
 class Grid(NamedTuple):
-    """Segments (n, 4) of x, y, x, y [m]. Cell i holds the segments items[start[i]:start[i + 1]]. frame: x0, y0, cell
-    size [m], columns, rows."""
+    """Segments (n, 4) of x, y, x, y [m], indexed by the cells that they touch: cell i holds the segments
+    items[start[i]:start[i + 1]]. frame: x0, y0, cell size [m], columns, rows."""
 
     segments: Floats
     start: Longs
@@ -36,12 +36,12 @@ class Grid(NamedTuple):
 
 def segments_of(shapes: NDArray[np.object_]) -> tuple[Floats, Longs]:
     """Segments (n, 4) of lines and polygon borders, multi-part or not, and the index of the shape of each segment."""
-    solid = np.isin(shapely.get_type_id(shapes), (shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON))
-    parts, owner = shapely.get_parts(np.where(solid, shapely.boundary(shapes), shapes), return_index=True)
+    is_polygon = np.isin(shapely.get_type_id(shapes), (shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON))
+    parts, owner = shapely.get_parts(np.where(is_polygon, shapely.boundary(shapes), shapes), return_index=True)
     points, part = shapely.get_coordinates(parts, return_index=True)
-    follows = part[1:] == part[:-1]
-    segments = np.hstack([points[:-1][follows], points[1:][follows]]).reshape(-1, 4)
-    return segments, owner[part[:-1][follows]].astype(np.int64)
+    is_same_part = part[1:] == part[:-1]
+    segments = np.hstack([points[:-1][is_same_part], points[1:][is_same_part]]).reshape(-1, 4)
+    return segments, owner[part[:-1][is_same_part]].astype(np.int64)
 
 
 def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
@@ -58,29 +58,29 @@ def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
 def build_grid(segments: Floats, frame: Floats | None = None) -> Grid:
     """Grid in a frame, by default around the segments; segments beyond the frame go to the border cells."""
     frame = frame_over(segments) if frame is None else frame
-    return Grid(segments, *sort_segments(segments, frame), frame)
+    return Grid(segments, *segments_by_cell(segments, frame), frame)
 
 
 @kernel
-def sort_segments(segments: Floats, frame: Floats) -> tuple[Longs, Longs]:
-    """start and items of a grid over segments. The first pass counts the segments of each cell, the second fills in."""
-    count = cells_of(frame)
-    _fill(segments, frame, count, np.empty(0, np.int64))
-    start = starts_of(count)
+def segments_by_cell(segments: Floats, frame: Floats) -> tuple[Longs, Longs]:
+    """start and items of a grid over segments, by counting sort: the first pass counts, the second fills in."""
+    count = zero_counts(frame)
+    _fill_segments(segments, frame, count, np.empty(0, np.int64))
+    start = cell_starts(count)
     items = np.empty(start[-1], np.int64)
-    _fill(segments, frame, start[:-1].copy(), items)
+    _fill_segments(segments, frame, start[:-1].copy(), items)
     return start, items
 
 
 @kernel
-def cells_of(frame: Floats) -> Longs:
-    """Item counts of all cells, initially zero."""
+def zero_counts(frame: Floats) -> Longs:
+    """A counter for each cell, all zero."""
     return np.zeros(int(frame[3]) * int(frame[4]), np.int64)
 
 
 @kernel
-def starts_of(count: Longs) -> Longs:
-    """Index of the first item of each cell, and the end of the last cell."""
+def cell_starts(count: Longs) -> Longs:
+    """Index of each cell's first item (cumulative counts), and the end of the last cell's items."""
     start = np.zeros(len(count) + 1, np.int64)
     for cell in range(len(count)):
         start[cell + 1] = start[cell] + count[cell]
@@ -89,11 +89,13 @@ def starts_of(count: Longs) -> Longs:
 
 @kernel
 def column_of(frame: Floats, x: float) -> int:
+    """Column of x, clamped to the grid."""
     return int(min(max((x - frame[0]) / frame[2], 0.0), frame[3] - 1.0))
 
 
 @kernel
 def row_of(frame: Floats, y: float) -> int:
+    """Row of y, clamped to the grid."""
     return int(min(max((y - frame[1]) / frame[2], 0.0), frame[4] - 1.0))
 
 
@@ -113,7 +115,7 @@ def span(ax: float, ay: float, bx: float, by: float, low: float, high: float) ->
 
 
 @kernel
-def _fill(segments: Floats, frame: Floats, position: Longs, items: Longs) -> None:
+def _fill_segments(segments: Floats, frame: Floats, position: Longs, items: Longs) -> None:
     """Count the segments of each cell (items empty), or write them from `position` on."""
     columns = int(frame[3])
     slack = 1e-9 * (1.0 + abs(frame[0]) + abs(frame[1]))

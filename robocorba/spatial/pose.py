@@ -1,12 +1,17 @@
-"""Points, poses and motion limits of a base: values that every package uses; this module imports none of them."""
+"""Points, poses and motion limits of a base: values that every package uses."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple, TypeAlias
 
+#: Radius of the circle around SmartPal's base [m], the default robot of path requests and map checks.
+SMARTPAL_RADIUS_M = 0.40
+
 #: A point of a floor: x and y [m].
 XY: TypeAlias = tuple[float, float]
+#: x and y [m], heading [rad].
+Pose2D: TypeAlias = tuple[float, float, float]
 
 
 class Pose(NamedTuple):
@@ -19,9 +24,10 @@ class Pose(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Motion limits of a robot's base [m/s, rad/s, m/s^2, rad/s^2]."""
+    """Motion limits of a robot's base [m/s, rad/s, m/s^2, rad/s^2]; the defaults are SmartPal's, with assumed
+    accelerations."""
 
     speed: float = 1.0
-    turn: float = math.radians(100)
+    turn_speed: float = math.radians(100)
     acceleration: float = 1.0
     turn_acceleration: float = math.radians(100)

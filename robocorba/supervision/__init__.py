@@ -1,7 +1,7 @@
 """Starts, supervises and ends the processes of a RoboCorba system.
 
 Existing supervisors do not fit: supervisord polls once a second and abandons a server that keeps failing, circus is
-hardly maintained, and neither waits for a real call or ends together with its children.
+hardly maintained, and neither probes a server by a call or ends together with its children.
 
     system.py    the whole system: first the naming service, then the servers, until a signal to stop
     process.py   one supervised process: start it, wait until it answers, restart it when it ends

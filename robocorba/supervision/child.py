@@ -9,13 +9,17 @@ import os
 import signal
 import sys
 
-PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1
+
+
+def bind_to_parent(number: int) -> None:
+    """Let the kernel send this signal to the present process when its parent ends."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
 
 
 def main(parent: int, cores: str, command: list[str]) -> None:
     """Never returns: becomes `command`, or exits."""
-    # SIGKILL: a program may ignore SIGTERM, and the parent is no longer there to kill it.
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    bind_to_parent(signal.SIGKILL)  # a program may ignore SIGTERM, and the parent is no longer there to kill it
     if os.getppid() != parent:
         sys.exit("the parent process has already ended")
     if cores:

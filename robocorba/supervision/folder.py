@@ -26,7 +26,7 @@ import psutil
 from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.settings import Address
 
-T = TypeVar("T")
+Schema = TypeVar("Schema")
 
 
 class ProcessRecord(msgspec.Struct):
@@ -133,7 +133,7 @@ class StateFolder:
     def remove_record(self) -> None:
         (self.path / "up.json").unlink(missing_ok=True)
 
-    def _read(self, file: Path, schema: type[T]) -> T | None:
+    def _read(self, file: Path, schema: type[Schema]) -> Schema | None:
         try:
             return msgspec.json.decode(file.read_bytes(), type=schema)
         except FileNotFoundError:

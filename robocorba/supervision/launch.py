@@ -8,13 +8,12 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import TypeVar
+from typing import Any
 
 #: Time from SIGTERM to SIGKILL [s].
-END_LIMIT_S = 15.0
+GRACE_PERIOD_S = 15.0
 #: Runs a module as `python -P -m` does; that option came with Python 3.11.
 _WITHOUT_CURRENT_DIRECTORY = (
     "import sys; sys.path.remove(''); import runpy; sys.argv.pop(0); "
@@ -22,8 +21,6 @@ _WITHOUT_CURRENT_DIRECTORY = (
 )
 _RUN_MODULE = ("-P", "-m") if sys.version_info >= (3, 11) else ("-c", _WITHOUT_CURRENT_DIRECTORY)
 _CHILD = str(Path(__file__).with_name("child.py"))
-
-S = TypeVar("S", bound="ChildProcess")
 
 
 def module_command(module: str, *arguments: str) -> tuple[str, ...]:
@@ -39,72 +36,58 @@ def bound_command(*command: str, cores: Sequence[int] = ()) -> tuple[str, ...]:
     return (sys.executable, "-I", "-S", _CHILD, str(os.getpid()), ",".join(map(str, cores)), *command)
 
 
-class ChildProcess:
-    """A command bound to this process, running inside a `with`: SIGTERM ends it, after END_LIMIT_S SIGKILL.
+class ChildProcess(subprocess.Popen[str]):
+    """A command bound to this process, running inside a `with`: SIGTERM ends it, SIGKILL after `grace_period_s`.
 
-    Its stderr is appended to `log`. Ctrl-C in the terminal does not reach it. Start it in the main thread, see
-    `bound_command`. environment: replaces that of this process. Without `has_stdin` its stdin is empty."""
+    Ctrl-C in the terminal does not reach it. Start it in the main thread, see `bound_command`. options: as of
+    subprocess.Popen; its stdin is empty by default."""
 
     def __init__(
-        self,
-        log: Path,
-        *command: str,
-        cwd: Path | None = None,
-        environment: Mapping[str, str] | None = None,
-        cores: Sequence[int] = (),
-        pass_fds: Sequence[int] = (),
-        has_stdin: bool = False,
+        self, *command: str, cores: Sequence[int] = (), grace_period_s: float = GRACE_PERIOD_S, **options: Any
     ) -> None:
-        self.log = log
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        with log.open("a") as stderr:
-            self._process = subprocess.Popen(
-                bound_command(*command, cores=cores),
-                cwd=cwd,
-                env=environment,
-                stdin=subprocess.PIPE if has_stdin else subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                text=True,
-                pass_fds=pass_fds,
-                start_new_session=True,
-            )
-        self._reader = threading.Thread(target=self._read, name=f"stdout of {log.stem}", daemon=True)
-        self._reader.start()
+        self._grace_period_s = grace_period_s
+        options = {"stdin": subprocess.DEVNULL, **options}
+        super().__init__(bound_command(*command, cores=cores), text=True, start_new_session=True, **options)
 
-    def __enter__(self: S) -> S:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._process.terminate()
+    def __exit__(self, *raised: object) -> None:
+        self.terminate()
         try:
-            self._process.wait(END_LIMIT_S)
+            self.wait(self._grace_period_s)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        if self._process.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._process.stdin.close()
-        self._reader.join(END_LIMIT_S)
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
+            self.kill()
+            self.wait()
 
     @property
     def is_running(self) -> bool:
-        return self._process.poll() is None
+        return self.poll() is None
+
+
+class LoggedProcess(ChildProcess):
+    """A child process that is read line by line; its stderr is appended to `log`. Options as of ChildProcess."""
+
+    def __init__(self, log: Path, *command: str, **options: Any) -> None:
+        self.log = log
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        with log.open("a") as stderr:
+            super().__init__(*command, stdout=subprocess.PIPE, stderr=stderr, **options)
+        self._reader = threading.Thread(target=self._read, name=f"stdout of {log.stem}", daemon=True)
+        self._reader.start()
+
+    def __exit__(self, *raised: object) -> None:
+        super().__exit__(*raised)
+        if self.stdin is not None:
+            with contextlib.suppress(OSError):
+                self.stdin.close()
+        self._reader.join(self._grace_period_s)
 
     def write_line(self, line: str) -> None:
-        """Write a line to its stdin. Raises OSError where it has ended."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(line + "\n")
-        self._process.stdin.flush()
+        """Write a line to its stdin, which must be a pipe. Raises OSError if it has ended."""
+        assert self.stdin is not None
+        self.stdin.write(line + "\n")
+        self.stdin.flush()
 
     def read_line(self, timeout_s: float) -> str:
-        """The next line of its stdout, with its newline; empty where it has ended. Raises TimeoutError."""
+        """The next line of its stdout, with its newline; empty if it has ended. Raises TimeoutError."""
         try:
             line = self._lines.get(timeout=max(0.0, timeout_s))
         except queue.Empty:
@@ -118,8 +101,8 @@ class ChildProcess:
         return self.log.read_text(errors="replace")[-size:]
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        with self._process.stdout as lines:
+        assert self.stdout is not None
+        with self.stdout as lines:
             for line in lines:
                 self._lines.put(line)
         self._lines.put("")

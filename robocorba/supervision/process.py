@@ -13,16 +13,17 @@ from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
 from robocorba.supervision.launch import bound_command
 
 #: A process that ran at least this long is restarted immediately [s].
-STEADY_S = 2.0
-#: Delay of a restart after shorter runs: doubled each time, from the first to the maximum [s].
-FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
+STEADY_RUN_S = 2.0
+#: Pauses before the restarts of a process that ran shorter.
+BACKOFF = Backoff(0.1, 5.0)
 #: Time from SIGTERM to SIGKILL [s].
-GRACE_S = 5.0
+GRACE_PERIOD_S = 5.0
 #: Interval between probes while a process starts [s].
 PROBE_INTERVAL_S = 0.05
 #: Longer lines of output are split [bytes].
@@ -36,7 +37,7 @@ class ProcessSpec:
     """The command of a process, and how to check that it serves.
 
     probe: makes a real call, in a thread; raises a RoboCorbaError while there is no answer.
-    output: called with each line that the process prints. start_limit_s: time to answer the first call."""
+    output: called with each line that the process prints. start_limit_s: timeout for the answer to the first call."""
 
     name: str
     command: tuple[str, ...]
@@ -90,13 +91,13 @@ class Supervised:
 
     def _restart_delays(self) -> Iterator[float]:
         """Delay before each start [s]: 0 for the first two and after a steady run, else growing."""
-        backoff_s = 0.0
+        short_runs = 0
         yield 0.0
         while True:
-            if time.time() - self.started >= STEADY_S:
-                backoff_s = 0.0
-            yield backoff_s
-            backoff_s = min(2 * backoff_s or FIRST_BACKOFF_S, MAX_BACKOFF_S)
+            if time.time() - self.started >= STEADY_RUN_S:
+                short_runs = 0
+            yield BACKOFF.pause_s(short_runs)
+            short_runs += 1
 
     async def _spawn(self) -> tuple[asyncio.subprocess.Process, asyncio.Task[None]]:
         # Not asyncio's pipe: some Python versions consider a process alive while others hold the pipe's write end.
@@ -152,9 +153,9 @@ class Supervised:
             with contextlib.suppress(ProcessLookupError):
                 process.terminate()
             try:
-                await asyncio.wait_for(process.wait(), GRACE_S)
+                await asyncio.wait_for(process.wait(), GRACE_PERIOD_S)
             except asyncio.TimeoutError:
-                _log.warning("%s did not end within %g s; killed", self.spec.name, GRACE_S)
+                _log.warning("%s did not end within %g s; killed", self.spec.name, GRACE_PERIOD_S)
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         await process.wait()

@@ -24,7 +24,7 @@ class Probe:
     interface: Any
     call: Callable[[Any], object]
 
-    def ask(self, orb: Orb, name: str, timeout_s: float = 1.0) -> float:
+    def call_object(self, orb: Orb, name: str, timeout_s: float = 1.0) -> float:
         """Call the object bound to `name`; returns the duration of the call [ms]. Raises NotReachable."""
         reference = orb.resolve(name, self.interface, timeout_s, call_timeout_s=timeout_s)
         began = time.perf_counter()
@@ -60,7 +60,7 @@ _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
 def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
-    """The servers of a system with these sub-networks, whose channels are all linked, and `sensors` virtual sensors.
+    """The servers of a system with these sub-networks, whose channels are all linked, and `sensors` sensor servers.
 
     The simulation server publishes its events at the first channel."""
     return [

@@ -18,7 +18,7 @@ from robocorba.settings import InvalidSetting
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
 
-#: Time for each channel to answer [s].
+#: Timeout for each channel [s].
 TIMEOUT_S = 2.0
 
 _log = logging.getLogger(__name__)

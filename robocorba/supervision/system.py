@@ -35,7 +35,8 @@ class System:
     """A naming service at `naming` and `servers` on ports of the same host, with their data in `folder`.
 
     before_ready: called in a thread once every server has answered, before the system is ready.
-    building: absolute path passed to the servers, or None. start_limit_s: time for each process to answer a call."""
+    building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
+    answer its first call."""
 
     folder: StateFolder
     naming: Address
@@ -112,9 +113,7 @@ class System:
         )
 
     def _naming_service(self, orb: Orb) -> ProcessSpec:
-        # With -nohostname the data stay readable after the machine is renamed.
-        own = ("-start", str(self.naming.port), "-always", "-nohostname", "-datadir", str(self.folder.names))
-        command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{self.naming}")
+        command = naming_service_command(self.naming, self.folder.names)
         log = logs.open_log(NAMING_SERVICE, self.folder.logs)
 
         def log_line(line: str) -> None:
@@ -133,7 +132,7 @@ class System:
 
         def probe() -> None:
             for name, object_probe in server.objects.items():
-                object_probe.ask(orb, name)
+                object_probe.call_object(orb, name)
 
         def relay(line: str) -> None:
             level, _, text = line.partition(" ")
@@ -144,6 +143,13 @@ class System:
         return ProcessSpec(
             server.name, tuple(command), self.folder.path, probe, relay, start_limit_s=self.start_limit_s
         )
+
+
+def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
+    """The command of a naming service at `naming`, with its bindings in the folder `data`. Raises ServiceError."""
+    # With -nohostname the data stay readable after the machine is renamed.
+    options = ("-start", str(naming.port), "-always", "-nohostname", "-datadir", str(data))
+    return (find_omninames(), *options, "-ORBendPoint", f"giop:tcp:{naming}")
 
 
 def find_omninames() -> str:

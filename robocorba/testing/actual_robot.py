@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from subprocess import Popen
 from typing import Any, NamedTuple
@@ -13,9 +13,11 @@ from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
-from robocorba.testing.processes import Launcher, claimed_ports, eventually
+from robocorba.supervision.system import naming_service_command
+from robocorba.testing.processes import Launcher, claimed_ports, drain, eventually
 
+#: Time limit for the start on a busy machine [s].
+START_LIMIT_S = 300.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -36,22 +38,26 @@ class StandIn(NamedTuple):
 
 
 @contextlib.contextmanager
-def running_stand_in(folder: Path, *arguments: str, orb: Orb | None = None) -> Iterator[StandIn]:
-    """Both processes, ready, until the end of the `with`. orb: of this process if it already has one."""
+def running_stand_in(
+    folder: Path, *arguments: str, orb: Orb | None = None, host: str = "127.0.0.1", within: Sequence[str] = ()
+) -> Iterator[StandIn]:
+    """Both processes, ready, until the end of the `with`. orb: of this process if it already has one. within: command
+    prefix that runs them on another `host`."""
+    folder.mkdir(exist_ok=True)
     with claimed_ports() as port, Launcher(folder) as launch:
-        naming = Address("127.0.0.1", port)
+        naming = Address(host, port)
         names = folder / "names"
         names.mkdir(exist_ok=True)
-        own = ("-start", str(port), "-always", "-nohostname", "-datadir", str(names))
-        launch(find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
+        launch(*within, *naming_service_command(naming, names))
         process = launch(
-            *(*module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
-            *("--endpoint", f"127.0.0.1:{port + 1}", "--naming", str(naming), *arguments),
+            *(*within, *module_command("robocorba.servers.smartpal"), "--state", str(folder / "state")),
+            *("--endpoint", f"{host}:{port + 1}", "--naming", str(naming), *arguments),
             PYTHONPATH=str(ROOT),
         )
         with contextlib.nullcontext(orb) if orb else Orb(Address("127.0.0.1", port + 2)) as ours:
             place = StandIn(naming, process, ours)
-            eventually(lambda: _is_ready(place), 60.0, "the stand-in")
+            eventually(lambda: _is_ready(place), START_LIMIT_S, "the stand-in")
+            drain(process)
             yield place
 
 

@@ -13,6 +13,7 @@ from robocorba.maps.model import (
     Area,
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     DoorKind,
@@ -27,7 +28,6 @@ from robocorba.maps.model import (
     PathNode,
     PolygonShape,
     SegmentShape,
-    Side,
     TopologicalMap,
     Wall,
 )
@@ -56,7 +56,7 @@ def two_floors() -> Building:
                     at=(18.0, 5.0),
                     size=(2.0, 2.0),
                     heading=math.pi / 2,
-                    doors=tuple(ElevatorDoor(floor=name, side=Side.BACK, width=1.2) for name in ("L1", "L2")),
+                    doors=tuple(ElevatorDoor(floor=name, side=CabinSide.BACK, width=1.2) for name in ("L1", "L2")),
                 ),
             ),
             ("L1", Wall(name="w", a=(10.0, 0.0), b=(10.0, 10.0))),
@@ -115,7 +115,7 @@ headings = st.sampled_from([0.0, 0.5, math.pi / 2])
 elevator_doors = st.builds(
     ElevatorDoor,
     floor=floor_names,
-    side=st.sampled_from(Side),
+    side=st.sampled_from(CabinSide),
     width=st.sampled_from([0.5, 0.9, 1.0]),
     offset=st.sampled_from([0.0, 0.1]),
 )

@@ -19,7 +19,7 @@ from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import Launcher, claimed_ports, eventually, hang
 
 #: Timeout of waits that normally take a second or two, for a busy machine [s].
@@ -72,8 +72,7 @@ class Channels:
     # ---- processes ----
 
     def start_naming(self) -> None:
-        where = ("-start", str(self.port), "-always", "-nohostname", "-datadir", str(self.folder))
-        self.naming = self._launch(find_omninames(), *where, "-ORBendPoint", f"giop:tcp:127.0.0.1:{self.port}")
+        self.naming = self._launch(*naming_service_command(Address("127.0.0.1", self.port), self.folder))
 
     def address(self, name: str) -> str:
         if name not in self._port_of:

@@ -1,11 +1,10 @@
-"""What a robot can certainly reach on a floor, by shapely and a fine grid, without the planner's kernels."""
+"""The places that a robot can certainly reach on a floor, by shapely and a fine grid, without the planner's kernels."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -19,7 +18,7 @@ from robocorba.spatial.pose import XY
 from robocorba.testing.grid_maps import Cell, OctileGraph
 
 #: Tolerance for rounding [m].
-FORGIVEN_M = 1e-6
+TOLERANCE_M = 1e-6
 #: Side of a cell [m].
 GRID_CELL_M = 0.04
 #: Clearance beyond the radius that every path on the grid keeps [m]; obstacles grown by polygons need less.
@@ -27,6 +26,8 @@ SPARE_M = 0.01
 #: Clearance beyond the radius at the centre of a free cell [m]: a move to the next cell may lose half a cell of it. See
 #: OctileGraph for diagonal moves.
 GRID_MARGIN_M = SPARE_M + GRID_CELL_M / 2
+#: Number of sides for a quarter of the arcs of grown obstacles.
+ARC_SIDES = 16
 #: A place is on the grid if a straight drive leads to a free cell within this distance [m].
 GRID_REACH_M = 0.3
 #: Number of nearest free cells that are tried for such a drive.
@@ -55,6 +56,11 @@ class FloorGeometry:
     def point_is_free(self, at: XY, radius_m: float) -> bool:
         return not self.touching([(at, at)], radius_m)
 
+    def is_near_lane(self, a: XY, b: XY, reach_m: float) -> bool:
+        """Whether a one-way edge is so near that it may forbid the drive from a to b."""
+        line = LineString([a, b])
+        return any(line.distance(lane) <= reach_m for lane in self.lanes)
+
     def clearance(self, at: XY) -> float:
         """Distance from a place to the nearest obstacle [m]."""
         return float(shapely.distance(self.shapes, Point(at)).min(initial=math.inf))
@@ -70,7 +76,7 @@ class FloorGeometry:
         return found
 
     def touches(self, lines: Sequence[tuple[XY, XY]], radius_m: float) -> list[str]:
-        """The same as sentences."""
+        """The same, one sentence for each obstacle."""
         shapes = self._lines(lines)
         found = []
         for i, k in self._hits(shapes, radius_m).T:
@@ -88,14 +94,15 @@ class FloorGeometry:
     def _hits(self, shapes: NDArray[np.object_], radius_m: float) -> NDArray[np.int64]:
         if not len(self.shapes):
             return np.empty((2, 0), np.int64)
-        limit = radius_m - FORGIVEN_M
+        limit = radius_m - TOLERANCE_M
         if limit <= 0.0:
             return self.tree.query(shapes, "crosses")
         return self.tree.query(shapes, "dwithin", limit)
 
 
 class FineGrid:
-    """Cells whose centres keep radius + GRID_MARGIN_M from all obstacles; `labels` numbers connected parts from 1."""
+    """Cells whose centres keep radius + GRID_MARGIN_M from all obstacles and, with `without_lanes`, from one-way edges.
+    `labels` numbers the connected parts from 1."""
 
     def __init__(self, floor: FloorGeometry, radius_m: float, without_lanes: bool) -> None:
         self._floor, self._radius = floor, radius_m
@@ -106,45 +113,14 @@ class FineGrid:
         rows, columns = math.ceil((y1 - y0) / GRID_CELL_M), math.ceil((x1 - x0) / GRID_CELL_M)
         self._x = x0 + (np.arange(columns) + 0.5) * GRID_CELL_M
         self._y = y0 + (np.arange(rows) + 0.5) * GRID_CELL_M
-        self.free = np.ones((rows, columns), np.bool_)
-        self._block_lines(floor.shapes, radius_m + GRID_MARGIN_M)
-        self._block_insides([shape for shape in floor.shapes if shape.geom_type == "Polygon"])
-        if floor.outline is not None:
-            self.free &= shapely.contains_xy(floor.outline, *np.meshgrid(self._x, self._y))
-        if without_lanes:
-            self._block_lines(np.array(floor.lanes, object), radius_m + GRID_MARGIN_M)
         self._lanes = floor.lanes if without_lanes else []
+        grown = (radius_m + GRID_MARGIN_M) / math.cos(1.5 * math.pi / (4 * ARC_SIDES))  # as in maps.geometry.free_space
+        blocked = shapely.buffer([*floor.shapes, *self._lanes], grown, quad_segs=ARC_SIDES)
+        space = (floor.outline or shapely.box(x0, y0, x1, y1)).difference(shapely.union_all(blocked))
+        shapely.prepare(space)
+        self.free = shapely.contains_xy(space, *np.meshgrid(self._x, self._y))
         self.labels, self.count = ndimage.label(self.free)
         self._links: dict[XY, list[tuple[Cell, float]]] = {}
-
-    def _block_lines(self, shapes: NDArray[np.object_], reach_m: float) -> None:
-        """Block the cells whose centres are within reach of the shapes' lines."""
-        for part in shapely.get_parts(
-            shapely.get_parts(np.where(shapely.get_dimensions(shapes) == 2, shapely.boundary(shapes), shapes))
-        ):
-            at = shapely.get_coordinates(part)
-            for a, b in pairwise(at):
-                low, high = np.minimum(a, b) - reach_m, np.maximum(a, b) + reach_m
-                left, right = np.searchsorted(self._x, (low[0], high[0]))
-                bottom, top = np.searchsorted(self._y, (low[1], high[1]))
-                x, y = self._x[left:right] - a[0], self._y[bottom:top, None] - a[1]
-                d = b - a
-                square = float(d @ d)
-                t = (
-                    np.clip((x * d[0] + y * d[1]) / square, 0.0, 1.0)
-                    if square
-                    else np.zeros((top - bottom, right - left))
-                )
-                near = (x - t * d[0]) ** 2 + (y - t * d[1]) ** 2 < reach_m**2
-                self.free[bottom:top, left:right] &= ~near
-
-    def _block_insides(self, solids: Sequence[Polygon]) -> None:
-        for solid in solids:
-            x0, y0, x1, y1 = solid.bounds
-            left, right = np.searchsorted(self._x, (x0, x1))
-            bottom, top = np.searchsorted(self._y, (y0, y1))
-            inside = shapely.contains_xy(solid, *np.meshgrid(self._x[left:right], self._y[bottom:top]))
-            self.free[bottom:top, left:right] &= ~inside
 
     @cached_property
     def octile(self) -> OctileGraph:
@@ -163,7 +139,7 @@ class FineGrid:
     def _find_links(self, at: XY) -> list[tuple[Cell, float]]:
         if not self._floor.point_is_free(at, self._radius):
             return []
-        if self._lanes and any(lane.distance(Point(at)) <= self._radius + GRID_MARGIN_M for lane in self._lanes):
+        if self._lanes and self._floor.is_near_lane(at, at, self._radius + GRID_MARGIN_M):
             return []
         low, high = self._origin, self._origin + np.array(self.free.shape[::-1]) * GRID_CELL_M
         if self.is_open and (np.any(at < low) or np.any(at > high)):  # there are no obstacles beyond the grid

@@ -12,7 +12,6 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping
 from itertools import combinations
 from pathlib import Path
@@ -21,21 +20,21 @@ from typing import Any, NamedTuple
 import msgspec
 from omniORB import CORBA
 
-from robocorba.control.agent import Condition
+from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
-from robocorba.corba.remote.floors import RemoteDatabase
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
-from robocorba.missions.record import StoredPlan, decode_plan
+from robocorba.missions.subplan import StoredPlan
 from robocorba.names import MISSIONS
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, running_system
 
 FLOOR = "L1"
 #: Time limits for the start of a robot and for a mission [s].
@@ -90,16 +89,12 @@ class BodyPose(NamedTuple):
 @contextlib.contextmanager
 def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
     """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
-    with claimed_ports() as port, Launcher(folder) as launch:
-        running = real_system(launch, folder / "state", port, "--building", str(building), "--subnets", subnets)
-        running.wait_ready()
-        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
-        with Orb(running.naming, call_timeout_s=5.0) as orb:
-            place = MissionSystem(folder, running, orb, launch)
-            try:
-                yield place
-            finally:
-                place.end()
+    with (
+        running_system(folder, "--building", str(building), "--subnets", subnets) as (running, launch),
+        Orb(running.naming, call_timeout_s=5.0) as orb,
+        MissionSystem(folder, running, orb, launch) as place,
+    ):
+        yield place
 
 
 class MissionSystem:
@@ -110,6 +105,12 @@ class MissionSystem:
         self.robots: dict[str, subprocess.Popen[str]] = {}
         self._database = RemoteDatabase(orb, 5.0)
         self.server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+
+    def __enter__(self) -> MissionSystem:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
 
     # ---- robots ----
 
@@ -124,7 +125,7 @@ class MissionSystem:
             assert process.stdout is not None and process.stderr is not None
             if process.stdout.readline() != "ready\n":
                 raise AssertionError(f"{name} did not start: {process.stderr.read()}")
-            threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
+            drain(process)
 
     def kill(self, name: str) -> None:
         """kill -9 a robot, and wait until it is logged off."""
@@ -158,7 +159,7 @@ class MissionSystem:
             state = self.agent(name).state()
         except NotReachable:
             return False
-        return state.condition is Condition.IDLE and math.hypot(*state.actor.velocity[:2]) < 0.01
+        return state.condition is AgentCondition.IDLE and math.hypot(*state.actor.velocity[:2]) < 0.01
 
     # ---- missions ----
 
@@ -182,7 +183,7 @@ class MissionSystem:
     def kept(self, leader: str) -> StoredPlan | None:
         """The plan of the mission that a robot leads, or led last."""
         plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
-        return decode_plan(plans[-1].content) if plans else None
+        return StoredPlan.decode(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
         """Wait for a phase; fails if the mission ends before."""

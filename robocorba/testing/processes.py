@@ -6,33 +6,34 @@ import contextlib
 import os
 import signal
 import socket
-import subprocess
 import sys
-import time
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import TracebackType
+from subprocess import PIPE, Popen
 from typing import Any
 
 import msgspec
 import psutil
 
+from robocorba.backoff import Backoff
 from robocorba.settings import Address
 from robocorba.supervision.folder import StateFolder, SystemRecord
+from robocorba.supervision.launch import ChildProcess
 
 ROBOCORBA = str(Path(sys.executable).with_name("robocorba"))
 #: Ports per test: the naming service's, then its servers'; the last one stays bound and so reserves the block.
 PORTS_PER_TEST = 16
+#: Pauses between checks of a condition.
+POLLING = Backoff(0.02, 0.02)
 
 
 def eventually(condition: Callable[[], Any], timeout_s: float = 10.0, what: str = "") -> Any:
     """The first truthy answer of `condition`; fails the test after `timeout_s`."""
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
-        if answer := condition():
-            return answer
-        time.sleep(0.02)
-    raise AssertionError(f"not within {timeout_s:g} s: {what or condition}")
+    answer = POLLING.poll(condition, timeout_s)
+    assert answer, f"not within {timeout_s:g} s: {what or condition}"
+    return answer
 
 
 def hang(pid: int) -> None:
@@ -60,23 +61,31 @@ def claimed_ports() -> Iterator[int]:
     raise AssertionError("no free ports")
 
 
+def free_ports(count: int) -> list[int]:
+    """Ports on which no process listens now."""
+    with contextlib.ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
+
+
 class Launcher:
     """Starts commands in `folder`; the end of its `with` kills those that still run, with their child processes."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._started: list[subprocess.Popen[str]] = []
+        self._started: list[ChildProcess] = []
 
-    def __call__(self, *command: str, **environment: str) -> subprocess.Popen[str]:
+    def __call__(self, *command: str, **environment: str) -> ChildProcess:
         """A process with pipes for stdin, stdout and stderr; `environment` is added to ours."""
-        process = subprocess.Popen(
-            command,
+        process = ChildProcess(
+            *command,
             cwd=self.folder,
             env={**os.environ, **environment},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
+            stdin=PIPE,
+            stdout=PIPE,
+            stderr=PIPE,
         )
         self._started.append(process)
         return process
@@ -84,9 +93,7 @@ class Launcher:
     def __enter__(self) -> Launcher:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         for process in self._started:
             family = [] if process.poll() is not None else psutil.Process(process.pid).children(recursive=True)
             process.kill()
@@ -99,7 +106,7 @@ class Launcher:
 class Running:
     """A running `robocorba up`: its process, its state folder and the address of its naming service."""
 
-    def __init__(self, process: subprocess.Popen[str], state: Path, naming: Address) -> None:
+    def __init__(self, process: Popen[str], state: Path, naming: Address) -> None:
         self.process, self.state, self.naming = process, state, naming
         self.printed: list[str] = []
         self.descendants: list[psutil.Process] = []
@@ -139,13 +146,28 @@ class Running:
         return [process for process in self.descendants if is_running(process)]
 
 
-def real_system(launch: Callable[..., subprocess.Popen[str]], state: Path, naming_port: int, *more: str) -> Running:
+def real_system(launch: Callable[..., Popen[str]], state: Path, naming_port: int, *more: str) -> Running:
     """Start `robocorba up` with the real servers; does not wait. Servers without a compiled planner take a minute."""
     command = (ROBOCORBA, "up", "--state", str(state), "--naming-port", str(naming_port), "--start-limit", "300")
     return Running(launch(*command, *more), state, Address("127.0.0.1", naming_port))
 
 
-def refusal(process: subprocess.Popen[str], timeout_s: float = 20.0) -> str:
+@contextlib.contextmanager
+def running_system(folder: Path, *more: str) -> Iterator[tuple[Running, Launcher]]:
+    """A ready `robocorba up` with its state in folder/state, and a launcher for other processes; all end with the
+    `with`. One at a time in a process."""
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, *more).wait_ready()
+        drain(running.process)
+        yield running, launch
+
+
+def drain(process: Popen[str]) -> None:
+    """Discard the stderr of a process from now on: a full pipe would block it."""
+    threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
+
+
+def refusal(process: Popen[str], timeout_s: float = 20.0) -> str:
     """The error line of a process that must fail with exit code 1, an empty stdout and no traceback."""
     out, err = process.communicate(timeout=timeout_s)
     assert process.returncode == 1

@@ -7,24 +7,28 @@ import json
 import operator
 import os
 import platform
+import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-RESULTS = Path(__file__).resolve().parents[2] / "bench" / "results"
+#: Folder of the results, in the current one.
+RESULTS = Path("bench") / "results"
 #: Console for the progress of a bench.
 PROGRESS = Console(stderr=True)
 #: Load average of the minute before the bench; results of a busy machine are unreliable.
 LOAD_BEFORE = os.getloadavg()[0]
 T = TypeVar("T")
 Rows = Sequence[Mapping[str, Any]]
+Draw = Callable[[Axes], None]
 
 
 class Mark(NamedTuple):
@@ -57,32 +61,6 @@ def at_least(what: str, value: float, limit: float) -> Mark:
     return Mark(what, value, "at least", limit)
 
 
-def write(
-    name: str, title: str, rows: Sequence[Mapping[str, Any]], samples: Mapping[str, Sequence[float]], unit: str
-) -> None:
-    """Print `rows` as a table, write them to NAME.json, and plot the distribution of each of `samples` to NAME.png.
-
-    All rows have the same columns; None prints as an empty cell."""
-    table = Table(title=title)
-    for column in rows[0]:
-        table.add_column(column)
-    for row in rows:
-        table.add_row(*map(cell, row.values()))
-    Console(width=140).print(table)
-    write_json(name, title, {"rows": rows})
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for label, values in samples.items():
-        ordered = sorted(values)
-        axes.plot(ordered, [i / len(ordered) for i in range(len(ordered))], label=label)
-    axes.set(xscale="log", xlabel=unit, ylabel="share of calls that took less", title=title)
-    axes.grid(alpha=0.3)
-    axes.legend()
-    figure.savefig(RESULTS / f"{name}.png", dpi=120)
-    Console().print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json and .png\n", soft_wrap=True)
-
-
 def cell(value: Any) -> str:
     """A value as text in a table."""
     if value is None:
@@ -92,27 +70,37 @@ def cell(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 
-def summarize(name: str, title: str, rows: Rows, marks: Sequence[Mark], draw: Callable[[Axes], None]) -> bool:
+def summarize(
+    name: str,
+    title: str,
+    rows: Rows,
+    marks: Sequence[Mark],
+    draw: Draw | Figure,
+    shown: Sequence[str] = (),
+    **more: Any,
+) -> bool:
     """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
-    All rows have the same columns; None prints as an empty cell."""
+    All rows have the same columns; None prints as an empty cell. draw: the picture, or draws it. shown: the columns to
+    print, by default all. more: for the JSON file."""
     console = Console(width=160)
     table = Table(title=title)
-    for column in rows[0]:
+    for column in shown or rows[0]:
         table.add_column(column)
     for row in rows:
-        table.add_row(*map(cell, row.values()))
+        table.add_row(*(cell(row[column]) for column in shown or row))
     console.print(table)
     for mark in marks:
         console.print(mark.sentence)
-    write_json(name, title, {"rows": list(rows), "marks": [mark.as_json() for mark in marks]})
+    write_json(name, title, {**more, "rows": list(rows), "marks": [mark.as_json() for mark in marks]})
     write_csv(name, rows)
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    figure = draw if isinstance(draw, Figure) else Figure(figsize=(8, 4.5), layout="constrained")
+    if not isinstance(draw, Figure):
+        axes = figure.add_subplot()
+        draw(axes)
+        axes.set(title=title)
+        axes.grid(alpha=0.3)
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    draw(axes)
-    axes.set(title=title)
-    axes.grid(alpha=0.3)
     figure.savefig(RESULTS / f"{name}.png", dpi=120)
     console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json, .csv and .png\n", soft_wrap=True)
     return all(mark.is_reached for mark in marks)
@@ -150,3 +138,50 @@ def timed_ms(call: Callable[..., T], *arguments: object) -> tuple[T, float]:
     began = time.perf_counter()
     answer = call(*arguments)
     return answer, (time.perf_counter() - began) * 1e3
+
+
+def summary(values: Sequence[float], median: str, p99: str = "", worst: str = "") -> dict[str, float | None]:
+    """The median, p99 and largest of the values, as columns of these names; None without values."""
+    found: dict[str, float | None] = {median: statistics.median(values) if values else None}
+    if p99:
+        found[p99] = quantile(values, 0.99) if values else None
+    if worst:
+        found[worst] = max(values, default=None)
+    return found
+
+
+def distribution(
+    samples: Mapping[str, Sequence[float]], unit: str, ylabel: str = "share of calls that took less"
+) -> Draw:
+    """Draws the share of the values below each value, a curve for each label."""
+
+    def draw(axes: Axes) -> None:
+        for label, values in samples.items():
+            axes.plot(sorted(values), np.arange(len(values)) / max(1, len(values)), label=label)
+        axes.set(xscale="log", xlabel=unit, ylabel=ylabel)
+        axes.legend(fontsize="small")
+
+    return draw
+
+
+def bars(values: Mapping[str, float], unit: str, xscale: str = "linear") -> Draw:
+    """Draws a bar for each label, the first one at the top."""
+
+    def draw(axes: Axes) -> None:
+        axes.barh(list(values), list(values.values()))
+        axes.invert_yaxis()
+        axes.set(xscale=xscale, xlabel=unit)
+
+    return draw
+
+
+def curves(x: Sequence[float], columns: Mapping[str, Sequence[float]], xlabel: str, **settings: Any) -> Draw:
+    """Draws columns over x, a line with points for each label. settings: of the axes."""
+
+    def draw(axes: Axes) -> None:
+        for label, values in columns.items():
+            axes.plot(x, values, "o-", label=label)
+        axes.set(xlabel=xlabel, **settings)
+        axes.legend()
+
+    return draw

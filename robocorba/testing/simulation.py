@@ -8,9 +8,7 @@ import os
 import random
 import re
 import signal
-import threading
 import time
-from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from subprocess import Popen
@@ -21,14 +19,14 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
 from robocorba.repeating import Repeating
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
-from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
+from robocorba.testing.processes import Launcher, Running, eventually, running_system
 
 #: Time within which a dead robot's name, place and slot are free again [s].
 RELEASE_LIMIT_S = 3.0
@@ -66,15 +64,12 @@ def about(
 @contextlib.contextmanager
 def simulation(folder: Path, sensors: int = 2, call_limit_s: float = 10.0) -> Iterator[Place]:
     """`robocorba up` with the sample building and `sensors` virtual sensor servers; one at a time in a process."""
-    with claimed_ports() as port, Launcher(folder) as launch:
-        running = real_system(launch, folder / "state", port, "--sensors", str(sensors)).wait_ready()
-        # Drains stderr, since a full pipe would block the process; warnings are in its log.
-        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
-        with (
-            Orb(running.naming, call_timeout_s=call_limit_s) as orb,
-            contextlib.closing(Place(running, orb, launch)) as place,
-        ):
-            yield place
+    with (
+        running_system(folder, "--sensors", str(sensors)) as (running, launch),
+        Orb(running.naming, call_timeout_s=call_limit_s) as orb,
+        contextlib.closing(Place(running, orb, launch)) as place,
+    ):
+        yield place
 
 
 class Place:

@@ -5,22 +5,20 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
-import threading
-from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from robocorba.control.agent import AgentState
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
-from robocorba.kinematics.body import Body
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import Side
-from robocorba.testing.processes import ROBOCORBA, Launcher
+from robocorba.testing.processes import ROBOCORBA, Launcher, drain
 
-#: Largest differences allowed at the end: position of the base [m], heading [rad], position of a hand [m].
+#: Maximum differences at the end: position of the base [m], heading [rad], position of a hand [m].
 BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
-#: Time for a command and for the end of a robot process [s].
+#: Timeout of a command, and of the end of a robot process [s].
 RUN_LIMIT_S, END_LIMIT_S = 180.0, 20.0
 
 
@@ -32,7 +30,7 @@ class StateDifference(NamedTuple):
     hands_m: dict[Side, float]
 
 
-def apart(one: AgentState, other: AgentState, body: Body) -> StateDifference:
+def difference(one: AgentState, other: AgentState, body: SmartPalBody) -> StateDifference:
     """The differences between the states of two robots."""
     a, b = one.actor, other.actor
     hands = {side: math.dist(body.hand(side, a.joints).position, body.hand(side, b.joints).position) for side in Side}
@@ -58,8 +56,7 @@ def robot_process(folder: Path, orb: Orb, name: str, *arguments: str) -> Iterato
         assert process.stderr is not None
         if process.stdout.readline() != "ready\n":
             raise AssertionError(process.stderr.read())
-        # Drain its stderr: a full pipe would block it.
-        threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
+        drain(process)
 
         def robocorba(*command: str) -> str:
             other = launch(ROBOCORBA, *command, **settings)

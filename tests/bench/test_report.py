@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from bench.events.channel.memory import slope_an_hour
+from bench.events.channel.consumers import slope_an_hour
 from robocorba.testing import report
 from robocorba.testing.report import at_least, at_most, summarize
 
@@ -26,7 +26,7 @@ def test_marks() -> None:
 
 
 @pytest.mark.parametrize("value", [1.0, 3.0])
-def test_what_is_told_is_printed_and_written(
+def test_a_summary_is_printed_and_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float
 ) -> None:
     monkeypatch.setattr(report, "RESULTS", tmp_path)

@@ -16,21 +16,9 @@ from omniORB import CORBA
 from bench.simulation import headless as bench_headless
 from bench.simulation import robots as bench_robots
 from bench.simulation import sensors as bench_sensors
-from bench.simulation.building import RADIUS_M, office, robots
-from bench.simulation.headless import LASER, MOST, OURS, RING, Case, Lap, crowd
-from bench.simulation.headless_clients import PARTS, Wanderers
+from bench.simulation.headless import LASER, MOST, OURS, PARTS, RING, Case, Lap, Wanderers, crowd
 from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
-from bench.simulation.robots_client import (
-    PATIENCE,
-    STUCK_M_S,
-    Clients,
-    Robot,
-    Worked,
-    drive,
-    in_threads,
-    joined,
-    pids_of,
-)
+from bench.simulation.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, drive, joined
 from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps import native
@@ -38,6 +26,8 @@ from robocorba.maps.movable import movables
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
+from robocorba.testing.generated_buildings import RADIUS_M, office, robots
+from robocorba.testing.json_process import Cpu, pids_of
 
 
 def test_the_office_is_as_it_is_described() -> None:
@@ -51,7 +41,7 @@ def test_the_office_is_as_it_is_described() -> None:
     assert len(movables(building)) == 4 * 24
 
 
-def test_nobody_stands_in_the_way_of_another() -> None:
+def test_robots_start_without_overlaps() -> None:
     found = robots(office(), 200)
     assert len({about.name for about in found}) == 200
     assert {about.pose.floor for about in found} == set(office().floors)
@@ -97,9 +87,9 @@ def test_clients_see_the_same_either_way(spec: Any, tmp_path: Path) -> None:
     assert together.distances.min() < spec.fan.range_m
 
 
-def test_laps_are_told_by_their_medians() -> None:
+def test_rows_have_the_medians_of_laps() -> None:
     laps = [
-        Lap(factor, factor, {**dict.fromkeys(OURS, 0.0), "steps": 2.0 / factor, "scans": 1.0}, 60)
+        Lap(factor, factor, {**dict.fromkeys((*OURS, *PARTS), 0.0), "steps": 2.0 / factor, "scans": 1.0}, 60)
         for factor in (4.0, 2.0, 3.0)
     ]
     row = bench_headless.row_of(Case(10, "ring", RING, 60.0), laps)
@@ -132,7 +122,7 @@ def test_growth_is_judged_by_the_time_a_robot(factor_of_most: float, is_linear: 
 
 
 class Session:
-    """Of a robot that is commanded, and is as fast as it is told to."""
+    """Of a robot that is commanded and takes `takes_s` for a command."""
 
     def __init__(self, takes_s: float = 0.0) -> None:
         self.commands: list[Any] = []
@@ -176,12 +166,8 @@ def test_what_a_slow_server_keeps_from_being_made_is_missing() -> None:
     assert found["late"][-1] > 200
 
 
-def test_what_several_say_is_joined() -> None:
-    assert joined([[1, 2], [], [3]]) == [1, 2, 3]
-    assert joined([1, 2, 3]) == 6
-    assert in_threads(lambda number: number * number, 3) == [0, 1, 4]
-    with pytest.raises(ZeroDivisionError):
-        in_threads(lambda number: 1 // number, 2)
+def test_answers_of_several_processes_are_joined() -> None:
+    assert joined([{"a": [1, 2], "b": 1}, {"a": [], "b": 2}, {"a": [3], "b": 3}]) == {"a": [1, 2, 3], "b": 6}
 
 
 def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
@@ -194,7 +180,7 @@ def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
     }
 
 
-def test_runs_of_robots_are_told() -> None:
+def test_rows_of_a_run() -> None:
     row = bench_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
     assert (row["command ms"], row["command p99"], row["worst"], row["from due p99"]) == (1.0, 30.0, 30.0, 60.0)
     assert (row["callers"], row["made"], row["achieved"], row["hits/min"]) == (12, 0.5, 1.0, 5.0)
@@ -251,7 +237,7 @@ def test_a_scan_is_compared_with_null_calls_of_its_own_round(scan_ms: float, is_
     assert mark.is_reached is is_reached
 
 
-def test_what_each_sensor_does_is_told_side_by_side() -> None:
+def test_values_of_sensors_are_side_by_side() -> None:
     assert bench_sensors.spread([20, 19]) == "20 + 19"
 
 
@@ -314,8 +300,8 @@ def test_a_small_run_of_sensors(system: tuple[Any, Clients, Path], monkeypatch: 
 @pytest.mark.system
 def test_work_of_a_process_is_counted(system: tuple[Any, Clients, Path]) -> None:
     server, _, state = system
-    worked = Worked(pids_of(state, "simulation"))
-    by = time.monotonic() + 30.0
-    while worked.seconds()[0] == 0.0 and time.monotonic() < by:  # the system counts in hundredths of a second
+    cpu, by, spent_s = Cpu(pids_of(state, "simulation")), time.monotonic() + 30.0, 0.0
+    while spent_s == 0.0 and time.monotonic() < by:  # the system counts in hundredths of a second
         server._get_state()
-    assert 0.0 < worked.seconds()[0] < 30.0
+        spent_s = cpu.spent_s()[0]
+    assert 0.0 < spent_s < 30.0

@@ -9,7 +9,7 @@ import pytest
 
 from bench.robots import virtual_and_actual as bench
 from robocorba.control.tick_file import Tick, TickFile
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.testing.virtual_and_actual import StateDifference
@@ -41,7 +41,7 @@ def test_ticks_are_compared_icon_by_icon(tmp_path: Path) -> None:
     ticks(tmp_path / "actual.csv", 0.003, 0.02, more=5)
     virtual, actual = (bench.parts_of(tmp_path / f"{name}.csv") for name in ("virtual", "actual"))
     assert [part.icon for part in virtual] == [part.icon for part in actual] == list(ICONS)
-    found = bench.compared(1, virtual, actual, Body())
+    found = bench.compared(1, virtual, actual, SmartPalBody())
     assert len(found) == 3 * 55
     assert {row["base_mm"] for row in found} == {3.0}
     assert {row["turned_deg"] for row in found} == {round(np.degrees(0.02), 4)}

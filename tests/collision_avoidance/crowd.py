@@ -1,9 +1,8 @@
-"""Robots that drive in one simulated building, whose time passes as fast as this machine can."""
+"""Robots that drive in one simulated building, which runs as fast as the computer can."""
 
 from __future__ import annotations
 
 import functools
-import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,6 +11,7 @@ from typing import Any
 import msgspec
 
 from robocorba.collision_avoidance.neighbours import PoolNearby
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.control.high_controller import HighController
 from robocorba.control.robot import Robot
 from robocorba.control.sensors import Sensors
@@ -19,27 +19,32 @@ from robocorba.control.session import SessionState
 from robocorba.control.simulated_adaptor import SimulatedAdaptor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.maps.model import Building
 from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.simulation.physics import STEP_S
-from robocorba.simulation.registry import Description, Pose
-from robocorba.simulation.reservations import Reservation, kept_of, wanted_of
+from robocorba.simulation.registry import Description
+from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
+from robocorba.spatial.pose import Pose, Pose2D
 from tests.data_pool.places import Place
 
 FLOOR = "L1"
+#: Simulated time passes faster than the clock, so robots check their conditions at this interval [s].
+CHECK_INTERVAL_S = 0.002
 #: Number of steps between updates of the data pools.
 FOLLOW_STEPS = 3
 _KINEMATICS = InverseKinematics()
 
 
 class Crowd:
-    """Robots by name, from their start poses. `nearest_m`: least gap of two rims so far; `touched`: collisions."""
+    """Robots by name, from their start poses. touched: bodies of each collision."""
 
-    def __init__(self, building: Building, starts: Mapping[str, tuple[float, float, float]]) -> None:
+    def __init__(
+        self, building: Building, starts: Mapping[str, Pose2D], policy: GivingWayPolicy = DEFAULT_POLICY
+    ) -> None:
         for name, floor in building.floors.items():
             building.floors[name] = msgspec.structs.replace(floor, topological=topological_map(building, name))
         _warm_up()
@@ -53,14 +58,13 @@ class Crowd:
         for name, pool in self._pools.items():
             session = InStep(self.world, name)
             session.state()
-            controller = Stepped(SimulatedAdaptor(session), BASE, LOWER, UPPER, SPEED)
+            controller = Stepped(SimulatedAdaptor(session), BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
             controller.start(())
             sensors = Sensors(session, lambda controller=controller: controller.state, RADIUS_M)
             self._controllers.append(controller)
-            nearby = PoolNearby(pool, name)
-            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby)
+            nearby = PoolNearby(pool, name, policy)
+            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby, CHECK_INTERVAL_S)
         self.touched: list[tuple[str, ...]] = []
-        self.nearest_m = math.inf
         for _ in range(FOLLOW_STEPS):
             self._step()
 
@@ -68,11 +72,11 @@ class Crowd:
     def time(self) -> float:
         return self.world.time
 
-    def at(self, name: str) -> tuple[float, float, float]:
+    def at(self, name: str) -> Pose2D:
         return self.world.pose(name)[1:]
 
     def carried(self, thing: str, to: tuple[float, float]) -> None:
-        """Somebody has carried a thing somewhere else."""
+        """Move an object to another place."""
         before, floor = self.world.objects[thing]
         self.world._remove_object(thing)
         self.world._add_object(thing, msgspec.structs.replace(before, at=to), floor)
@@ -80,7 +84,7 @@ class Crowd:
             self._step()
 
     def run(self, limit_s: float, **parts: Callable[[Robot], None]) -> dict[str, str]:
-        """Until everybody has done its part; why not, by name. Fails after `limit_s` of simulated time."""
+        """Run all robots' parts to their ends; return the errors by name. Fails after `limit_s` of simulated time."""
         wrong: dict[str, str] = {}
 
         def do(name: str, part: Callable[[Robot], None]) -> None:
@@ -89,7 +93,7 @@ class Crowd:
             except RoboCorbaError as error:
                 wrong[name] = str(error)
 
-        threads = {name: threading.Thread(target=do, args=each, daemon=True) for name, each in _named(parts).items()}
+        threads = {name: threading.Thread(target=do, args=(name, part), daemon=True) for name, part in parts.items()}
         for thread in threads.values():
             thread.start()
         deadline = self.time + limit_s
@@ -104,10 +108,6 @@ class Crowd:
     def _step(self) -> None:
         happened = self.world.step()
         self.touched += [each.who for each in happened if each.kind == "collision"]
-        places = [self.world.pose(name) for name in self.robots]
-        for i, one in enumerate(places):
-            for other in places[:i]:
-                self.nearest_m = min(self.nearest_m, math.dist(one[1:3], other[1:3]) - 2 * RADIUS_M)
         self._place.clock.now += STEP_S
         for number, pool in enumerate(self._pools.values()):
             if (round(self.time / STEP_S) + number) % FOLLOW_STEPS == 0:
@@ -118,12 +118,8 @@ class Crowd:
 
 @functools.cache
 def _warm_up() -> None:
-    """Nobody waits for compiled code while time passes."""
+    """Compile kernels before simulated time passes."""
     PathPlanner(Building("")).warm_up()
-
-
-def _named(parts: Mapping[str, Callable[[Robot], None]]) -> dict[str, tuple[str, Callable[[Robot], None]]]:
-    return {name: (name, part) for name, part in parts.items()}
 
 
 class Stepped(HighController):
@@ -182,13 +178,13 @@ class InStep:
         raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._world.reserve(self._robot.name, wanted_of(areas, limit_s, self._world.floors))
+        self._world.reserve(self._robot.name, area_request(areas, limit_s, self._world.floors))
 
     def reservation(self) -> Reservation | None:
         return self._world.reservations.find(self._robot.name, self._world.time)
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        self._world.reservations.keep(self._robot.name, kept_of(areas))
+        self._world.reservations.keep(self._robot.name, canonical_areas(areas))
 
     def release_areas(self) -> None:
         self._world.reservations.release(self._robot.name)

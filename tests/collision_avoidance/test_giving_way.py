@@ -1,4 +1,4 @@
-"""Robots that drive don't touch each other: two by the rules alone, and more of them in the simulated building."""
+"""Giving way: robots never touch, with the rules alone, and in the simulated building."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hypothesis import strategies as some
 
 from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
 from robocorba.collision_avoidance.neighbours import OtherRobot
+from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
-from robocorba.control import execution_control
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE, RADIUS_M
+from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.motion.driving import Drive
@@ -30,7 +30,9 @@ TICK_S, KNOWN_LATE_TICKS = 0.02, 3
 
 
 class Base:
-    """A base that speeds up as fast as it can, and remembers where it was; `wall_y` is the only obstacle."""
+    """A base with the greatest acceleration, and a record of its states. wall_y: the only obstacle."""
+
+    policy = DEFAULT_POLICY
 
     def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
         self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
@@ -62,7 +64,7 @@ class Base:
         state = self.state
         vx, vy = turned(*state.velocity[:2], state.heading)
         wx, wy = turned(*velocity[:2], state.heading)
-        share = min(1.0, BASE.acceleration * TICK_S / max(math.hypot(wx - vx, wy - vy), 1e-12))
+        share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(wx - vx, wy - vy), 1e-12))
         vx, vy = vx + share * (wx - vx), vy + share * (wy - vy)
         heading = state.heading + velocity[2] * TICK_S
         moving = *turned(vx, vy, -heading), velocity[2]
@@ -70,7 +72,7 @@ class Base:
 
 
 def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> tuple[float, list[str]]:
-    """Until all are there or have given up: the nearest that two rims ever were, m, and how each of them ended."""
+    """Drive until all have arrived or failed: the least gap between two rims [m], and the end of each drive."""
     ends = [""] * len(bases)
     nearest_m = math.inf
     for base in bases:
@@ -80,7 +82,7 @@ def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> t
             velocity = (0.0, 0.0, 0.0)
             if not ends[number]:
                 try:
-                    command = motion.wish(base.state, base.state.time)
+                    command = motion.command(base.state, base.state.time)
                     velocity = command.velocity if command else velocity
                     ends[number] = "" if command else "there"
                 except MotionFailed as failed:
@@ -104,23 +106,25 @@ SPEEDS = some.floats(0.1, 1.0)
 @example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 1.0)])
 @example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((0.0, -4.0), (0.0, 4.0), 1.0)])
 @example([((0.0, 0.0), (4.0, 0.0), 1.0), ((0.0, 1.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 0.5)])
-def test_nobody_touches_anybody(ways: list[tuple[tuple[float, float], tuple[float, float], float]]) -> None:
-    starts = [start for start, _, _ in ways]
+def test_robots_never_touch(drives: list[tuple[tuple[float, float], tuple[float, float], float]]) -> None:
+    starts = [start for start, _, _ in drives]
     assume(all(math.dist(a, b) > 2 * RADIUS_M + MARGIN_M for i, a in enumerate(starts) for b in starts[:i]))
     bases = [Base(f"r{number}", *start) for number, start in enumerate(starts)]
     motions = [
-        GiveWay(Drive([goal], None, speed, BASE), base, goal)
-        for base, (_, goal, speed) in zip(bases, ways, strict=True)
+        GiveWay(Drive([goal], None, speed, BASE_LIMITS), base, goal)
+        for base, (_, goal, speed) in zip(bases, drives, strict=True)
     ]
     nearest_m, ends = drive(bases, motions, 240.0)  # at 0.1 m/s 11 m take a while
     assert nearest_m > 0.0
     assert all(ends), ends
 
 
-def test_of_two_whose_ways_cross_the_first_does_not_even_slow_down() -> None:
+def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> None:
     bases = [Base("a", -3.0, 0.0), Base("b", 0.0, -3.0)]
     goals = [(3.0, 0.0), (0.0, 3.0)]
-    motions = [GiveWay(Drive([goal], None, 0.4, BASE), base, goal) for base, goal in zip(bases, goals, strict=True)]
+    motions = [
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+    ]
     nearest_m, ends = drive(bases, motions)
     assert ends == ["there", "there"]
     assert nearest_m > MARGIN_M
@@ -129,10 +133,12 @@ def test_of_two_whose_ways_cross_the_first_does_not_even_slow_down() -> None:
     assert min(speeds[1]) < 0.2
 
 
-def test_head_on_both_stand_and_say_who_is_in_the_way() -> None:
+def test_head_on_both_stop_and_name_the_other() -> None:
     bases = [Base("a", -2.0, 0.0), Base("b", 2.0, 0.0)]
     goals = [(2.0, 0.0), (-2.0, 0.0)]
-    motions = [GiveWay(Drive([goal], None, 0.4, BASE), base, goal) for base, goal in zip(bases, goals, strict=True)]
+    motions = [
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+    ]
     nearest_m, ends = drive(bases, motions)
     assert NEAR_MARGIN_M - 0.005 < nearest_m < MARGIN_M + 0.02
     assert ends[0].endswith("b is in the way")
@@ -142,32 +148,32 @@ def test_head_on_both_stand_and_say_who_is_in_the_way() -> None:
 def test_places_side_by_side_can_be_reached() -> None:
     bases = [Base("a", 0.0, 0.0), Base("b", 3.0, 0.5)]
     goal = 0.82, 0.0
-    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE), bases[1], goal)
-    nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE), bases[0]), motion])
+    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE_LIMITS), bases[1], goal)
+    nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE_LIMITS), bases[0]), motion])
     assert ends == ["there", "there"]
     assert nearest_m >= NEAR_MARGIN_M
 
 
-def test_a_robot_goes_as_far_as_a_wall_lets_it() -> None:
+def test_a_robot_stops_before_a_wall() -> None:
     base = Base("a", 0.0, 0.0, wall_y=0.6)
-    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE), base, precise_positioning=True, avoid_walls=True)
+    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE_LIMITS), base, precise_positioning=True, avoid_walls=True)
     _, (end,) = drive([base], [motion])
     assert end.endswith("a wall or an object is in the way")
     assert base.state.y == pytest.approx(0.6 - RADIUS_M - 0.02, abs=0.005)
 
 
-def test_a_robot_that_sees_nobody_does_not_drive() -> None:
+def test_a_robot_does_not_drive_without_positions_of_others() -> None:
     class Blind(Base):
         def others(self, x: float, y: float) -> list[OtherRobot]:
             raise NotReachable("away")
 
     base = Blind("a", 0.0, 0.0)
-    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE), base)])
+    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE_LIMITS), base)])
     assert end.startswith("stuck at (0.00, 0.00)")
 
 
 @given(PLACES, PLACES, some.tuples(some.floats(-1, 1), some.floats(-1, 1)))
-def test_who_may_not_come_nearer_may_leave(
+def test_a_robot_inside_the_margin_may_drive_away(
     here: tuple[float, float], there: tuple[float, float], velocity: tuple[float, float]
 ) -> None:
     state, other = RobotState(0.0, *here), OtherRobot("b", *there, 0.0, 0.0, 0.0, RADIUS_M)
@@ -185,8 +191,7 @@ def test_who_may_not_come_nearer_may_leave(
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(execution_control, "LOOK_S", 0.002)
+def seed() -> None:
     random.seed(1)
 
 
@@ -202,7 +207,7 @@ Pose = tuple[float, float, float]
 
 
 def meet(crowd: Crowd, goals: dict[str, Pose], limit_s: float = 150.0) -> None:
-    """Everybody gets to its goal, and nobody touches anything."""
+    """All robots reach their goals without a collision."""
 
     def go(goal: Pose, robot: Robot) -> None:
         robot.drive_path(FLOOR, *goal, around_obstacles=True)
@@ -224,7 +229,7 @@ def test_four_change_places_through_the_middle() -> None:
     meet(crowd, {"A": corners["C"], "B": corners["D"], "C": corners["A"], "D": corners["B"]})
 
 
-def test_one_stands_in_the_others_goal_for_a_moment() -> None:
+def test_a_robot_waits_until_its_goal_is_free() -> None:
     crowd = Crowd(room(8.0, 4.0), {"A": (1.0, 2.0, 0.0), "B": (4.0, 2.0, 0.0)})
 
     def leave(robot: Robot) -> None:
@@ -239,14 +244,14 @@ def test_one_stands_in_the_others_goal_for_a_moment() -> None:
     assert crowd.at("A")[:2] == pytest.approx((4.0, 2.0), abs=0.01)
 
 
-def test_one_is_parked_on_the_way_and_the_map_has_something_where_it_is_no_more() -> None:
+def test_a_robot_drives_around_a_parked_one_and_past_an_objects_place_on_the_map() -> None:
     box = MapObject("box", BoxShape((0.8, 0.8)), (6.0, 2.0), height=0.5, movable=True)
     crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0), "B": (3.5, 2.0, 0.0)})
     crowd.carried("box", (1.0, 0.6))
     meet(crowd, {"A": (6.0, 2.0, 0.0)})
 
 
-def test_what_was_carried_onto_the_way_is_driven_around() -> None:
+def test_a_robot_drives_around_a_moved_object() -> None:
     box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
     crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
     crowd.carried("box", (4.0, 2.0))
@@ -255,7 +260,7 @@ def test_what_was_carried_onto_the_way_is_driven_around() -> None:
     assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.01)
 
 
-def test_corners_are_passed_with_room() -> None:
+def test_corners_are_passed_with_clearance() -> None:
     crowd = Crowd(load_sample("paper-scene"), {"A": (11.6, 1.3, 0.0)})
     crowd.carried("table", (6.7, 3.1))  # a metre from the door's frame, at an angle
     assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.5, 1.2)) == {}
@@ -263,7 +268,7 @@ def test_corners_are_passed_with_room() -> None:
     assert crowd.touched == []
 
 
-def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
+def test_corners_are_passed_with_clearance_to_a_place_beside_another_robot() -> None:
     crowd = Crowd(load_sample("paper-scene"), {"A": (3.9, 0.7, 0.0), "B": (9.02, 5.19, 0.0), "C": (6.66, 1.1, 0.0)})
     crowd.carried("table", (6.7, 3.1))
     goals = {"A": (6.7, 4.42), "B": (6.24, 1.78), "C": (7.16, 1.78)}  # where they gather
@@ -275,10 +280,9 @@ def test_corners_are_passed_with_room_to_a_place_beside_another_robot() -> None:
     assert crowd.touched == []
 
 
-def test_who_is_really_in_the_way_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.control.base.MAX_BLOCKAGES", 1)
-    monkeypatch.setattr("robocorba.control.base.MAX_PAUSE_S", 1.0)
-    crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)})
+def test_the_blocking_robot_is_named() -> None:
+    policy = GivingWayPolicy(max_blockages=1, max_pause_s=1.0)
+    crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)}, policy)
     wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
     assert wrong["A"].endswith("B is in the way")
     assert crowd.touched == []

@@ -1,4 +1,4 @@
-"""Where others are by now, by a data pool that was followed some time ago."""
+"""Positions of other robots, extrapolated from a data pool that lags."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tests.data_pool.places import Place
 from tests.simulation.places import robot
 
 
-def test_others_are_where_they_have_got_to() -> None:
+def test_positions_are_extrapolated() -> None:
     place = Place()
     for name, y in (("A", 1.0), ("B", 3.0), ("far", 9.0)):
         place.world.add(robot(name, y=y))
     place.world.robots["B"].command(0.5, 0.0, 0.0, 5.0)
     place.run(1.0)
-    pool = place.pool(oneself="A")
+    pool = place.pool(own_name="A")
     nearby = PoolNearby(pool, "A")
     with pytest.raises(NotReachable, match="has not been requested yet"):
         nearby.others(7.0, 1.0)
@@ -33,9 +33,9 @@ def test_others_are_where_they_have_got_to() -> None:
         nearby.others(7.0, 1.0)
 
 
-def test_room_is_what_walls_and_objects_leave() -> None:
+def test_clearance_ignores_robots() -> None:
     place = Place()
     place.world.add(robot("B", x=7.0, y=2.0))
-    pool = place.pool(oneself="A")
+    pool = place.pool(own_name="A")
     pool.follow()
     assert PoolNearby(pool, "A").clearance_m(7.0, 1.0) == pytest.approx(1.0)  # the bounds of the floor, not B

@@ -1,10 +1,11 @@
-"""What robots drive around that is not on the map."""
+"""Temporary obstacles, which are not on the map."""
 
 from __future__ import annotations
 
 import pytest
 from shapely import Point, Polygon
 
+from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import (
     CLEARANCE_M,
     MIN_CLEARANCE_M,
@@ -29,12 +30,12 @@ def seen_by_a(*others_y: float) -> FloorSnapshot:
     place.world.add(robot("C", y=9.0))
     place.world.robots["C"].command(1.0, 0.0, 0.0, 5.0)
     place.run(1.0)
-    pool = place.pool(oneself="A")
+    pool = place.pool(own_name="A")
     pool.follow()
     return pool.snapshot()
 
 
-def test_robots_that_stand_and_objects_where_they_are() -> None:
+def test_stationary_robots_and_present_poses_of_objects() -> None:
     seen = seen_by_a(3.0)
     found = temporary_obstacles(seen, "A")
     assert found.without_movables == ("L1",)
@@ -47,7 +48,7 @@ def test_robots_that_stand_and_objects_where_they_are() -> None:
     assert len(temporary_obstacles(seen, "A", also="C").forbidden_areas) == 3
 
 
-def test_objects_alone_and_without_what_is_held() -> None:
+def test_movable_objects_without_the_held_one() -> None:
     seen = seen_by_a(3.0)
     found = movable_objects(seen, "A")
     assert found == temporary_obstacles(seen, "A")._replace(
@@ -58,20 +59,19 @@ def test_objects_alone_and_without_what_is_held() -> None:
     assert movable_objects(seen, "nobody") == TemporaryObstacles()
 
 
-def test_who_stands_close_by_leaves_the_robot_outside() -> None:
+def test_the_robot_is_outside_the_area_of_a_near_robot() -> None:
     near, *_ = (Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(1.83), "A").forbidden_areas)
     assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
 
 
-def test_who_wants_to_stand_close_by_may() -> None:
+def test_the_goal_is_outside_the_area_of_a_near_robot() -> None:
     near, *_ = (
         Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(4.0), "A", goal=(7.0, 4.85)).forbidden_areas
     )
     assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
-    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # ways keep that room to it
+    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # the clearance of paths
 
 
-def test_what_is_too_much_to_tell_stays_where_the_map_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.collision_avoidance.temporary_obstacles.MAX_OBJECTS", 0)
-    found = temporary_obstacles(seen_by_a(3.0), "A")
+def test_too_many_objects_are_left_to_the_map() -> None:
+    found = temporary_obstacles(seen_by_a(3.0), "A", policy=GivingWayPolicy(max_objects=0))
     assert (len(found.forbidden_areas), found.without_movables) == (1, ())

@@ -22,7 +22,7 @@ def event(payload: Any, **more: Any) -> Event:
     return Event("robot.state", "A", payload, 1.5e9, "lab", 7)._replace(**more)
 
 
-def test_a_line_tells_header_and_payload() -> None:
+def test_a_line_shows_header_and_payload() -> None:
     line = text_line(event({"x": 1.5, "floor": "一階"}))
     assert line.startswith(("2017-07-13T", "2017-07-14T"))
     assert line.endswith('  lab:7  robot.state  A  {"x": 1.5, "floor": "一階"}')
@@ -42,7 +42,7 @@ def test_a_line_tells_header_and_payload() -> None:
         (-float("inf"), "-inf"),
     ],
 )
-def test_what_json_does_not_know_is_shown_as_text(payload: Any, shown: Any) -> None:
+def test_values_without_a_json_type_are_shown_as_text(payload: Any, shown: Any) -> None:
     found = json.loads(json_line(event(payload)))
     assert found == {
         "type": "robot.state",
@@ -60,7 +60,7 @@ def test_a_struct_of_a_plain_client_is_shown() -> None:
     assert "XY" in json.loads(json_line(event(RoboCorba.XY(1.0, 2.0))))["payload"]
 
 
-def test_nesting_and_length_end_somewhere() -> None:
+def test_nesting_and_length_are_limited() -> None:
     deep: Any = 0
     for _ in range(900):
         deep = [deep]
@@ -183,7 +183,7 @@ def test_each_channel_has_all_others_as_peers() -> None:
         (",".join(f"n{number}" for number in range(300)), "300 channels"),
     ],
 )
-def test_what_is_no_list_of_subnets_is_named(text: str, reason: str) -> None:
+def test_an_invalid_list_of_subnets_is_refused(text: str, reason: str) -> None:
     with pytest.raises(InvalidSetting) as refused:
         parse_subnets(text)
     assert refused.value.setting == "--subnets"

@@ -46,30 +46,30 @@ def refusal(*arguments: str) -> str:
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
-def test_samples_are_sound(sample: str) -> None:
+def test_samples_are_valid(sample: str) -> None:
     (line,) = lines(robocorba_map("check", sample))
-    assert line.startswith(f"{sample} is sound: ")
+    assert line.startswith(f"{sample} is valid: ")
 
 
-def test_check_says_what_there_is_and_what_to_mind() -> None:
+def test_check_prints_a_summary_notes_and_warnings() -> None:
     there_and_back = two_floors().with_element("L1", PathEdge(name="out", a="lift1", b="east"))
     native.save(there_and_back, "sound.yaml")
     assert lines(robocorba_map("check", "sound.yaml")) == [
-        "sound.yaml is sound: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
+        "sound.yaml is valid: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
     ]
     odd = there_and_back.with_element("", Floor(name="roof", level=3, elevation=8.0))
     doors = (ElevatorDoor(floor="roof"),)
     native.save(odd.with_element("", Elevator(name="E2", at=(30.0, 0.0), size=(2.0, 2.0), doors=doors)), "odd.yaml")
     notes = lines(robocorba_map("check", "odd.yaml"))
     assert notes[0] == "note: elevator 'E2' serves only roof"
-    assert notes[1].startswith("note: floor 'roof' has no topological map")
+    assert notes[1].startswith("note: floor 'roof' has no nodes and edges")
     assert notes[2:] == [
         "warning: floors without an elevator to other floors (1): roof",
-        "odd.yaml can be served: 1 warning: 3 floors, 1 walls, 5 nodes, 4 edges, 2 elevators",
+        "odd.yaml is valid, 1 warning: 3 floors, 1 walls, 5 nodes, 4 edges, 2 elevators",
     ]
 
 
-def test_check_says_what_is_blocked_and_what_no_robot_reaches() -> None:
+def test_check_warns_of_blocked_edges_and_unreachable_nodes() -> None:
     door = two_floors().floors["L1"].geometrical.doors["d"]
     native.save(two_floors().with_element("L1", msgspec.structs.replace(door, locked=True)), "locked.yaml")
     blocked = "warning: blocked edges of L1 (1): west-east (locked door 'd' near 10, 5)"
@@ -77,14 +77,14 @@ def test_check_says_what_is_blocked_and_what_no_robot_reaches() -> None:
         blocked,
         "warning: nodes of L1 that are walled in for a robot of radius 0.40 m (1): west",
         "warning: nodes of L1 that can be left but not entered (1): east",
-        "locked.yaml can be served: 3 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
+        "locked.yaml is valid, 3 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
     ]
     assert lines(robocorba_map("import", "locked.yaml", "out.yaml"))[0] == blocked
     assert native.load("out.yaml") == native.load("locked.yaml")
     assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-2:] == [
         "warning: elevators that a robot of radius 0.70 m can't enter (1): "
         "E1 (its widest door is 1.20 m wide, 1.40 m needed)",
-        "two.yaml can be served: 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
+        "two.yaml is valid, 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
     ]
     assert robocorba_map("check", "two.yaml", "--radius", "-1").exit_code == 2
     assert robocorba_map("check", "two.yaml", "--radius", "nan").exit_code == 2
@@ -110,7 +110,7 @@ def test_a_wrong_file_is_named_with_line_and_key(command: tuple[str]) -> None:
         (b"a: 1\n", "file.yaml:1: neither a RoboCorba map"),
     ],
 )
-def test_what_is_no_map_is_refused(content: bytes, reason: str) -> None:
+def test_an_invalid_file_is_refused(content: bytes, reason: str) -> None:
     Path("file.yaml").write_bytes(content)
     assert refusal("check", "file.yaml").startswith(f"robocorba map check: {reason}")
 
@@ -122,7 +122,7 @@ def test_a_missing_file_is_named() -> None:
 def test_import_writes_a_native_map_and_lists_what_is_lost() -> None:
     *losses, last = lines(robocorba_map("import", "small.building.yaml", "out.yaml"))
     imported = read_map("small.building.yaml")
-    assert losses == [f"lost: {loss}" for loss in imported.losses] != []
+    assert losses == [f"import: {loss}" for loss in imported.losses] != []
     assert last.startswith("wrote out.yaml: 2 floors, ")
     assert native.load("out.yaml") == imported.building
 
@@ -132,9 +132,9 @@ def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
     cells[10:50, 10:50] = WHITE
     cells[30, 12], cells[30, 30], cells[10:50, 10] = BLACK, BLACK, BLACK
     write_ros(Path(), cells, resolution=0.05, free_thresh=0.25)
-    said = lines(robocorba_map("import", "map.yaml", "out.yaml"))
-    assert [line for line in said if "of grey 205" in line and "--unknown free" in line]
-    assert [line for line in said if "specks: 1 of at most 0.05 m beside walls" in line and "--specks keep" in line]
+    printed = lines(robocorba_map("import", "map.yaml", "out.yaml"))
+    assert [line for line in printed if "of grey 205" in line and "--unknown free" in line]
+    assert [line for line in printed if "specks: 1 of at most 0.05 m beside walls" in line and "--specks keep" in line]
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 2
     lines(robocorba_map("import", "map.yaml", "out.yaml", "--unknown", "free", "--specks", "keep"))
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 3
@@ -156,7 +156,7 @@ def test_import_joins_ros_maps_of_several_floors() -> None:
     )
 
 
-def test_import_draws_roads_where_there_are_none() -> None:
+def test_import_generates_missing_topological_maps() -> None:
     bare = two_floors()
     for kind in (ElementKind.EDGE, ElementKind.NODE):
         for name in bare.elements(kind, "L1"):
@@ -173,26 +173,26 @@ def test_import_draws_roads_where_there_are_none() -> None:
     )
 
 
-def test_import_draws_roads_by_way_of_the_nodes_that_are_there() -> None:
+def test_import_generates_edges_between_given_nodes() -> None:
     bare = two_floors().with_element("L1", PathNode(name="in corner", at=(0.2, 0.2)))
     for name in bare.floors["L1"].topological.edges:
         bare = bare.without(ElementKind.EDGE, "L1", name)
     native.save(bare, "bare.yaml")
     assert lines(robocorba_map("check", "bare.yaml"))[0] == (
-        "note: floor 'L1' has no edges; `robocorba map import --topology` generates a roadmap"
+        "note: floor 'L1' has no edges; `robocorba map import --topology` generates them"
     )
-    told = lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology"))
+    printed = lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology"))
     drawn = native.load("drawn.yaml")
     nodes, edges = drawn.floors["L1"].topological.nodes, drawn.floors["L1"].topological.edges
-    assert told[:2] == [
+    assert printed[:2] == [
         f"L1: added {len(nodes) - 4} nodes and {len(edges)} edges, connected 3 of 4 nodes; "
         "unreachable for a robot of radius 0.4 m: in corner",
-        "L2: roadmap kept, it has 1 edges",
+        "L2: topological map kept, it has 1 edges",
     ]
     assert bare.floors["L1"].topological.nodes.items() <= nodes.items()
     assert {"west", "east", "lift1"} <= {name for edge in edges.values() for name in (edge.a, edge.b)}
     assert drawn.floors["L2"] == bare.floors["L2"]
-    assert lines(robocorba_map("check", "drawn.yaml"))[-1].startswith("drawn.yaml can be served: 2 warnings: ")
+    assert lines(robocorba_map("check", "drawn.yaml"))[-1].startswith("drawn.yaml is valid, 2 warnings: ")
     native.save(two_floors(), "roads.yaml")
     lines(robocorba_map("import", "roads.yaml", "same.yaml", "--topology"))
     assert native.load("same.yaml") == two_floors()
@@ -209,10 +209,10 @@ def test_what_is_exported_can_be_imported(format: str) -> None:
     ):
         one = one.without(kind, floor, name)
     native.save(one, "one.yaml")
-    said = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
-    losses = [line for line in said if line.startswith("lost: ")]
+    printed = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
+    losses = [line for line in printed if line.startswith("export: ")]
     files = ["out.yaml", "out.pgm"] if format == "ros" else ["out.yaml"]
-    assert said == [*losses, *(f"wrote {file}" for file in files)]
+    assert printed == [*losses, *(f"wrote {file}" for file in files)]
     assert bool(losses) == (format != "native")
     again = read_map("out.yaml")
     assert again.format == format
@@ -223,9 +223,11 @@ def test_what_is_exported_can_be_imported(format: str) -> None:
 
 
 def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
-    said = lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1"))
-    said += lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
-    files = [line.removeprefix("wrote ") for line in said if line.startswith("wrote ")]
+    printed = lines(
+        robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1")
+    )
+    printed += lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
+    files = [line.removeprefix("wrote ") for line in printed if line.startswith("wrote ")]
     assert files == [
         *("out-L1.yaml", "out-L1.png", "out-L2.yaml", "out-L2.png"),
         *("out-L1.geojson", "out-L2.geojson"),
@@ -235,7 +237,7 @@ def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
         assert picture.size[0] >= 200  # 20 m
 
 
-def test_export_says_what_it_cant_write() -> None:
+def test_export_reports_what_it_cannot_write() -> None:
     assert "No such file or directory" in refusal("export", "two.yaml", "no/folder/out.yaml", "-f", "openrmf")
     result = robocorba_map("export", "two.yaml", "out.yaml", "-f", "dxf")
     assert result.exit_code == 2 and "dxf" in result.output

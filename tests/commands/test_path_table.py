@@ -10,11 +10,11 @@ from rich.console import Console
 
 from robocorba.commands.path import as_table, parse_place
 from robocorba.errors.paths import InvalidRequest
-from robocorba.planning.request import Names, Path, Place, PointKind
+from robocorba.planning.request import IndexedNames, Path, Place, PointKind
 
 
 def test_names_and_units_stand_as_they_are() -> None:
-    names = Names(["L[1]", ""], ["[/]", "[red]x", ""], ["E [bold]", ""])
+    names = IndexedNames(["L[1]", ""], ["[/]", "[red]x", ""], ["E [bold]", ""])
     rows = [
         [PointKind.START.value, 0, 0, 1.0, 2.0, math.pi / 2, 0.0, 0.0, -1],
         [PointKind.ELEVATOR_ENTRY.value, 1, 0, 1.0, 5.25, 0.0, 3.25, 3.25, 0],

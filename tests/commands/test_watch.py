@@ -1,4 +1,4 @@
-"""What `robocorba watch` shows of any state, and how it goes on and ends."""
+"""What `robocorba watch` shows of any state, and when it retries and ends."""
 
 from __future__ import annotations
 
@@ -17,8 +17,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from robocorba.commands.scene import SystemTables, as_tables, clients, elevators, plain, robots, sensor, show, tables
-from robocorba.commands.waiting import Absence, Stop
+from robocorba.commands.simulation_tables import (
+    SimulationTables,
+    as_tables,
+    clients,
+    elevators,
+    filled_tables,
+    members,
+    robots,
+    sensor,
+    show,
+)
+from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
@@ -45,10 +55,14 @@ STATE = RoboCorba.ServerState(300, 2, 91.84, 0.0, 57.3, True, 4, 69, 15.81)
 SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7), 9)
 
 
-def test_a_scene_as_tables() -> None:
+def test_the_tables_of_a_simulation() -> None:
     floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
-    scene = SystemTables([plain(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)])
-    found = {kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in tables(scene)}
+    tables = SimulationTables(
+        [members(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)]
+    )
+    found = {
+        kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in filled_tables(tables)
+    }
     assert found == {
         "server": [
             {
@@ -74,7 +88,7 @@ def test_a_scene_as_tables() -> None:
                 "silent [s]": "0.25",
                 "calls/s": "12.5",
                 "latency [ms]": "1.50",
-                "sensor": "s1",
+                "sensor server": "s1",
             }
         ],
         "elevator": [
@@ -97,9 +111,9 @@ def test_a_scene_as_tables() -> None:
                 "queue": "",
             },
         ],
-        "sensor": [{"sensor process": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
+        "sensor": [{"sensor server": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
     }
-    assert json.loads(json.dumps(scene._asdict()))["robots"][0]["callRate"] == 12.5
+    assert json.loads(json.dumps(tables._asdict()))["robots"][0]["callRate"] == 12.5
 
 
 def test_only_robots_on_the_floors_are_shown() -> None:
@@ -108,14 +122,14 @@ def test_only_robots_on_the_floors_are_shown() -> None:
     assert [row["name"] for row in clients(both, [view("L2"), view("L1")])] == ["A", "B"]
 
 
-def test_a_robot_that_no_floor_knows_yet_stands() -> None:
-    (row,) = clients([client("new", "L1")], [view("L1", "A")])
-    assert row["speed"] == 0.0
+def test_a_robot_that_is_on_no_floor_yet_has_no_speed() -> None:
+    (found,) = clients([client("new", "L1")], [view("L1", "A")])
+    assert found["speed"] == 0.0
 
 
-def test_floors_alone_tell_where_robots_are() -> None:
-    scene = SystemTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
-    ((kind, titles, rows),) = tables(scene)
+def test_robots_of_floors_without_a_server() -> None:
+    tables = SimulationTables(robots=robots([view("L1", "A", "B"), view("L2", "C")]))
+    ((kind, titles, rows),) = filled_tables(tables)
     assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
     assert rows == [
         ("A", "L1", "1.00", "2.00", "90", "0.50"),
@@ -126,43 +140,43 @@ def test_floors_alone_tell_where_robots_are() -> None:
 
 def test_the_last_known_elevator_counts() -> None:
     later = {"E1": ElevatorState(3.5, "L2", Doors.OPEN, 1.0, (), ())}
-    (row,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
-    assert (row["cabin"], row["doors"]) == ("L2", "OPEN")
+    (found,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
+    assert (found["cabin"], found["doors"]) == ("L2", "OPEN")
 
 
-def test_an_empty_scene_has_no_tables() -> None:
-    assert tables(SystemTables()) == []
+def test_an_empty_state_has_no_tables() -> None:
+    assert filled_tables(SimulationTables()) == []
 
 
 @given(name=st.text(), floor=st.text())
 def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
-    scene = SystemTables(
+    tables = SimulationTables(
         robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})])
     )
-    assert all(cell.isprintable() for _, _, rows in tables(scene) for row in rows for cell in row)
+    assert all(cell.isprintable() for _, _, rows in filled_tables(tables) for row in rows for cell in row)
     console = Console(file=io.StringIO(), width=300)
-    console.print(as_tables(scene, note="gone [/]"))
+    console.print(as_tables(tables, note="gone [/]"))
 
 
 def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    show(SystemTables(robots=robots([view("L\t1", "A")])))
+    show(SimulationTables(robots=robots([view("L\t1", "A")])))
     assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
 
 
-# ---- going on ----
+# ---- signals and outages ----
 
 
 @pytest.fixture
-def stop() -> Iterator[Stop]:
+def stop() -> Iterator[StopSignal]:
     """A stop, and afterwards the signals as they were."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield Stop()
+    yield StopSignal()
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_wait(stop: Stop, number: signal.Signals) -> None:
+def test_a_signal_ends_a_wait(stop: StopSignal, number: signal.Signals) -> None:
     assert not stop.wait(0.0)
     os.kill(os.getpid(), number)
     began = time.monotonic()
@@ -171,7 +185,7 @@ def test_a_signal_ends_a_wait(stop: Stop, number: signal.Signals) -> None:
     assert time.monotonic() - began < 5.0
 
 
-def test_ticks_come_in_time_up_to_a_limit(stop: Stop) -> None:
+def test_ticks_come_in_time_up_to_a_limit(stop: StopSignal) -> None:
     began = time.monotonic()
     times = list(stop.ticks(0.02, 0.2))
     assert 0.2 <= time.monotonic() - began < 2.0
@@ -181,7 +195,7 @@ def test_ticks_come_in_time_up_to_a_limit(stop: Stop) -> None:
     assert all(later - earlier > 0.0 for earlier, later in itertools.pairwise(times))
 
 
-def test_slow_ticks_are_missed_not_made_up_for(stop: Stop) -> None:
+def test_slow_ticks_are_missed_not_made_up_for(stop: StopSignal) -> None:
     slow = []
     for passed_s in stop.ticks(0.01, 0.3):
         slow.append(passed_s)
@@ -189,7 +203,7 @@ def test_slow_ticks_are_missed_not_made_up_for(stop: Stop) -> None:
     assert 2 <= len(slow) <= 6
 
 
-def test_ticks_end_by_a_signal(stop: Stop) -> None:
+def test_ticks_end_by_a_signal(stop: StopSignal) -> None:
     count = 0
     for _ in stop.ticks(0.001):
         count += 1
@@ -198,15 +212,15 @@ def test_ticks_end_by_a_signal(stop: Stop) -> None:
     assert count == 3
 
 
-def test_an_absence_is_borne_up_to_a_limit() -> None:
+def test_an_outage_raises_after_its_limit() -> None:
     wrong = NotReachable("gone")
-    absence = Absence(0.1)
-    assert not absence.is_on
-    assert absence.go_on(wrong) == "away for 0 s: gone"
-    assert absence.is_on
-    absence.end()
-    assert not absence.is_on
-    absence.go_on(wrong)
+    outage = Outage(0.1)
+    assert not outage.is_active
+    assert outage.note_failure(wrong) == "not reachable for 0 s: gone"
+    assert outage.is_active
+    outage.note_answer()
+    assert not outage.is_active
+    outage.note_failure(wrong)
     time.sleep(0.15)
     with pytest.raises(NotReachable, match="gone"):
-        absence.go_on(wrong)
+        outage.note_failure(wrong)

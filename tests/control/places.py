@@ -15,7 +15,7 @@ import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import HighController
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
 from robocorba.control.runner import ReceivedEvent
 from robocorba.control.sensors import Sensors
@@ -24,7 +24,7 @@ from robocorba.control.simulated_adaptor import SimulatedAdaptor
 from robocorba.errors.robots import MotionFailed, RobotLost
 from robocorba.errors.simulation import SessionExpired
 from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE, LOWER, RADIUS_M, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
@@ -42,13 +42,13 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 PATIENCE_S = 20.0
 
 
-def documented_adaptor() -> Callable[[Surroundings], RobotAdaptor]:
+def documented_adaptor() -> Callable[[AdaptorContext], RobotAdaptor]:
     """The factory in docs/adaptors.md."""
     (source,) = re.findall(r"```python\n(.*?)```", (DOCS / "adaptors.md").read_text(), re.DOTALL)
     assert len(source.splitlines()) < 60
     found: dict[str, Any] = {}
     exec(compile(source, "docs/adaptors.md", "exec"), found)
-    factory: Callable[[Surroundings], RobotAdaptor] = found["adaptor"]
+    factory: Callable[[AdaptorContext], RobotAdaptor] = found["adaptor"]
     return factory
 
 
@@ -65,7 +65,7 @@ class Place:
         self.agent = ManagementAgent(self.building, 1, store)
         self.agent.start()
         self._sensor = VirtualSensor()
-        self._sensor.know(self.building)
+        self._sensor.set_map(self.building)
         self.planner = PathPlanner(self.building)
 
     def session(self, name: str = "A", at: Pose = Pose("L1", 7.0, 2.0, 0.0)) -> InProcessSession:  # noqa: B008
@@ -187,7 +187,7 @@ class Channel:
 
 
 def controller(adaptor: RobotAdaptor) -> HighController:
-    return HighController(adaptor, BASE, LOWER, UPPER, SPEED)
+    return HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
 
 
 def robot(place: Place, session: InProcessSession) -> Robot:

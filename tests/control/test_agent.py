@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from robocorba.control import model_switcher
-from robocorba.control.agent import BODY_BLOCKED_M, AgentState, Condition, ControlAgent
-from robocorba.control.model_switcher import Surroundings
-from robocorba.control.runner import Result
+from robocorba.control.agent import BODY_BLOCKED_M, AgentCondition, AgentState, ControlAgent
+from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import Velocity
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
@@ -42,7 +42,7 @@ def check(program: Program, state: AgentState) -> None:
 
 @pytest.fixture
 def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(Surroundings("A", session, None), place.planner, Channel(), check)
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), check)
     agent.start("simulated")
     yield agent
     session.is_away = False
@@ -50,16 +50,16 @@ def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
 
 
 def ended(agent: ControlAgent) -> bool:
-    return agent.state.program.result is not Result.NO_RESULT
+    return agent.state.program.result is not ProgramResult.NO_RESULT
 
 
 def test_a_program_runs_to_its_end_and_again(agent: ControlAgent) -> None:
-    assert agent.state.condition is Condition.IDLE
+    assert agent.state.condition is AgentCondition.IDLE
     agent.load(SHORT)
     for _ in range(2):
         agent.run()
         eventually(lambda: ended(agent), "done")
-        assert agent.state.program.result is Result.DONE
+        assert agent.state.program.result is ProgramResult.DONE
 
 
 def test_what_makes_no_sense_is_refused(agent: ControlAgent) -> None:
@@ -84,15 +84,15 @@ def test_what_makes_no_sense_is_refused(agent: ControlAgent) -> None:
             order()
     agent.abort()
     eventually(lambda: ended(agent), "aborted")
-    assert agent.state.program.result is Result.ABORTED
+    assert agent.state.program.result is ProgramResult.ABORTED
 
 
 def test_pauses_are_seen(agent: ControlAgent) -> None:
     agent.load(LONG)
     agent.run(is_stepping=True)
-    eventually(lambda: agent.state.condition is Condition.PAUSED, "paused")
+    eventually(lambda: agent.state.condition is AgentCondition.PAUSED, "paused")
     agent.resume()
-    eventually(lambda: agent.state.condition is Condition.RUNNING, "running")
+    eventually(lambda: agent.state.condition is AgentCondition.RUNNING, "running")
     agent.abort()
     eventually(lambda: ended(agent), "aborted")
 
@@ -102,10 +102,10 @@ def test_a_wait_ends_where_the_robot_is_lost(agent: ControlAgent, session: InPro
     agent.run()
     session.is_away = True
     eventually(lambda: ended(agent), "failed")
-    assert agent.state.program.result is Result.FAILED
+    assert agent.state.program.result is ProgramResult.FAILED
     assert agent.state.program.reason == "nobody answers"
     session.is_away = False
-    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
 
 
 def test_an_emergency_stop_ends_the_program_until_it_is_reset(agent: ControlAgent) -> None:
@@ -115,15 +115,15 @@ def test_an_emergency_stop_ends_the_program_until_it_is_reset(agent: ControlAgen
     agent.stop()
     eventually(lambda: ended(agent), "ended")
     state = agent.state
-    assert (state.condition, state.reason) == (Condition.STOPPED, "emergency stop")
-    assert (state.program.result, state.program.reason) == (Result.ABORTED, "emergency stop")
+    assert (state.condition, state.reason) == (AgentCondition.STOPPED, "emergency stop")
+    assert (state.program.result, state.program.reason) == (ProgramResult.ABORTED, "emergency stop")
     with pytest.raises(IllegalOrder, match="is stopped: emergency stop"):
         agent.run()
     agent.reset_stop()
     agent.load(SHORT)
     agent.run()
     eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is Result.DONE
+    assert agent.state.program.result is ProgramResult.DONE
 
 
 def test_a_server_that_was_away_is_found_again(agent: ControlAgent, session: InProcessSession) -> None:
@@ -132,14 +132,14 @@ def test_a_server_that_was_away_is_found_again(agent: ControlAgent, session: InP
     eventually(lambda: agent.state.actor.velocity[0] > 0.05, "moving")
     session.is_away = True
     eventually(lambda: ended(agent), "ended")
-    assert agent.state.program.result is Result.FAILED
+    assert agent.state.program.result is ProgramResult.FAILED
     assert "nobody answers" in agent.state.program.reason
     session.is_away = False
-    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
     agent.load(SHORT)
     agent.run()
     eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is Result.DONE
+    assert agent.state.program.result is ProgramResult.DONE
 
 
 def test_another_robot_behind_the_same_agent(
@@ -151,7 +151,7 @@ def test_another_robot_behind_the_same_agent(
     agent.load(ProgramBuilder("drive").mbase_by(ahead=0.5, left=0.3, turn=1.0).program())
     agent.run()
     eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is Result.DONE
+    assert agent.state.program.result is ProgramResult.DONE
     eventually(lambda: abs(session.state().at.x - began.x - 0.5) < 0.01, "the body has followed")
     at = session.state().at
     assert (at.y - began.y, at.heading - began.heading) == pytest.approx((0.3, 1.0), abs=0.01)
@@ -173,12 +173,12 @@ def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
     agent.run()
     eventually(lambda: ended(agent), "ended")
     assert "m away, held by other" in agent.state.program.reason
-    assert agent.state.condition is Condition.IDLE
+    assert agent.state.condition is AgentCondition.IDLE
     assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.9
     agent.load(ProgramBuilder("back").mbase_by(ahead=-0.4).program())
     agent.run()
     eventually(lambda: ended(agent), "back")
-    assert agent.state.program.result is Result.DONE
+    assert agent.state.program.result is ProgramResult.DONE
     actor = agent.state.actor
     eventually(lambda: math.dist(session.state().at[1:3], (actor.x, actor.y)) < 0.02, "the body is back, too")
     other.log_off()
@@ -194,7 +194,7 @@ def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(
         agent.reset_stop()
         agent.run()
         eventually(lambda: ended(agent), "ended")
-        assert agent.state.program.result is Result.DONE, agent.state.program.reason
+        assert agent.state.program.result is ProgramResult.DONE, agent.state.program.reason
 
 
 def test_a_body_that_was_only_late_does_not_end_a_program(
@@ -214,7 +214,7 @@ def test_a_body_that_was_only_late_does_not_end_a_program(
     agent.load(ProgramBuilder("on").mbase_by(ahead=1.0).program())
     agent.run()
     eventually(lambda: ended(agent), "ended")
-    assert agent.state.program.result is Result.DONE, agent.state.program.reason
+    assert agent.state.program.result is ProgramResult.DONE, agent.state.program.reason
     assert max(behind_m) > BODY_BLOCKED_M
 
 
@@ -226,7 +226,7 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
     session.log_off()
     session.log_on(at._replace(x=at.x - 1.5))
     eventually(lambda: "m away" in agent.state.reason, "lost")
-    eventually(lambda: agent.state.condition is Condition.IDLE, "back")
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
 
 
@@ -234,10 +234,10 @@ def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m:
     """The robot of docs/adaptors.md; it begins somewhat away from its body."""
     make = model_switcher.make
 
-    def with_disc(name: str, surroundings: Surroundings) -> object:
+    def with_disc(name: str, context: AdaptorContext) -> object:
         if name != "disc":
-            return make(name, surroundings)
-        disc: Any = documented_adaptor()(surroundings)
+            return make(name, context)
+        disc: Any = documented_adaptor()(context)
         start = disc.start
 
         def start_away(argv: Sequence[str]) -> bool:
@@ -253,7 +253,7 @@ def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m:
 
 
 def test_nothing_before_the_start(place: Place, session: InProcessSession) -> None:
-    agent = ControlAgent(Surroundings("A", session, None), place.planner, Channel())
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel())
     agent.stop()
     agent.abort()
     with pytest.raises(IllegalOrder, match="was never started"):

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
-from robocorba.kinematics.smartpal import BASE, LOWER, SPEED, UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.motion.driving import Drive, DriveAt
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import ActorCommand, RobotState
@@ -90,7 +89,7 @@ def in_background(call: Any, *arguments: Any) -> tuple[threading.Thread, list[Ex
 
 
 def test_a_motion_ends_where_it_shall(high: HighController) -> None:
-    high.move(Drive([(0.3, 0.1)], None, 1.0, BASE))
+    high.move(Drive([(0.3, 0.1)], None, 1.0, BASE_LIMITS))
     assert (high.state.x, high.state.y) == pytest.approx((0.3, 0.1), abs=0.003)
 
 
@@ -99,9 +98,9 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
     high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
     velocities = np.array([command.velocity for command in adaptor.commands])
     assert np.hypot(velocities[:, 0], velocities[:, 1]).max() == pytest.approx(0.2)
-    assert np.abs(velocities[:, 2]).max() <= BASE.turn
+    assert np.abs(velocities[:, 2]).max() <= BASE_LIMITS.turn_speed
     turns = np.abs(np.diff(velocities[:, 2]))
-    assert turns.max() <= BASE.turn_acceleration * TICK_S + 1e-9
+    assert turns.max() <= BASE_LIMITS.turn_acceleration * TICK_S + 1e-9
 
 
 def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
@@ -119,7 +118,7 @@ def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor
 
 def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
     class Wrong:
-        def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             raise ZeroDivisionError("of its own")
 
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
@@ -240,7 +239,7 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
         def __init__(self) -> None:
             self.elapsed: list[float] = []
 
-        def wish(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             self.elapsed.append(elapsed_s)
             return MotionCommand() if elapsed_s < 0.6 else None
 
@@ -269,7 +268,9 @@ def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighCo
 
 def test_each_start_is_prepared(adaptor: Watched) -> None:
     prepared: list[bool] = []
-    high = HighController(adaptor, BASE, LOWER, UPPER, SPEED, before_start=lambda: prepared.append(True))
+    high = HighController(
+        adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, before_start=lambda: prepared.append(True)
+    )
     high.start(())
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
@@ -279,14 +280,14 @@ def test_each_start_is_prepared(adaptor: Watched) -> None:
     assert len(prepared) >= 2
 
 
-def test_the_end_ends_a_motion(adaptor: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
-    high = controller(adaptor)
+def test_the_end_ends_a_motion(adaptor: Watched) -> None:
+    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, hang_limit_s=1.0)
     high.start(())
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), math.inf))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     high.close()
     thread.join(5.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
-    monkeypatch.setattr(high_controller, "HANG_LIMIT_S", 0.0)
+    time.sleep(1.1)  # longer than hang_limit_s
     high.check_alive()
     assert high.stopped == ""

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from robocorba.control.robot import Robot
-from robocorba.control.runner import ReceivedEvent, Report, Result, Runner
+from robocorba.control.runner import ProgramReport, ProgramResult, ReceivedEvent, Runner
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, eventually, robot
 
@@ -45,7 +45,7 @@ def smartpal(place: Place, session: InProcessSession) -> Iterator[Robot]:
     found.controller.close()
 
 
-def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None) -> tuple[Report, list[str]]:
+def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None) -> tuple[ProgramReport, list[str]]:
     """How it ended, and the kinds of icons that began."""
     runner = Runner(builder.program(), smartpal, channel or Channel())
     report = runner.run()
@@ -63,7 +63,7 @@ def test_hands_and_body_go_where_icons_say(smartpal: Robot) -> None:
     builder = ProgramBuilder("hands").mhand_posture("both", "ready").gripper("left", "open")
     builder.mhand_pose("right", 0.45, -0.2, 0.95).mhand_offset("right", dz=0.05).lumbar(0.0, 0.2)
     report, began = run(smartpal, builder)
-    assert (report.result, report.icons_done, report.reason) == (Result.DONE, 5, "")
+    assert (report.result, report.icons_done, report.reason) == (ProgramResult.DONE, 5, "")
     joints = smartpal.controller.state.joints
     assert joints[ARM[Side.LEFT]] == pytest.approx(POSTURES["ready"], abs=0.01)
     assert joints[LUMBAR] == pytest.approx((0.0, 0.2), abs=0.01)
@@ -77,7 +77,7 @@ def test_hands_and_body_go_where_icons_say(smartpal: Robot) -> None:
 @at(5.0, 3.2, math.pi / 2)
 def test_a_drive_over_two_floors(smartpal: Robot, session: InProcessSession) -> None:
     report, _ = run(smartpal, ProgramBuilder("ride").mbase_path("L2", 5.0, 3.2, heading=1.0))
-    assert (report.result, report.reason) == (Result.DONE, "")
+    assert (report.result, report.reason) == (ProgramResult.DONE, "")
     there = session.latest.at
     assert there.floor == "L2"
     assert (there.x, there.y, there.heading) == pytest.approx((5.0, 3.2, 1.0), abs=0.004)
@@ -93,7 +93,7 @@ def test_a_sensor_stops_what_is_inside_and_the_program_goes_on(smartpal: Robot) 
         builder.mbase_by(turn=0.5)
     channel = Channel()
     report, _ = run(smartpal, builder, channel)
-    assert (report.result, channel.said) == (Result.DONE, [])
+    assert (report.result, channel.said) == (ProgramResult.DONE, [])
     state = smartpal.controller.state
     assert state.heading == pytest.approx(0.5, abs=0.01)
     assert state.x == pytest.approx(7.5 - 0.4 - 0.3, abs=0.06)  # the shelf, the robot's rim, the distance
@@ -115,7 +115,7 @@ def test_conditions_of_sensors_and_results(smartpal: Robot) -> None:
         builder.say("again", 1)
     channel = Channel()
     report, _ = run(smartpal, builder, channel)
-    assert report.result is Result.DONE
+    assert report.result is ProgramResult.DONE
     assert channel.said == [("free", None), ("still", {"free": True}), ("empty", None), *[("again", 1)] * 3]
 
 
@@ -140,30 +140,30 @@ def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
     with builder.repeat(2):
         builder.mhand_pose("left", 2.0, 0.0, 0.0)
     report, _ = run(smartpal, builder)
-    assert (report.result, report.icon, report.kind) == (Result.FAILED, "icons[1].icons[0]", "mhand_pose")
+    assert (report.result, report.icon, report.kind) == (ProgramResult.FAILED, "icons[1].icons[0]", "mhand_pose")
     assert report.reason.startswith("the left hand: ")
 
 
 def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
     builder = ProgramBuilder("slow").mbase_velocity(0.2, 0.0, 0.0, 1.0).wait(0.1).mbase_velocity(0.0, 0.2, 0.0, 60.0)
-    course = smartpal.course
-    course.reset(True)
+    execution = smartpal.execution
+    execution.reset(True)
     runner, thread = begin(smartpal, builder)
-    eventually(lambda: course.is_paused, "before the first icon")
+    eventually(lambda: execution.is_paused, "before the first icon")
     assert (runner.report.icon, runner.report.icons_done) == ("icons[0]", 0)
-    course.step()
-    eventually(lambda: runner.report.icon == "icons[1]" and course.is_paused, "before the second")
-    course.resume()
+    execution.step()
+    eventually(lambda: runner.report.icon == "icons[1]" and execution.is_paused, "before the second")
+    execution.resume()
     eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving")
-    course.pause()
+    execution.pause()
     eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
-    course.resume()
+    execution.resume()
     eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving again")
-    course.abort()
+    execution.abort()
     thread.join(10.0)
-    assert (runner.report.result, runner.report.reason) == (Result.ABORTED, "somebody ended it")
+    assert (runner.report.result, runner.report.reason) == (ProgramResult.ABORTED, "somebody ended it")
     eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
-    course.reset(False)
+    execution.reset(False)
 
 
 @at(2.0, 2.95, -math.pi / 2)
@@ -174,6 +174,6 @@ def test_gripping_carries_an_object(smartpal: Robot, session: InProcessSession) 
     builder.gripper("left", "open")
     channel = Channel()
     report, _ = run(smartpal, builder, channel)
-    assert (report.result, report.reason) == (Result.DONE, "")
+    assert (report.result, report.reason) == (ProgramResult.DONE, "")
     assert channel.said == [("held", None)]
     assert session.state().holding == ""

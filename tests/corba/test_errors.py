@@ -12,7 +12,8 @@ import pytest
 from omniORB import CORBA
 
 from robocorba import errors
-from robocorba.corba.conversion.errors import MAX_TEXT, domain_error, error_of, raise_idl, registered, translating
+from robocorba.corba.calls import error_of
+from robocorba.corba.conversion.errors import MAX_TEXT, domain_error, raise_idl, registered, translating
 from robocorba.errors.base import FieldError, RoboCorbaError
 from robocorba.errors.events import UnknownPeer
 from robocorba.errors.maps import InvalidElement, StaleEdit
@@ -24,7 +25,7 @@ from robocorba.stubs import RoboCorba
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
 LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
-    *("VideoError", "StateDamaged", "UpdateMismatch", "NoRide"),
+    *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed", "MissionFailed"),
     *("NotDelivered", "Unconfirmed", "Refused", "ClientGone"),
 }
@@ -65,9 +66,9 @@ def test_an_error_means_the_same_to_the_caller(error: RoboCorbaError) -> None:
     assert str(again) == str(error) == error_of(raised.value)
 
 
-def test_a_kind_that_the_idl_does_not_tell_apart() -> None:
+def test_several_errors_share_an_exception() -> None:
     with pytest.raises(RoboCorba.AdaptorFailed):
-        raise_idl(RobotLost("nobody answers"))
+        raise_idl(RobotLost("no answer"))
 
 
 def test_texts_are_short() -> None:

@@ -1,4 +1,4 @@
-"""What takes five minutes or a huge map over the wire: a real ORB, and limits and a clock that the test sets."""
+"""Timeouts and limits of the map editor, with a real ORB and a clock that the test sets."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from omniORB import CORBA
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants import map_editor
 from robocorba.corba.servants.map_editor import CLOSED_TRANSACTIONS_KEPT, MapEditorServant
-from robocorba.maps import editing, native
-from robocorba.maps.editing import BuildingEditor
+from robocorba.maps import native
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Wall
-from robocorba.maps.storage import MapStore
+from robocorba.maps.store import MapLimits, MapStore
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors
@@ -32,7 +32,7 @@ class Clock:
 
 
 class CountingOrb:
-    """Hands on to an ORB and knows how many servants are active."""
+    """Counts the active servants of an ORB."""
 
     def __init__(self, orb: Orb) -> None:
         self.orb, self.active = orb, 0
@@ -62,10 +62,10 @@ def orb() -> Iterator[CountingOrb]:
 @pytest.fixture
 def editor(tmp_path: Path, clock: Clock, orb: CountingOrb) -> Iterator[MapEditorServant]:
     with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
-        yield MapEditorServant(BuildingEditor(store, clock=clock, transaction_timeout_s=TIMEOUT_S), orb)
+        yield MapEditorServant(BuildingEditor(store, MapLimits(transaction_timeout_s=TIMEOUT_S), clock), orb)
 
 
-def test_transactions_left_alone_make_room(editor: MapEditorServant, clock: Clock, orb: CountingOrb) -> None:
+def test_abandoned_transactions_time_out(editor: MapEditorServant, clock: Clock, orb: CountingOrb) -> None:
     for _ in range(5):
         left = [editor.begin() for _ in range(64)]
         with pytest.raises(RoboCorba.TooManyTransactions):
@@ -79,31 +79,32 @@ def test_transactions_left_alone_make_room(editor: MapEditorServant, clock: Cloc
     assert "never" not in [record.value._v.name for record in editor.elements(RoboCorba.WALL_ELEMENT, "L2")]
 
 
-def test_what_ended_is_forgotten_in_time_but_never_what_is_open(editor: MapEditorServant, orb: CountingOrb) -> None:
-    open_all_the_time, ended = editor.begin(), editor.begin()
+def test_servants_of_closed_transactions_are_deactivated_later(editor: MapEditorServant, orb: CountingOrb) -> None:
+    still_open, ended = editor.begin(), editor.begin()
     ended.rollBack()
     for _ in range(2 * CLOSED_TRANSACTIONS_KEPT):
         editor.begin().rollBack()
     assert orb.active <= CLOSED_TRANSACTIONS_KEPT + 3
     with pytest.raises(CORBA.OBJECT_NOT_EXIST):
         ended.commit()
-    open_all_the_time.create("L2", wall("w"))
-    assert open_all_the_time.commit() == 2
+    still_open.create("L2", wall("w"))
+    assert still_open.commit() == 2
 
 
-def test_an_answer_holds_the_first_findings(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reply_is_limited_to_the_first_findings(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(found.id.name, found.position.floor) for found in editor.check()] == [("west", "L1"), ("east", "L1")]
     monkeypatch.setattr(map_editor, "MAX_FINDINGS", 1)
     assert [found.id.name for found in editor.check()] == ["west"]
 
 
-def test_a_map_that_is_too_large_is_refused_as_a_map(editor: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_that_is_too_large_is_refused_as_a_map(tmp_path: Path, orb: CountingOrb) -> None:
     """InvalidElement is not among the exceptions of importMap: it would reach the client as UNKNOWN."""
-    monkeypatch.setattr(editing, "MAX_BUILDING_SIZE", 10)
     larger = two_floors()
     for number in range(20):
         larger = larger.with_element("L2", Wall(name=f"w{number}", a=(0.0, number), b=(1.0, number)))
-    with pytest.raises(RoboCorba.InvalidMap) as refused:
-        editor.importMap(native.dumps(larger), 1)
-    assert refused.value.reason.endswith("the building would have more than 10 elements and points")
-    assert editor._get_currentVersion() == 1
+    with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
+        editor = MapEditorServant(BuildingEditor(store, MapLimits(building_size=10)), orb)
+        with pytest.raises(RoboCorba.InvalidMap) as refused:
+            editor.importMap(native.dumps(larger), 1)
+        assert refused.value.reason.endswith("the building would have more than 10 elements and points")
+        assert editor._get_currentVersion() == 1

@@ -21,7 +21,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 @pytest.fixture
 def nowhere() -> Iterator[Address]:
-    """An address where nobody listens, kept so for the test."""
+    """An address at which no process listens during the test."""
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         yield Address(*held.getsockname())
@@ -58,7 +58,7 @@ def test_corbaname_of_an_ipv6_address() -> None:
     assert corbaname(Address("::1", 2809), "a") == "corbaname::[::1]:2809#a"
 
 
-def test_a_port_in_use_is_told_at_once(nowhere: Address) -> None:
+def test_a_port_in_use_is_reported_immediately(nowhere: Address) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = Address(*taken.getsockname())
         with pytest.raises(PortInUse) as refused, Orb(nowhere, endpoint):
@@ -100,7 +100,7 @@ def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address) -> 
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_a_process_that_does_not_come_to_its_end_tells_where_it_hangs_and_ends(nowhere: Address) -> None:
+def test_a_hanging_shutdown_prints_its_stacks_and_exits(nowhere: Address) -> None:
     hangs = (
         "import threading; from robocorba.corba import orb as o; from robocorba.settings import Address;"
         "Orb, o.SHUTDOWN_LIMIT_S = o.Orb, 0.5\n"
@@ -122,7 +122,7 @@ def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address) -> 
         assert references[1]._get_mapVersion() == 2
 
 
-def test_what_is_not_reachable_is_named_with_the_naming_service(nowhere: Address) -> None:
+def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Address) -> None:
     with Orb(nowhere) as orb:
         with pytest.raises(NotReachable) as missing:
             orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=0.2)

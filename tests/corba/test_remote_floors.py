@@ -1,4 +1,4 @@
-"""Floors of a database that comes and goes."""
+"""Copies of floors, also while the database does not answer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.conversion import floors as conversion
-from robocorba.corba.remote.floors import RemoteFloor, RemoteFloors
+from robocorba.corba.remote.omni_database import RemoteFloor, RemoteFloors
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate
@@ -18,12 +18,12 @@ from robocorba.stubs import RoboCorba
 
 
 class Database:
-    """Of floors where a robot moves with each call."""
+    """A database whose robots move with each call."""
 
     def __init__(self) -> None:
         self.names = ["L1", "L2"]
         self.version = 0
-        self.wrong: Exception | None = None
+        self.error: Exception | None = None
 
     def floors(self) -> list[str]:
         return self._answer(lambda: self.names)
@@ -43,23 +43,23 @@ class Database:
         return FloorUpdate(floor, since, self.version, 0.1, 1, came, [], rows, {})
 
     def _answer(self, make: Callable[[], Any]) -> Any:
-        if self.wrong:
-            raise self.wrong
+        if self.error:
+            raise self.error
         return make()
 
 
 class Naming:
-    """An ORB that finds a database, where there is one."""
+    """An ORB that resolves the database if there is one."""
 
     def __init__(self, database: Database) -> None:
         self.database: Database | None = database
-        self.asked: list[tuple[str, float]] = []
+        self.resolved: list[tuple[str, float]] = []
 
     def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float) -> Database:
         assert interface is RoboCorba.OmniDatabase
-        self.asked.append((name, timeout_s))
+        self.resolved.append((name, timeout_s))
         if self.database is None:
-            raise NotReachable("nobody there")
+            raise NotReachable("not bound")
         return self.database
 
 
@@ -76,13 +76,13 @@ def test_a_floor_is_loaded_and_then_followed() -> None:
     assert floor.view.motion(1)["x"] == 2.0
 
 
-def test_what_a_database_says_is_ours() -> None:
+def test_errors_of_the_database_are_domain_errors() -> None:
     database = Database()
     with pytest.raises(UnknownFloor, match="L9"):
         RemoteFloor(database, "L9").follow()
     floor = RemoteFloor(database, "L1")
     floor.follow()
-    database.wrong = gone()
+    database.error = gone()
     with pytest.raises(NotReachable, match="Omni database"):
         floor.follow()
     assert floor.view.version == 1
@@ -101,21 +101,21 @@ def test_all_floors_are_followed_unless_some_are_chosen() -> None:
         RemoteFloors(Naming(database), ["L3", "L1"]).follow(1.0)  # type: ignore[arg-type]
 
 
-def test_after_a_loss_they_begin_anew() -> None:
+def test_after_a_failure_whole_floors_are_loaded() -> None:
     database = Database()
     naming = Naming(database)
     floors = RemoteFloors(naming, ["L1"])  # type: ignore[arg-type]
     floors.follow(3.0)
     floors.follow(3.0)
-    assert naming.asked == [("OmniDatabase", 3.0)]
-    database.wrong = gone()
+    assert naming.resolved == [("OmniDatabase", 3.0)]
+    database.error = gone()
     with pytest.raises(NotReachable):
         floors.follow(0.5)
     assert floors.views == {}
     naming.database = None
-    with pytest.raises(NotReachable, match="nobody there"):
+    with pytest.raises(NotReachable, match="not bound"):
         floors.follow(0.5)
-    naming.database, database.wrong = database, None
+    naming.database, database.error = database, None
     (update,) = floors.follow(0.5)
     assert update.since == WHOLE
-    assert len(naming.asked) == 3
+    assert len(naming.resolved) == 3

@@ -15,7 +15,7 @@ from robocorba.stubs import RoboCorba
 
 
 class Naming:
-    """An ORB that counts how often it resolves, and hands out the number."""
+    """An ORB that answers the number of its `resolve` calls."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -48,7 +48,7 @@ def test_it_is_resolved_again_after_it_did_not_answer(editor: RemoteObject) -> N
     assert editor.call(lambda reference: reference) == 2
 
 
-def test_an_answer_that_refuses_is_an_answer(editor: RemoteObject) -> None:
+def test_it_is_not_resolved_again_after_an_idl_exception(editor: RemoteObject) -> None:
     with pytest.raises(StaleVersion, match="5"):
         editor.call(fail(RoboCorba.StaleVersion(4, 5)))
     assert editor.call(lambda reference: reference) == 1

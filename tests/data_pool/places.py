@@ -15,14 +15,14 @@ from tests.simulation.places import Clock, tower
 
 
 class Place:
-    """The source of pools, as long as it is not away; its map is `building`."""
+    """The source of pools, which answers unless `is_away`; its map is `building`."""
 
     def __init__(self, building: Building | None = None) -> None:
         self.world = SimulatedBuilding(building or furnished())
         self.database = OmniDatabase(self.world)
         self.clock = Clock()
         self.is_away = self.is_editor_away = False
-        #: Happens while a call to it is on its way, once.
+        #: Called once, during the next request.
         self.meanwhile: Callable[[], object] | None = None
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
@@ -39,8 +39,8 @@ class Place:
             raise NotReachable("the map editor does not answer (away)")
         return self.world.building
 
-    def pool(self, floor: str = "L1", oneself: str = "") -> DataPool:
-        return DataPool(self, self.map_of, floor, oneself, self.clock)
+    def pool(self, floor: str = "L1", own_name: str = "") -> DataPool:
+        return DataPool(self, self.map_of, floor, own_name, self.clock)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP_S)):
@@ -52,7 +52,7 @@ class Place:
 
 
 def furnished() -> Building:
-    """The tower with more on its upper floor: a wall, a rail, and what can be moved, of which one is not convex."""
+    """The tower with more on its upper floor: a wall, a rail, and movable objects, one of them not convex."""
     hook = ((-0.6, -0.6), (0.6, -0.6), (0.6, -0.2), (-0.2, -0.2), (-0.2, 0.6), (-0.6, 0.6))
     building = tower()
     for element in (
@@ -67,7 +67,7 @@ def furnished() -> Building:
 
 
 def same(pool: DataPool, place: Place) -> bool:
-    """Whether a pool knows exactly what the database has of its floor."""
+    """Whether a pool's content equals the database's for its floor."""
     mine, whole = pool.snapshot().as_update(), place.database.floor(pool.floor)
     assert (mine.floor, mine.version, mine.time, mine.elevators) == (
         whole.floor,

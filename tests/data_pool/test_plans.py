@@ -33,7 +33,7 @@ def test_a_plan_is_kept_in_versions() -> None:
     assert [plan.name for plan in plans.all()] == ["move table"]
 
 
-def test_what_somebody_else_changed_is_not_overwritten() -> None:
+def test_a_stale_version_is_not_overwritten() -> None:
     plans = Plans()
     plans.put("p", CONTENT)
     for expected in (0, 2, -1):
@@ -69,7 +69,7 @@ def test_unknown_plans_are_named() -> None:
         ("p", b"\xdd\xff\xff\xff\xff", "content"),
     ],
 )
-def test_what_cannot_be_kept_is_refused(name: str, content: bytes, field: str) -> None:
+def test_invalid_plans_name_the_field(name: str, content: bytes, field: str) -> None:
     plans = Plans()
     with pytest.raises(InvalidPlan) as invalid:
         plans.put(name, content)
@@ -77,7 +77,7 @@ def test_what_cannot_be_kept_is_refused(name: str, content: bytes, field: str) -
     assert plans.all() == []
 
 
-def test_there_are_so_many_at_most_and_so_large() -> None:
+def test_number_and_size_of_plans_are_limited() -> None:
     plans = Plans()
     for number in range(MAX_PLANS):
         plans.put(f"p{number}", CONTENT)
@@ -88,7 +88,7 @@ def test_there_are_so_many_at_most_and_so_large() -> None:
     assert plans.put("one more", CONTENT) == 1
 
 
-def test_all_together_fit_into_a_message() -> None:
+def test_the_size_of_all_plans_is_limited() -> None:
     plans = Plans()
     count = limits.MAX_CONTENTS // MAX_CONTENT
     for number in range(count):
@@ -99,7 +99,7 @@ def test_all_together_fit_into_a_message() -> None:
 
 
 @given(st.binary(max_size=50))
-def test_any_bytes_are_kept_or_refused(content: bytes) -> None:
+def test_any_bytes_are_stored_or_refused(content: bytes) -> None:
     plans = Plans()
     try:
         plans.put("p", content)
@@ -110,7 +110,7 @@ def test_any_bytes_are_kept_or_refused(content: bytes) -> None:
         assert plans.get("p").content == content
 
 
-def test_of_writers_at_the_same_time_one_wins() -> None:
+def test_one_of_several_concurrent_writers_wins() -> None:
     plans = Plans()
     won: list[int] = []
 

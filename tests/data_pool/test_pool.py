@@ -1,4 +1,4 @@
-"""The data pool follows one floor of a real Omni database: exactly, over changes of floors, and over losses."""
+"""The data pool follows one floor of an Omni database exactly, also after changes of floors and failed requests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.maps.model import MapObject, Wall
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.floor_update import Body, FloorUpdate
 from tests.data_pool.places import Place, furnished, same
 from tests.simulation.places import robot
@@ -43,32 +43,35 @@ def test_a_floor_is_loaded_and_followed() -> None:
     place.run(0.5)
     pool.follow()
     assert same(pool, place)
-    before, now = first.robot("A"), pool.robot("A")
+    before, now = first.robot("A"), pool.snapshot().robot("A")
     assert before and now
     assert before.x == 7.0 < now.x  # what was read before has not changed
     assert now.vx > 0.1
     assert first.time < pool.snapshot().time
 
 
-def test_things_by_name() -> None:
+def test_robots_and_objects_by_name() -> None:
     place = Place()
     place.world.add(robot("A"))
     place.world.refresh()
     pool = place.pool()
     pool.follow()
-    assert [(thing.name, thing.is_movable) for thing in pool.objects()] == [("S1", False), ("T1", True)]
-    assert [thing.name for thing in pool.objects("T*")] == ["T1"]
-    assert pool.objects("t?") == []
-    table, shelf = pool.object("T1"), pool.object("S1")
+    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
+        ("S1", False),
+        ("T1", True),
+    ]
+    assert [item.name for item in pool.snapshot().objects("T*")] == ["T1"]
+    assert pool.snapshot().objects("t?") == []
+    table, shelf = pool.snapshot().object("T1"), pool.snapshot().object("S1")
     assert table and shelf
     assert (table.x, table.y, table.heading, table.vx) == (2.0, 2.0, 0.3, 0.0)
     assert (table.mass_kg, shelf.mass_kg) == (pytest.approx(5.4), 0.0)
     assert np.sort(shelf.corners, axis=0) == pytest.approx(np.array([(7.5, 7.7), (7.5, 7.7), (8.5, 8.3), (8.5, 8.3)]))
-    assert [pool.object(name) for name in ("A", "plate", "W1", "")] == [None] * 4
-    assert [pool.robot(name) for name in ("T1", "")] == [None] * 2
-    assert list(pool.elevators) == ["E1"]
+    assert [pool.snapshot().object(name) for name in ("A", "plate", "W1", "")] == [None] * 4
+    assert [pool.snapshot().robot(name) for name in ("T1", "")] == [None] * 2
+    assert list(pool.snapshot().elevators) == ["E1"]
     with pytest.raises(TypeError):
-        pool.elevators["E1"] = pool.elevators["E1"]  # type: ignore[index]
+        pool.snapshot().elevators["E1"] = pool.snapshot().elevators["E1"]  # type: ignore[index]
     with pytest.raises(ValueError, match="read-only"):
         pool.snapshot().motions["x"] = 0.0
 
@@ -82,34 +85,34 @@ def test_a_robot_changes_floors_with_the_elevator() -> None:
     world.call_elevator("A", "E1", "L1")
     ride = world.cabins["E1"].sessions["A"]
     while "A" in world.cabins["E1"].sessions:
-        if ride.phase is Phase.BOARDING:
+        if ride.phase is RidePhase.BOARDING:
             world.robots["A"].command(0.5, 0.0, 0.0, 0.2)
-        elif ride.phase is Phase.RIDING:
+        elif ride.phase is RidePhase.RIDING:
             world.robots["A"].command(max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0, 0.2)
-        elif ride.phase is Phase.ALIGHTING:
+        elif ride.phase is RidePhase.ALIGHTING:
             world.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
         world.step()
         world.refresh()
         if pool.floor != world.pose("A").floor:
             pool.follow()
-            assert pool.robot("A") is None
-            assert pool.go_to(world.pose("A").floor)
+            assert pool.snapshot().robot("A") is None
+            assert pool.change_floor(world.pose("A").floor)
         pool.follow()
         assert same(pool, place)
-        assert pool.robot("A")
+        assert pool.snapshot().robot("A")
     assert pool.floor == "L1"
-    assert pool.robot("B")
-    assert [thing.name for thing in pool.objects()] == ["S1", "T1"]
-    assert pool.elevators["E1"].floor == "L1"
+    assert pool.snapshot().robot("B")
+    assert [item.name for item in pool.snapshot().objects()] == ["S1", "T1"]
+    assert pool.snapshot().elevators["E1"].floor == "L1"
 
 
-def test_a_floor_that_is_not_there() -> None:
+def test_an_unknown_floor_is_refused() -> None:
     place = Place()
     pool = place.pool()
     pool.follow()
     before = pool.snapshot()
     with pytest.raises(UnknownFloor, match="L9"):
-        pool.go_to("L9")
+        pool.change_floor("L9")
     assert pool.snapshot() is before
     nowhere = place.pool("L9")
     nowhere.follow()
@@ -117,19 +120,19 @@ def test_a_floor_that_is_not_there() -> None:
     assert nowhere.lag_s == math.inf
 
 
-def test_the_floor_changes_while_the_one_before_is_asked_for() -> None:
+def test_the_floor_changes_during_a_request() -> None:
     place = Place()
     pool = place.pool("L1")
-    place.meanwhile = lambda: pool.go_to("L2")
+    place.meanwhile = lambda: pool.change_floor("L2")
     pool.follow()
     assert pool.floor == "L2"
     assert same(pool, place)
 
 
-# ---- a source that is away ----
+# ---- a source that does not answer ----
 
 
-def test_while_the_source_is_away_the_lag_grows() -> None:
+def test_the_lag_grows_while_the_source_does_not_answer() -> None:
     place = Place()
     world, pool = place.world, place.pool()
     world.add(robot("A"))
@@ -137,16 +140,8 @@ def test_while_the_source_is_away_the_lag_grows() -> None:
     place.is_away = True
     pool.follow()
     assert (pool.lag_s, pool.snapshot().is_known) == (math.inf, False)
-    for ask in (
-        lambda: pool.nearest_obstacle(1.0, 1.0),
-        lambda: pool.robots_near(1.0, 1.0, 1.0),
-        lambda: pool.object("T1"),
-        lambda: pool.objects(),
-        lambda: pool.robot("A"),
-        lambda: pool.elevators,
-    ):
-        with pytest.raises(NotReachable, match=r"L1.*away"):
-            ask()
+    with pytest.raises(NotReachable, match=r"L1.*away"):
+        pool.loaded_snapshot()
     place.is_away = False
     pool.follow()
     place.clock.now += 0.25
@@ -160,36 +155,36 @@ def test_while_the_source_is_away_the_lag_grows() -> None:
         pool.follow()
     assert (pool.lag_s, pool.snapshot()) == (3.25, before)
     assert "away" in pool.problem
-    assert pool.nearest_obstacle(1.0, 1.0)
+    assert pool.snapshot().nearest_non_robot(1.0, 1.0)
     place.is_away = False
     pool.follow()
     assert (pool.lag_s, pool.problem) == (0.0, "")
     assert same(pool, place)
 
 
-def test_the_floor_can_change_while_the_source_is_away() -> None:
+def test_the_floor_can_change_while_the_source_does_not_answer() -> None:
     place = Place()
     pool = place.pool("L1")
     pool.follow()
     place.is_away = True
-    assert not pool.go_to("L2")
+    assert not pool.change_floor("L2")
     assert (pool.floor, pool.lag_s, pool.snapshot().bodies.all) == ("L2", math.inf, ())
     assert "away" in pool.problem
     pool.follow()
-    assert not pool.go_to("L2")
+    assert not pool.change_floor("L2")
     place.is_away = False
     pool.follow()
     assert same(pool, place)
     place.is_editor_away = True
-    assert not pool.go_to("L1")
+    assert not pool.change_floor("L1")
     assert "editor" in pool.problem
     place.is_editor_away = False
     pool.follow()
     assert same(pool, place)
-    assert pool.go_to("L1")
+    assert pool.change_floor("L1")
 
 
-def test_another_process_with_the_same_floor() -> None:
+def test_another_process_serves_the_floor() -> None:
     place = Place()
     pool = place.pool()
     pool.follow()
@@ -207,7 +202,7 @@ def test_another_process_with_the_same_floor() -> None:
     assert same(pool, place)
 
 
-def test_what_does_not_fit_begins_anew() -> None:
+def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
     place = Place()
     place.world.add(robot("A"))
     place.world.refresh()
@@ -246,7 +241,7 @@ def test_edits_of_this_floor_are_followed() -> None:
     place = Place()
     pool = place.pool()
     pool.follow()
-    near = pool.nearest_obstacle(7.0, 3.0)
+    near = pool.snapshot().nearest_non_robot(7.0, 3.0)
     assert near and near.name != "W9"
     walls = pool.snapshot().walls
     place.world.update(place.world.building.with_element("L2", Wall("W9", (7.0, 2.0), (9.0, 2.0))))
@@ -256,12 +251,15 @@ def test_edits_of_this_floor_are_followed() -> None:
     place.world.update(place.world.building.with_element("L1", Wall("W9", (7.0, 2.0), (9.0, 2.0))))
     pool.follow_map()
     pool.follow()
-    assert pool.nearest_obstacle(7.0, 3.0) == (1.0, 7.0, 2.0, "W9")
+    assert pool.snapshot().nearest_non_robot(7.0, 3.0) == (1.0, 7.0, 2.0, "W9")
     shelf = place.world.building.floors["L1"].geometrical.objects["S1"]
     place.world.update(place.world.building.with_element("L1", MapObject("S1", shelf.shape, shelf.at, movable=True)))
     pool.follow_map()
     pool.follow()
-    assert [(thing.name, thing.is_movable) for thing in pool.objects()] == [("S1", True), ("T1", True)]
+    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
+        ("S1", True),
+        ("T1", True),
+    ]
     place.is_editor_away = True
     with pytest.raises(NotReachable):
         pool.follow_map()
@@ -271,7 +269,7 @@ def test_edits_of_this_floor_are_followed() -> None:
 
 
 def reachable(pool: DataPool, place: Place) -> list[Any]:
-    """All that a pool holds, but for its source."""
+    """All Python objects that a pool refers to, except its source."""
     seen = {id(place), id(place.clock)}
     found: list[Any] = []
     waiting: list[Any] = [pool]
@@ -293,10 +291,10 @@ def test_the_memory_is_that_of_one_floor() -> None:
     pool, sizes = place.pool("L1"), []
     for turn in range(20):
         before = weakref.ref(pool.snapshot())
-        pool.go_to("L2")
+        pool.change_floor("L2")
         gc.collect(0)
         assert before() is None
-        pool.go_to("L1")
+        pool.change_floor("L1")
         for number in range(4):
             place.world.robots[f"L1-{number}"].command(0.2, 0.0, 1.0, 0.5)
         place.run(0.1)
@@ -329,11 +327,11 @@ def test_readers_never_see_two_floors_at_once() -> None:
         while not is_over.wait(0.0005):
             snapshot = pool.snapshot()
             floors_seen.add(snapshot.floor)
-            names = {thing.name[:2] for thing in snapshot.robots}
-            near = snapshot.nearest_obstacle(5.0, 1.5)
+            names = {item.name[:2] for item in snapshot.robots}
+            near = snapshot.robots_near(5.0, 1.5, 0.1)
             if names != {snapshot.floor} or snapshot.walls is None or snapshot.walls.floor != snapshot.floor:
                 wrong.append((snapshot.floor, names))
-            if near is None or near.name != f"{snapshot.floor}-1" or len(snapshot.robots) != 3:
+            if [other.robot.name for other in near] != [f"{snapshot.floor}-1"] or len(snapshot.robots) != 3:
                 wrong.append((snapshot.floor, near))
 
     def follow() -> None:
@@ -344,7 +342,7 @@ def test_readers_never_see_two_floors_at_once() -> None:
     for thread in threads:
         thread.start()
     for turn in range(60):
-        pool.go_to(("L2", "L1")[turn % 2])
+        pool.change_floor(("L2", "L1")[turn % 2])
     is_over.set()
     for thread in threads:
         thread.join(10.0)
@@ -355,7 +353,7 @@ def test_readers_never_see_two_floors_at_once() -> None:
     assert same(pool, place)
 
 
-# ---- whatever happens ----
+# ---- any events ----
 
 acts = st.lists(
     st.tuples(
@@ -369,7 +367,7 @@ acts = st.lists(
 
 @hypothesis.settings(max_examples=80, deadline=None)
 @hypothesis.given(acts)
-def test_after_whatever_happened_the_pool_equals_the_database(acts: list[tuple[str, str, int]]) -> None:
+def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str, int]]) -> None:
     place = Place()
     world, pool = place.world, place.pool("L1", "A")
     for act, name, number in acts:
@@ -400,7 +398,7 @@ def test_after_whatever_happened_the_pool_equals_the_database(acts: list[tuple[s
             pool.follow()
             assert pool.snapshot() is known if place.is_away else same(pool, place)
         elif act == "go" and floor != known.floor:
-            assert pool.go_to(floor) != place.is_away
+            assert pool.change_floor(floor) != place.is_away
             assert not pool.snapshot().is_known if place.is_away else same(pool, place)
         assert not pool.snapshot().is_known or pool.snapshot().walls.floor == pool.floor  # type: ignore[union-attr]
     place.is_away = place.is_editor_away = False
@@ -408,6 +406,6 @@ def test_after_whatever_happened_the_pool_equals_the_database(acts: list[tuple[s
     pool.follow()
     assert same(pool, place)
     assert pool.problem == ""
-    assert {thing.name for thing in pool.snapshot().robots} == {
+    assert {item.name for item in pool.snapshot().robots} == {
         one.name for one in world.robots.values() if one.floor == pool.floor
     }

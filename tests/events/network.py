@@ -13,20 +13,23 @@ from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
-from robocorba.events.event import EventHeader, EventRun
+from robocorba.events.channel_store import Peer
+from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.foreign import Attach
 from robocorba.events.links import Links
-from robocorba.events.outlet import PullOutlet
+from robocorba.events.policies import LinkPolicy
+from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.store import PeerRecord
 from robocorba.events.subscription import checked
 from robocorba.events.watermarks import Watermarks
 
+DEFAULTS = LinkPolicy()
 
-def run_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> EventRun:
+
+def batch_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> EventBatch:
     """Events of one supplier; the channel sets their time."""
-    return EventRun(
+    return EventBatch(
         EventHeader(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads]
     )
 
@@ -35,13 +38,13 @@ class MemoryStore:
     """What Links keeps, as long as the test."""
 
     def __init__(self) -> None:
-        self.records: dict[str, PeerRecord] = {}
+        self.records: dict[str, Peer] = {}
         self.kept: list[Advertisement] = []
 
-    def peers(self) -> list[PeerRecord]:
+    def peers(self) -> list[Peer]:
         return list(self.records.values())
 
-    def save_peer(self, record: PeerRecord) -> None:
+    def save_peer(self, record: Peer) -> None:
         self.records[record.name] = record
 
     def forget_peer(self, name: str) -> None:
@@ -76,21 +79,21 @@ class Node:
         self.store = store or MemoryStore()
         self.watermarks = Watermarks(folder / f"{name}.seen")
         self.channel = Channel(Federation(name, self.store.kept), self.watermarks, 1)
-        self.links = Links(self.channel, self.store, self._join, self._no_foreign)  # type: ignore[arg-type]
+        self.links = Links(self.channel, self.store, self._join, self._no_foreign, network.policy)  # type: ignore[arg-type]
         self.account = Account()
         self.consumers: list[Consumer] = []
 
     def publish(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
-        self.channel.publish(run_of(*payloads, type=type, source=source, expiry=expiry), self.account)
+        self.channel.publish(batch_of(*payloads, type=type, source=source, expiry=expiry), self.account)
 
     def consume(self, *types: str, size: int = 1_000_000) -> Consumer:
         """A consumer of this node's own."""
         subscription = checked([([(type, "*")], 0.0) for type in types])
-        outlet = PullOutlet(self.channel.lock, str(len(self.consumers)), subscription, QueuePolicy(size))
+        proxy = ProxyPullSupplier(self.channel.lock, str(len(self.consumers)), subscription, QueuePolicy(size))
         with self.channel.lock:
-            self.channel.outlets[outlet.id] = outlet
-            outlet.connect(None)
-        self.consumers.append(Consumer(self, outlet))
+            self.channel.proxy_suppliers[proxy.id] = proxy
+            proxy.connect(None)
+        self.consumers.append(Consumer(self, proxy))
         self.consumers[-1].update_interest()
         return self.consumers[-1]
 
@@ -102,7 +105,7 @@ class Node:
     def close(self) -> None:
         self.links.close()
 
-    def _join(self, record: PeerRecord) -> tuple[FeedWire, str]:
+    def _join(self, record: Peer) -> tuple[FeedWire, str]:
         there = self.network.reach(self.name, record.name)
         terms = there.links.join(self.name, self.name, GatewayWire(self.network, there.name, self.name))
         if self.network.weather.strikes(self.network.weather.fails):
@@ -110,38 +113,38 @@ class Node:
         return FeedWire(self.network, self.name, there.name, *terms), record.name
 
     @staticmethod
-    def _no_foreign(record: PeerRecord) -> Attach:
+    def _no_foreign(record: Peer) -> Attach:
         raise AssertionError(record)
 
 
 class Consumer:
     """What a consumer got, in order."""
 
-    def __init__(self, node: Node, outlet: PullOutlet) -> None:
-        self.node, self.outlet = node, outlet
+    def __init__(self, node: Node, proxy: ProxyPullSupplier) -> None:
+        self.node, self.proxy = node, proxy
         self.got: list[str] = []
 
     def read(self) -> list[str]:
-        while (run := self.outlet.pull(0.0)) is not None:
-            self.got += [payload.decode() for payload in run.payloads]
+        while (batch := self.proxy.pull(0.0)) is not None:
+            self.got += [payload.decode() for payload in batch.payloads]
         return self.got
 
     def change(self, *types: str) -> None:
         with self.node.channel.lock:
-            self.outlet.select(checked([([(type, "*")], 0.0) for type in types]))
+            self.proxy.select(checked([([(type, "*")], 0.0) for type in types]))
         self.update_interest()
 
     def leave(self) -> None:
         with self.node.channel.lock:
-            del self.node.channel.outlets[self.outlet.id]
-            self.outlet.end()
+            del self.node.channel.proxy_suppliers[self.proxy.id]
+            self.proxy.end()
         self.update_interest()
 
     def update_interest(self) -> None:
         with self.node.channel.lock:
-            changed = self.node.channel.changed()
+            changed = self.node.channel.update_routes()
         if changed:
-            self.node.links.interest_changed()
+            self.node.links.send_advertisements()
 
 
 class GatewayWire:
@@ -149,15 +152,15 @@ class GatewayWire:
 
     def __init__(self, network: Network, here: str, there: str) -> None:
         self._network, self._here, self._there = network, here, there
-        self._held: tuple[str, int, list[EventRun]] | None = None
+        self._held: tuple[str, int, list[EventBatch]] | None = None
 
-    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
+    def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
         weather = self._network.weather
         try:
             there = self._network.reach(self._here, self._there)
         except NotReachable as error:
             raise NotDelivered(str(error)) from None
-        copies = [EventRun(run.header, run.times, run.payloads, run.first) for run in runs]
+        copies = [EventBatch(batch.header, batch.times, batch.payloads, batch.first) for batch in batches]
         if weather.strikes(weather.lost):
             return []
         if self._held is None and weather.strikes(weather.late):
@@ -203,8 +206,9 @@ class FeedWire:
 class Network:
     """Nodes by name; ended with its `with`."""
 
-    def __init__(self, *names: str, weather: Weather | None = None) -> None:
+    def __init__(self, *names: str, weather: Weather | None = None, policy: LinkPolicy = DEFAULTS) -> None:
         self.weather = weather or Weather()
+        self.policy = policy
         self.cut: set[frozenset[str]] = set()
         self._folder = tempfile.TemporaryDirectory()
         self.nodes = {name: Node(self, name, Path(self._folder.name)) for name in names}
@@ -215,7 +219,7 @@ class Network:
     def link(self, *pairs: str) -> None:
         """Link pairs of nodes with names of one letter: "AB"."""
         for here, there in pairs:
-            self.nodes[here].links.add(PeerRecord(there))
+            self.nodes[here].links.add(Peer(there))
 
     def reach(self, here: str, there: str) -> Node:
         """Raises NotReachable where the wire is cut, or a call fails."""

@@ -1,4 +1,4 @@
-"""Runs of events, and small clients that note what they are given."""
+"""Batches of events, and small clients that note what they are given."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 from robocorba.errors.events import EventError
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
-from robocorba.events.event import CorrelatedEvents, EventHeader, EventRun
+from robocorba.events.event import CorrelatedEvents, EventBatch, EventHeader
 from robocorba.events.federation import Federation
-from robocorba.events.outlet import Outlet
+from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import QueueItem
 from robocorba.events.subscription import Clause, Pattern, Subscription
 from robocorba.events.watermarks import Watermarks
@@ -22,22 +22,22 @@ NOW = 1_000_000.0
 _references = itertools.count()
 
 
-def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, expiry: float = 0.0) -> EventRun:
+def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, expiry: float = 0.0) -> EventBatch:
     """Events made at NOW, each with its number as payload."""
-    return EventRun(
+    return EventBatch(
         EventHeader(type, "A", "lab", priority, expiry), [NOW] * count, list(range(first, first + count)), first
     )
 
 
-def supplied(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> EventRun:
+def supplied(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> EventBatch:
     """Events of a supplier: without origin, numbers and times."""
-    return EventRun(EventHeader(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
+    return EventBatch(EventHeader(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
 
 
 def numbers(items: Sequence[QueueItem]) -> list[int]:
     """The numbers of all events, in order."""
-    runs = [run for item in items for run in (item.runs if isinstance(item, CorrelatedEvents) else (item,))]
-    return [run.first + place for run in runs for place in range(len(run))]
+    batches = [batch for item in items for batch in (item.batches if isinstance(item, CorrelatedEvents) else (item,))]
+    return [batch.first + place for batch in batches for place in range(len(batch))]
 
 
 def wanting(*types: str) -> Subscription:
@@ -51,13 +51,13 @@ def is_balanced(totals: Totals) -> bool:
 
 
 class Consumer:
-    """A consumer; `answer` may raise instead of taking what it is given, and `is_there` may raise or be False."""
+    """A consumer; `answer` may raise instead of taking what it is given, and `is_alive` may raise or be False."""
 
     def __init__(self, takes_batches: bool = True, answer: Callable[[Sequence[QueueItem]], None] | None = None) -> None:
         self.takes_batches = takes_batches
         self.reference = self.address = f"consumer {next(_references)}"
         self.answer = answer or (lambda items: None)
-        self.is_there: Callable[[], bool] = lambda: True
+        self.is_alive: Callable[[], bool] = lambda: True
         self.items: list[QueueItem] = []
         self.disconnections = 0
         self.overlaps = 0
@@ -74,7 +74,7 @@ class Consumer:
             self._busy.release()
 
     def answers(self, limit_s: float) -> bool:
-        return self.is_there()
+        return self.is_alive()
 
     def disconnect(self) -> None:
         self.disconnections += 1
@@ -82,24 +82,24 @@ class Consumer:
     @property
     def payloads(self) -> list[object]:
         """Of all single events that it has got."""
-        return [payload for item in self.items if isinstance(item, EventRun) for payload in item.payloads]
+        return [payload for item in self.items if isinstance(item, EventBatch) for payload in item.payloads]
 
 
 class Supplier:
-    """A polled supplier: gives `runs` in turn, then nothing; an error among them is raised."""
+    """A polled supplier: gives `batches` in turn, then nothing; an error among them is raised."""
 
-    def __init__(self, *runs: EventRun | EventError) -> None:
+    def __init__(self, *batches: EventBatch | EventError) -> None:
         self.reference = self.address = f"supplier {next(_references)}"
-        self.runs = list(runs)
+        self.batches = list(batches)
         self.asked = 0
         self.disconnections = 0
 
-    def try_pull(self, limit_s: float) -> EventRun | None:
+    def try_pull(self, limit_s: float) -> EventBatch | None:
         self.asked += 1
-        run = self.runs.pop(0) if self.runs else None
-        if isinstance(run, EventError):
-            raise run
-        return run
+        batch = self.batches.pop(0) if self.batches else None
+        if isinstance(batch, EventError):
+            raise batch
+        return batch
 
     def disconnect(self) -> None:
         self.disconnections += 1
@@ -123,9 +123,9 @@ def open_channel(folder: Path, first_number: int = 1) -> Iterator[Channel]:
         yield Channel(Federation("lab", []), watermarks, first_number)
 
 
-def add(channel: Channel, outlet: Outlet, client: object = None) -> None:
-    """Connect a client by an outlet."""
+def add(channel: Channel, proxy: ProxySupplier, client: object = None) -> None:
+    """Connect a client by a proxy."""
     with channel.lock:
-        channel.outlets[outlet.id] = outlet
-        outlet.connect(client)
-        channel.changed()
+        channel.proxy_suppliers[proxy.id] = proxy
+        proxy.connect(client)
+        channel.update_routes()

@@ -8,7 +8,7 @@ import time
 from robocorba.events.call_limiter import CallLimiter
 
 
-def test_no_more_turns_at_a_time_than_allowed() -> None:
+def test_no_more_slots_are_taken_than_allowed() -> None:
     limiter, running, most = CallLimiter(3, 5.0), 0, 0
     counting = threading.Lock()
 
@@ -32,7 +32,7 @@ def test_no_more_turns_at_a_time_than_allowed() -> None:
     assert most == 3
 
 
-def test_turns_that_hang_hold_up_nobody_for_longer_than_the_limit() -> None:
+def test_calls_that_hang_delay_others_no_longer_than_the_limit() -> None:
     limiter, released = CallLimiter(2, 0.05), threading.Event()
 
     def hang() -> None:
@@ -56,7 +56,7 @@ def test_turns_that_hang_hold_up_nobody_for_longer_than_the_limit() -> None:
         assert len(limiter._running) == 2
 
 
-def test_a_turn_ends_with_an_error_too() -> None:
+def test_an_error_frees_the_slot() -> None:
     limiter = CallLimiter(1, 60.0)
     for _ in range(3):
         try:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocorba.events import foreign
 from robocorba.events.foreign import Echoes
 
 
@@ -24,24 +22,21 @@ def test_each_push_is_recognised_once(steps: list[tuple[bool, str]]) -> None:
             open_pushes[content] = max(0, open_pushes[content] - 1)
 
 
-def test_what_never_came_back_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(foreign, "ECHO_S", -1.0)
-    echoes = Echoes()
+def test_an_expected_echo_is_forgotten_after_its_time() -> None:
+    echoes = Echoes(echo_s=-1.0)
     echoes.expect("a")
     assert not echoes.recognise("a")
 
 
-def test_no_more_is_remembered_than_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(foreign, "MAX_ECHOES", 10)
-    echoes = Echoes()
+def test_the_number_of_expected_echoes_is_bounded() -> None:
+    echoes = Echoes(max_echoes=10)
     for number in range(30):
         echoes.expect(number)
     assert [number for number in range(30) if echoes.recognise(number)] == list(range(20, 30))
 
 
-def test_what_is_said_again_and_again_is_recognised_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(foreign, "MAX_ECHOES", 10)
-    echoes = Echoes()
+def test_repeated_contents_are_recognised_each_time() -> None:
+    echoes = Echoes(max_echoes=10)
     for _ in range(30):
         echoes.expect("alive")
         assert echoes.recognise("alive")

@@ -1,4 +1,4 @@
-"""Runs: parted, merged, aged."""
+"""Batches: parted, merged, aged."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from robocorba.events.event import (
     MAX_PAYLOAD_BYTES,
     CorrelatedEvents,
     Encoding,
+    EventBatch,
     EventHeader,
-    EventRun,
     check,
     checked_header,
     merged,
@@ -25,13 +25,13 @@ from tests.events.samples import NOW, events, numbers
 AGES = st.lists(st.integers(-5, 5), min_size=1, max_size=12)
 
 
-def aged(ages: list[int], first: int) -> EventRun:
+def aged(ages: list[int], first: int) -> EventBatch:
     """Events that were made `ages` seconds ago and last for 0.5 s."""
-    return EventRun(EventHeader("t", "A", expiry=0.5), [NOW - age for age in ages], list(range(len(ages))), first)
+    return EventBatch(EventHeader("t", "A", expiry=0.5), [NOW - age for age in ages], list(range(len(ages))), first)
 
 
 @given(st.integers(1, 20), st.integers(0, 20), st.integers(0, 20))
-def test_a_part_has_the_events_and_numbers_of_its_place(count: int, start: int, stop: int) -> None:
+def test_a_part_keeps_its_events_and_numbers(count: int, start: int, stop: int) -> None:
     part = events(100, count).part(start, stop)
     assert part.payloads == list(range(100, 100 + count))[start:stop]
     assert len(part.times) == len(part)
@@ -41,25 +41,25 @@ def test_a_part_has_the_events_and_numbers_of_its_place(count: int, start: int, 
 
 
 @given(st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.sampled_from("ab")), max_size=15))
-def test_merged_runs_are_the_same_events_in_as_few_runs_as_can_be(pieces: list[tuple[int, bool, str]]) -> None:
-    runs: list[EventRun] = []
+def test_merging_keeps_the_events_in_as_few_batches_as_possible(pieces: list[tuple[int, bool, str]]) -> None:
+    batches: list[EventBatch] = []
     number = 1
     for count, has_gap, type in pieces:
         number += has_gap
-        runs.append(events(number, count, type=type))
+        batches.append(events(number, count, type=type))
         number += count
-    result = merged(runs)
+    result = merged(batches)
 
-    def content(several: list[EventRun]) -> list[tuple[int, str, object]]:
+    def content(several: list[EventBatch]) -> list[tuple[int, str, object]]:
         return [(r.first + i, r.header.type, payload) for r in several for i, payload in enumerate(r.payloads)]
 
-    assert content(result) == content(runs)
+    assert content(result) == content(batches)
     assert all(
         second.first != first.last + 1 or second.header != first.header for first, second in itertools.pairwise(result)
     )
 
 
-def test_runs_that_came_by_different_ways_stay_apart() -> None:
+def test_batches_from_different_peers_are_not_merged() -> None:
     first, second = events(1, 2), events(3, 2)
     second.via = "hall"
     assert merged([first, second]) == [first, second]
@@ -83,9 +83,9 @@ def test_events_with_numbers_keep_them_and_no_live_one_is_lost(ages: list[int], 
     assert [number - first for number in numbers([fresh])] == fresh.payloads
 
 
-def test_what_never_expires_is_passed_on_as_it_is() -> None:
-    run = events(1, 3)
-    assert run.unexpired(math.inf) is run
+def test_a_batch_without_expiry_is_returned_unchanged() -> None:
+    batch = events(1, 3)
+    assert batch.unexpired(math.inf) is batch
 
 
 def test_a_conjunction_expires_with_any_of_its_events() -> None:
@@ -124,5 +124,5 @@ def test_times_and_payloads_that_are_out_of_range_name_their_field(
     field: str, times: list[float], payloads: list[bytes]
 ) -> None:
     with pytest.raises(InvalidEvent) as refused:
-        check(EventRun(EventHeader("t", "A"), times, payloads))
+        check(EventBatch(EventHeader("t", "A"), times, payloads))
     assert refused.value.field == field

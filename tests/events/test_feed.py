@@ -9,60 +9,71 @@ from collections.abc import Iterator
 import pytest
 
 from robocorba.errors.events import NotDelivered, SessionOver
-from robocorba.events import feed as feed_module
-from robocorba.events.event import Encoding, EventHeader, EventRun
-from robocorba.events.feed import Feed
+from robocorba.events.account import Totals
+from robocorba.events.event import Encoding, EventBatch, EventHeader
+from robocorba.events.feed import INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WINDOW, Feed
+from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
+from tests.events.samples import is_balanced
 
 FIT = SubscriptionMatch(True, ())
+
+
+DEFAULTS = LinkPolicy()
 
 
 class Gateway:
     """Keeps what was forwarded to it."""
 
     def __init__(self) -> None:
-        self.got: list[tuple[str, int, list[EventRun]]] = []
+        self.got: list[tuple[str, int, list[EventBatch]]] = []
         self.is_dead = False
         self.refused: set[bytes] = set()
         self.may_take = threading.Event()
         self.may_take.set()
 
-    def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
+    def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
         assert self.may_take.wait(10)
         if self.is_dead:
             raise NotDelivered("it is dead")
-        unsendable = [run for run in runs if self.refused.intersection(run.payloads)]
-        self.got.append((session, position, [run for run in runs if run not in unsendable]))
+        unsendable = [batch for batch in batches if self.refused.intersection(batch.payloads)]
+        self.got.append((session, position, [batch for batch in batches if batch not in unsendable]))
         return unsendable
 
     def payloads(self, session: str = "") -> list[int]:
-        return [int(p[-6:]) for s, _, runs in self.got if s == (session or s) for run in runs for p in run.payloads]
+        return [
+            int(p[-6:])
+            for s, _, batches in self.got
+            if s == (session or s)
+            for batch in batches
+            for p in batch.payloads
+        ]
 
 
 class Setting:
     """A feed and its lock; what is offered has rising numbers."""
 
-    def __init__(self, size: int = 10_000) -> None:
+    def __init__(self, policy: LinkPolicy = DEFAULTS) -> None:
         self.lock = threading.Lock()
-        self.feed = Feed(self.lock, "hall", size)
+        self.feed = Feed(self.lock, "hall", policy)
         self.gateway = Gateway()
         self.session = ""
         self._next = 1
 
-    def run(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> EventRun:
+    def batch(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> EventBatch:
         first, self._next = self._next, self._next + count
         payloads = [b"%0*d" % (bytes, number) for number in range(first, first + count)]
-        return EventRun(EventHeader(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
+        return EventBatch(EventHeader(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
 
-    def offer(self, run: EventRun) -> bool:
+    def accept(self, batch: EventBatch) -> bool:
         with self.lock:
-            return self.feed.offer(run, FIT, time.time())
+            return self.feed.accept(batch, FIT, time.time())
 
     def publish(self, count: int = 1, **how: object) -> None:
-        run = self.run(count, **how)  # type: ignore[arg-type]
-        if self.offer(run):
-            self.feed.deliver(run)
+        batch = self.batch(count, **how)  # type: ignore[arg-type]
+        if self.accept(batch):
+            self.feed.deliver(batch)
 
     def join(self) -> str:
         with self.lock:
@@ -78,45 +89,46 @@ class Setting:
         with self.lock:
             self.feed.acknowledge(self.session, position)
 
-    def check_account(self) -> feed_module.Totals:
+    def check_account(self) -> Totals:
         with self.lock:
-            totals = self.feed.state().totals
-        assert totals.received == totals.delivered + totals.discarded + totals.expired + totals.queued
+            totals = self.feed.snapshot().totals
+        assert is_balanced(totals)
         return totals
 
 
 @pytest.fixture
-def at() -> Iterator[Setting]:
-    setting = Setting()
+def at(request: pytest.FixtureRequest) -> Iterator[Setting]:
+    """`request.param`: its policy, if not the default."""
+    setting = Setting(getattr(request, "param", DEFAULTS))
     yield setting
     setting.gateway.may_take.set()
     with setting.lock:
         setting.feed.end()
 
 
-def test_events_wait_until_the_gateway_has_joined_and_said_so(at: Setting) -> None:
+def test_events_wait_until_the_gateway_has_joined_and_renewed(at: Setting) -> None:
     at.publish(3)
     at.join()
     at.publish()
     assert at.gateway.got == []
     at.renew(1)
-    eventually(lambda: at.gateway.payloads() == [1, 2, 3, 4], what="what waited")
+    eventually(lambda: at.gateway.payloads() == [1, 2, 3, 4], what="the queued events")
     assert at.check_account()[-1] == 4
     at.acknowledge(2)
     assert at.check_account() == (4, 4, 0, 0, 0, 0)
 
 
-def test_an_idle_link_is_served_by_the_suppliers_own_thread(at: Setting) -> None:
+def test_on_an_idle_link_the_suppliers_own_thread_sends(at: Setting) -> None:
     at.join()
     at.renew(1)
-    run = at.run()
-    assert at.offer(run)
+    batch = at.batch()
+    assert at.accept(batch)
     assert at.check_account().queued == 1
-    at.feed.deliver(run)
+    at.feed.deliver(batch)
     assert at.gateway.payloads() == [1]
 
 
-def test_batches_grow_under_load(at: Setting) -> None:
+def test_packets_grow_under_load(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.gateway.may_take.clear()
@@ -130,23 +142,23 @@ def test_batches_grow_under_load(at: Setting) -> None:
     eventually(lambda: len(at.gateway.payloads()) == 501, what="all events")
     assert at.gateway.payloads() == list(range(1, 502))
     assert len(at.gateway.got) == 2
-    assert len(at.gateway.got[1][2]) == 1  # merged into one run
+    assert len(at.gateway.got[1][2]) == 1  # merged into one batch
 
 
-def test_at_most_a_window_of_batches_is_on_its_way(at: Setting) -> None:
+def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
     at.join()
     at.renew(1)
-    for number in range(3 * feed_module.WINDOW):
+    for number in range(3 * WINDOW):
         at.publish(1, type=f"t{number % 2}")
-    eventually(lambda: len(at.gateway.got) >= feed_module.INLINE_WINDOW + 1, what="a full window")
+    eventually(lambda: len(at.gateway.got) >= INLINE_WINDOW + 1, what="a full window")
     time.sleep(0.1)
-    assert max(position for _, position, _ in at.gateway.got) <= feed_module.WINDOW
+    assert max(position for _, position, _ in at.gateway.got) <= WINDOW
     at.acknowledge(at.gateway.got[-1][1] + 1)
-    eventually(lambda: len(at.gateway.payloads()) == 3 * feed_module.WINDOW, what="the rest")
+    eventually(lambda: len(at.gateway.payloads()) == 3 * WINDOW, what="the rest")
     assert at.gateway.payloads() == sorted(at.gateway.payloads())
 
 
-def test_what_was_not_acknowledged_goes_first_in_the_next_session(at: Setting) -> None:
+def test_unacknowledged_packets_are_sent_first_in_the_next_session(at: Setting) -> None:
     at.join()
     at.renew(1)
     for _ in range(3):
@@ -155,19 +167,19 @@ def test_what_was_not_acknowledged_goes_first_in_the_next_session(at: Setting) -
     session = at.join()
     at.publish()
     at.renew(1)
-    eventually(lambda: at.gateway.payloads(session) == [2, 3, 4], what="what was on its way, then the new one")
+    eventually(lambda: at.gateway.payloads(session) == [2, 3, 4], what="what was in flight, then the new one")
     with pytest.raises(SessionOver), at.lock:
         at.feed.acknowledge("another", 9)
     at.check_account()
 
 
 def test_a_join_while_an_event_is_claimed_keeps_the_order(at: Setting) -> None:
-    """The supplier's thread was about to send 2 in the old session, 1 was on its way, 3 waits."""
+    """The supplier's thread was about to send 2 in the old session, 1 was in flight, 3 waits."""
     at.join()
     at.renew(1)
     at.publish()
-    claimed = at.run()
-    assert at.offer(claimed)
+    claimed = at.batch()
+    assert at.accept(claimed)
     at.publish()
     session = at.join()
     assert not at.gateway.payloads(session)
@@ -180,8 +192,8 @@ def test_a_join_while_an_event_is_claimed_keeps_the_order(at: Setting) -> None:
 def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
     at.join()
     at.renew(1)
-    claimed = at.run()
-    assert at.offer(claimed)
+    claimed = at.batch()
+    assert at.accept(claimed)
     at.publish()
     at.feed.defer(claimed)
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both")
@@ -189,20 +201,20 @@ def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
     assert at.check_account().received == 2
 
 
-def test_a_batch_that_did_not_get_out_goes_again_once_the_gateway_is_heard(at: Setting) -> None:
+def test_a_packet_that_failed_is_sent_again_after_the_next_renewal(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.gateway.is_dead = True
     at.publish()
-    assert at.feed.state().problem == "it is dead"
+    assert at.feed.snapshot().problem == "it is dead"
     at.publish()
     at.gateway.is_dead = False
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both, in order")
 
 
-def test_a_batch_that_got_lost_goes_again(at: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feed_module, "RETRANSMIT_S", 0.0)
+@pytest.mark.parametrize("at", [LinkPolicy(retransmit_s=0.0)], indirect=True)
+def test_a_lost_packet_is_retransmitted(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish()
@@ -213,42 +225,40 @@ def test_a_batch_that_got_lost_goes_again(at: Setting, monkeypatch: pytest.Monke
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both again")
 
 
-def test_a_gateway_that_is_behind_is_not_sent_everything_again(at: Setting) -> None:
+def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish()
     at.publish()
-    time.sleep(feed_module.RETRANSMIT_S + 0.05)
+    time.sleep(DEFAULTS.retransmit_s + 0.05)
     at.acknowledge(2)
-    at.renew(2)  # the second is on its way for long, but there was progress
+    at.renew(2)  # the second is in flight for a while, but there was progress
     time.sleep(0.1)
     assert at.gateway.payloads() == [1, 2]
 
 
-def test_a_session_without_a_sign_is_down(at: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feed_module, "LEASE_S", 0.05)
+@pytest.mark.parametrize("at", [LinkPolicy(lease_s=0.05)], indirect=True)
+def test_the_link_is_down_when_the_lease_ends(at: Setting) -> None:
     at.join()
     at.renew(1)
-    assert at.feed.state().is_up
-    eventually(lambda: not at.feed.state().is_up, what="the end of the lease")
-    assert "has not called" in at.feed.state().problem
+    assert at.feed.snapshot().is_up
+    eventually(lambda: not at.feed.snapshot().is_up, what="the end of the lease")
+    assert "has not called" in at.feed.snapshot().problem
     at.publish()
     assert at.gateway.got == []
 
 
-def test_a_full_store_discards_the_oldest_and_counts_them() -> None:
-    at = Setting(size=10)
+@pytest.mark.parametrize("at", [LinkPolicy(max_queued=10)], indirect=True)
+def test_a_full_queue_discards_the_oldest_and_counts_them(at: Setting) -> None:
     for _ in range(25):
         at.publish()
     at.join()
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == list(range(16, 26)), what="the newest")
     assert at.check_account().discarded == 15
-    with at.lock:
-        at.feed.end()
 
 
-def test_expired_events_do_not_go_out(at: Setting) -> None:
+def test_expired_events_are_not_sent(at: Setting) -> None:
     at.publish(2, expiry=0.05)
     at.publish()
     time.sleep(0.1)
@@ -258,26 +268,26 @@ def test_expired_events_do_not_go_out(at: Setting) -> None:
     assert at.check_account().expired == 2
 
 
-def test_events_that_came_from_the_peer_do_not_go_back(at: Setting) -> None:
-    run = at.run()
-    run.via = "hall"
-    assert not at.offer(run)
+def test_events_from_the_peer_are_not_sent_back(at: Setting) -> None:
+    batch = at.batch()
+    batch.via = "hall"
+    assert not at.accept(batch)
     assert at.check_account().received == 0
 
 
-def test_a_large_run_goes_in_batches_that_a_message_can_hold(at: Setting) -> None:
+def test_a_large_batch_is_sent_in_several_packets(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish(20, bytes=300_000)
     eventually(lambda: len(at.gateway.payloads()) == 20, what="all of it")
     assert at.gateway.payloads() == list(range(1, 21))
-    assert max(sum(run.size for run in runs) for _, _, runs in at.gateway.got) < 2 * feed_module.BATCH_BYTES
-    at.publish(2 * feed_module.BATCH_EVENTS + 1)
-    eventually(lambda: len(at.gateway.payloads()) == 21 + 2 * feed_module.BATCH_EVENTS, what="a long run")
-    assert max(len(run) for _, _, runs in at.gateway.got for run in runs) <= feed_module.BATCH_EVENTS
+    assert max(sum(batch.size for batch in batches) for _, _, batches in at.gateway.got) < 2 * PACKET_BYTES
+    at.publish(2 * PACKET_EVENTS + 1)
+    eventually(lambda: len(at.gateway.payloads()) == 21 + 2 * PACKET_EVENTS, what="a long batch")
+    assert max(len(batch) for _, _, batches in at.gateway.got for batch in batches) <= PACKET_EVENTS
 
 
-def test_what_can_not_be_sent_is_discarded_and_holds_up_nothing(at: Setting) -> None:
+def test_unsendable_events_are_discarded_and_delay_no_others(at: Setting) -> None:
     at.gateway.refused = {b"2"}
     for number in range(3):
         at.publish(1, type=f"t{number}")
@@ -289,20 +299,20 @@ def test_what_can_not_be_sent_is_discarded_and_holds_up_nothing(at: Setting) -> 
     assert at.check_account() == (3, 2, 0, 1, 0, 0)
 
 
-def test_a_batch_of_nothing_but_what_can_not_be_sent_is_acknowledged_too(at: Setting) -> None:
+def test_a_packet_of_unsendable_events_is_acknowledged_too(at: Setting) -> None:
     at.gateway.refused = {b"1"}
     at.join()
     at.renew(1)
     at.publish()
-    assert at.feed.state().oldest_s == 0.0
+    assert at.feed.snapshot().oldest_s == 0.0
     at.acknowledge(2)
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
 
 
-def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(at: Setting) -> None:
+def test_unsendable_events_are_not_delivered_even_if_acknowledged_first(at: Setting) -> None:
     class Quick(Gateway):
-        def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
-            unsendable = super().forward(session, position, runs, limit_s)
+        def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
+            unsendable = super().forward(session, position, batches, limit_s)
             at.acknowledge(position + 1)
             return unsendable
 
@@ -314,20 +324,20 @@ def test_what_can_not_be_sent_is_no_delivery_even_where_the_gateway_was_quicker(
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
 
 
-def test_plain_values_count_as_events_in_a_large_run(at: Setting) -> None:
-    run = EventRun(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
-    assert not at.offer(run)
+def test_plain_values_count_as_events_in_a_large_batch(at: Setting) -> None:
+    batch = EventBatch(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
+    assert not at.accept(batch)
     at.join()
     at.renew(1)
-    eventually(lambda: sum(len(r) for _, _, runs in at.gateway.got for r in runs) == 2001, what="all of it")
+    eventually(lambda: sum(len(r) for _, _, batches in at.gateway.got for r in batches) == 2001, what="all of it")
 
 
 def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish()
-    claimed = at.run()
-    assert at.offer(claimed)
+    claimed = at.batch()
+    assert at.accept(claimed)
     at.publish()
     thread = at.feed._thread
     with at.lock:
@@ -341,14 +351,14 @@ def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> Non
 
 def test_a_fault_of_a_translator_does_not_end_the_feed(at: Setting) -> None:
     class Broken(Gateway):
-        def forward(self, session: str, position: int, runs: list[EventRun], limit_s: float) -> list[EventRun]:
+        def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
             raise ValueError("a fault")
 
     sound, at.gateway = at.gateway, Broken()
     at.publish()
     at.join()
     at.renew(1)
-    eventually(lambda: "internal fault" in at.feed.state().problem, what="a reported problem")
+    eventually(lambda: "internal fault" in at.feed.snapshot().problem, what="a reported problem")
     at.gateway = sound
     at.join()
     at.renew(1)

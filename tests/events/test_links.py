@@ -10,34 +10,33 @@ import pytest
 
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import NotReachable
-from robocorba.events import gateway as gateway_module
 from robocorba.events.channel import Channel
-from robocorba.events.event import EventHeader, EventRun
+from robocorba.events.channel_store import Peer
+from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.federation import Advertisement, Federation
-from robocorba.events.gateway import FeedPort, Gateway
-from robocorba.events.links import LinkStates
-from robocorba.events.store import PeerRecord
+from robocorba.events.gateway import MAX_EARLY, FeedPort, Gateway
+from robocorba.events.links import LinkSnapshot
 from robocorba.events.watermarks import Watermarks
 from robocorba.testing.processes import eventually
-from tests.events.network import GatewayWire, Network, Node
+from tests.events.network import DEFAULTS, GatewayWire, Network, Node
 
 
-def link(node: Node) -> LinkStates:
-    (state,) = node.links.states()
+def link(node: Node) -> LinkSnapshot:
+    (state,) = node.links.snapshots()
     return state
 
 
 def is_up(*nodes: Node) -> bool:
-    return all(state.feed.is_up and state.gateway.is_up for node in nodes for state in node.links.states())
+    return all(state.feed.is_up and state.gateway.is_up for node in nodes for state in node.links.snapshots())
 
 
 # ---- links ----
 
 
-def test_both_ends_know_of_a_link_that_one_was_told() -> None:
+def test_a_link_that_one_end_adds_exists_at_both_ends() -> None:
     with Network("A", "B") as network:
         network.link("AB")
-        eventually(lambda: len(network["B"].links.states()) == 1 and is_up(*network.nodes.values()), what="the link")
+        eventually(lambda: len(network["B"].links.snapshots()) == 1 and is_up(*network.nodes.values()), what="the link")
         assert network["B"].store.records["A"].reference == "A"
 
 
@@ -46,9 +45,9 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
         a, b = network["A"], network["B"]
         network.link("AB")
         consumer = b.consume("t")
-        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link")
+        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link")
         a.links.remove("B")
-        assert a.links.states() == b.links.states() == []
+        assert a.links.snapshots() == b.links.snapshots() == []
         a.publish("nobody")
         with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
             a.links.join("B", "B", GatewayWire(network, "A", "B"))
@@ -56,29 +55,29 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
         a = network.restart("A")
         b = network.restart("B")
         consumer = b.consume("t")
-        assert a.links.states() == b.links.states() == []
+        assert a.links.snapshots() == b.links.snapshots() == []
 
         network.link("AB")
-        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.states(), what="the link again")
+        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link again")
         a.publish("again")
         eventually(lambda: consumer.read() == ["again"], what="the event")
 
 
-def test_whoever_was_removed_while_it_was_away_is_told_why_it_is_refused() -> None:
+def test_a_peer_that_was_removed_while_unreachable_learns_why_it_is_refused() -> None:
     with Network("A", "B") as network:
         a, b = network["A"], network["B"]
         network.link("AB")
-        eventually(lambda: is_up(a, b) and b.links.states(), what="the link")
+        eventually(lambda: is_up(a, b) and b.links.snapshots(), what="the link")
         network.cut.add(frozenset("AB"))
         a.links.remove("B")
         network.cut.clear()
         eventually(lambda: "A has removed B; add it there again" in link(b).gateway.problem, what="the reason")
-        assert not link(b).feed.is_up or a.links.states() == []
-        a.links.add(PeerRecord("B"))
-        eventually(lambda: is_up(a, b) and a.links.states(), what="the link again")
+        assert not link(b).feed.is_up or a.links.snapshots() == []
+        a.links.add(Peer("B"))
+        eventually(lambda: is_up(a, b) and a.links.snapshots(), what="the link again")
 
 
-def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
+def test_the_queue_of_a_removed_peer_is_discarded() -> None:
     with Network("A", "B") as network:
         a = network["A"]
         network.link("AB")
@@ -92,17 +91,17 @@ def test_what_is_queued_for_a_removed_peer_is_discarded() -> None:
 
 
 @pytest.mark.parametrize(("name", "field"), [("A", "name"), ("", "name"), ("a/b", "name"), ("x" * 61, "name")])
-def test_names_that_can_not_be_peers(name: str, field: str) -> None:
+def test_invalid_names_of_peers(name: str, field: str) -> None:
     with Network("A") as network:
         with pytest.raises(InvalidPeer) as refused:
-            network["A"].links.add(PeerRecord(name))
+            network["A"].links.add(Peer(name))
         assert refused.value.field == field
         assert network["A"].store.records == {}
         with pytest.raises(UnknownPeer):
             network["A"].links.remove("B")
 
 
-def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
+def test_the_reference_of_a_peer_that_moved_is_saved() -> None:
     with Network("A", "B") as network:
         network.link("AB")
         eventually(lambda: is_up(*network.nodes.values()), what="the link")
@@ -110,7 +109,7 @@ def test_a_peer_that_joins_from_elsewhere_is_looked_for_there() -> None:
         assert network["A"].store.records["B"].reference == "where B is now"
 
 
-def test_a_renewal_that_was_overtaken_by_a_join_does_not_count_as_heard() -> None:
+def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
     """Its answer never came: in the next session all advertisements are sent again."""
     with Network("A") as network:
         links = network["A"].links
@@ -149,7 +148,7 @@ def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
         assert held.wait(10)
         a.links.close()
         let_go.set()
-        eventually(lambda: b.links.states(), what="the join")
+        eventually(lambda: b.links.snapshots(), what="the join")
         time.sleep(0.1)
         assert [record.name for record in b.store.peers()] == ["A"]
         assert not b.store.records["A"].removed
@@ -191,7 +190,7 @@ class Alone:
     def __init__(self, folder: Path) -> None:
         self.feed = Feed()
         self.channel = Channel(Federation("lab"), Watermarks(folder / "seen"), 1)
-        self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None)
+        self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None, DEFAULTS)
 
     def __enter__(self) -> Alone:
         self.gateway.start()
@@ -203,17 +202,17 @@ class Alone:
         assert not self.gateway._thread.is_alive()
 
     def forward(self, position: int, *numbers: int, session: str = "s1") -> None:
-        runs = [EventRun(EventHeader("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
-        self.gateway.forward(session, position, runs)
+        batches = [EventBatch(EventHeader("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
+        self.gateway.forward(session, position, batches)
 
     def received(self) -> tuple[int, int]:
-        state = self.gateway.state()
-        return state.totals.received, state.repeated
+        state = self.gateway.snapshot()
+        return state.totals.received, state.duplicates
 
 
-def test_batches_that_come_early_wait_and_others_are_dropped(tmp_path: Path) -> None:
+def test_early_packets_wait_and_duplicates_are_dropped(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         alone.forward(2, 12, 13)
         alone.forward(3, 14)
         assert alone.received() == (0, 0)
@@ -221,20 +220,20 @@ def test_batches_that_come_early_wait_and_others_are_dropped(tmp_path: Path) -> 
         assert alone.received() == (0, 0)
         alone.forward(1, 11)
         assert alone.received() == (4, 0)
-        alone.forward(1, 11)  # the same batch again
-        alone.forward(4, 14, 15)  # another batch that holds a copy
+        alone.forward(1, 11)  # the same packet again
+        alone.forward(4, 14, 15)  # another packet that holds a copy
         assert alone.received() == (5, 1)
 
 
-def test_early_batches_are_bounded(tmp_path: Path) -> None:
+def test_early_packets_are_bounded(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
-        last = 2 * gateway_module.MAX_EARLY
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
+        last = 2 * MAX_EARLY
         for position in range(last, 1, -1):
             alone.forward(position, position)
         alone.forward(1, 1)
-        assert alone.received() == (gateway_module.MAX_EARLY + 1, 0)
-        for position in range(gateway_module.MAX_EARLY + 2, last + 1):
+        assert alone.received() == (MAX_EARLY + 1, 0)
+        for position in range(MAX_EARLY + 2, last + 1):
             alone.forward(position, position)
         assert alone.received() == (last, 0)
 
@@ -247,40 +246,40 @@ def test_a_wake_while_the_peer_is_away_costs_one_attempt(tmp_path: Path) -> None
         alone.gateway.wake()
         time.sleep(0.5)
         assert len(alone.feed.attempts) < 25
-        assert alone.gateway.state().problem == "it is away"
+        assert alone.gateway.snapshot().problem == "it is away"
         alone.feed.problem = None
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
 
 
-def test_a_peer_that_refuses_says_why(tmp_path: Path) -> None:
+def test_the_reason_of_a_refusal_is_reported(tmp_path: Path) -> None:
     alone = Alone(tmp_path)
     alone.feed.problem = InvalidPeer("address", "the channel there is 'yard', not 'hall'")
     with alone:
-        eventually(lambda: alone.gateway.state().problem.startswith("refused: address: the channel there"), what="why")
+        eventually(lambda: alone.gateway.snapshot().problem.startswith("refused: address: the channel"), what="why")
         alone.feed.problem = None
         alone.gateway.wake()
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
 
 
 def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
     alone = Alone(tmp_path)
     alone.feed.problem = ValueError("a fault")
     with alone:
-        eventually(lambda: "internal fault" in alone.gateway.state().problem, what="a reported problem")
+        eventually(lambda: "internal fault" in alone.gateway.snapshot().problem, what="a reported problem")
         alone.feed.problem = None
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
 
 
-def test_its_own_events_are_not_taken_in_again(tmp_path: Path) -> None:
+def test_its_own_events_are_duplicates(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
-        alone.gateway.forward("s1", 1, [EventRun(EventHeader("t", "s", "lab"), [1.0], [b"x"], 2**40)])
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
+        alone.gateway.forward("s1", 1, [EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 2**40)])
         assert alone.received() == (0, 1)
 
 
-def test_expired_events_are_counted_and_go_nowhere(tmp_path: Path) -> None:
+def test_expired_events_are_counted_and_not_published(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.state().is_up, what="the session")
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         header = EventHeader("t", "s", "hall", expiry=1.0)
-        alone.gateway.forward("s1", 1, [EventRun(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
-        assert alone.gateway.state().totals == (2, 1, 0, 0, 1, 0)
+        alone.gateway.forward("s1", 1, [EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
+        assert alone.gateway.snapshot().totals == (2, 1, 0, 0, 1, 0)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from robocorba.backoff import Backoff
 from robocorba.errors.events import (
     AlreadyConnected,
     ClientGone,
@@ -21,30 +22,31 @@ from robocorba.errors.events import (
     UnknownSubscription,
 )
 from robocorba.errors.services import AlreadyRunning, ServiceError
-from robocorba.events import inlet as inlets
-from robocorba.events import proxies as module
 from robocorba.events.channel import Channel
+from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.federation import Advertisement
-from robocorba.events.inlet import Inlet
-from robocorba.events.outlet import Outlet, ProxyCondition, PullOutlet
-from robocorba.events.proxies import Proxies, Proxy, ProxyKind
-from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.policies import PollingPolicy, ProxyPolicy
+from robocorba.events.proxies import Proxies
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+from robocorba.events.proxy_consumer import ProxyConsumer
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
-from robocorba.events.store import ChannelStore, PeerRecord
 from robocorba.events.subscription import ALL
 from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
 
 POLICY = QueuePolicy(100)
+DEFAULTS = ProxyPolicy()
 
 
 class Lab:
     """A channel's proxies, their clients by reference, and what was removed."""
 
-    def __init__(self, channel: Channel, store: ChannelStore, clients: dict[str, Any]) -> None:
+    def __init__(self, channel: Channel, store: ChannelStore, clients: dict[str, Any], policy: ProxyPolicy) -> None:
         self.channel, self.clients = channel, clients
         self.removed: list[str] = []
-        self.proxies = Proxies(channel, store, POLICY, lambda: None, self.removed.append)
+        self.proxies = Proxies(channel, store, POLICY, lambda: None, self.removed.append, policy)
 
     def find(self, kind: str, reference: str) -> Any:
         return self.clients[reference]
@@ -54,15 +56,15 @@ class Lab:
         return client
 
     def publish(self, *payloads: bytes) -> None:
-        inlet = self.proxies.supply("A")
+        proxy = self.proxies.supply("A")
         for payload in payloads:
-            inlet.push(supplied("t", payload))
+            proxy.push(supplied("t", payload))
 
 
 @contextmanager
-def lab_in(folder: Path, clients: dict[str, Any] | None = None) -> Iterator[Lab]:
+def lab_in(folder: Path, clients: dict[str, Any] | None = None, policy: ProxyPolicy = DEFAULTS) -> Iterator[Lab]:
     with ChannelStore(folder / "lab.sqlite") as store, open_channel(folder, store.first_number()) as channel:
-        lab = Lab(channel, store, clients if clients is not None else {})
+        lab = Lab(channel, store, clients if clients is not None else {}, policy)
         lab.proxies.restore(lab)
         yield lab
         with channel.lock:
@@ -71,8 +73,9 @@ def lab_in(folder: Path, clients: dict[str, Any] | None = None) -> Iterator[Lab]
 
 
 @pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    with lab_in(tmp_path) as lab:
+def lab(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Lab]:
+    """`request.param`: its policy, if not the default."""
+    with lab_in(tmp_path, policy=getattr(request, "param", DEFAULTS)) as lab:
         yield lab
 
 
@@ -88,17 +91,17 @@ CLIENTS = {
 def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind) -> None:
     client = CLIENTS[kind]()
     proxy = lab.proxies.obtain(kind)
-    assert lab.proxies.state(proxy).condition is ProxyCondition.WAITING
+    assert lab.proxies.snapshot(proxy).condition is ProxyCondition.WAITING
     lab.proxies.connect(proxy, client)
     with pytest.raises(AlreadyConnected):
         lab.proxies.connect(proxy, CLIENTS[kind]())
-    state = lab.proxies.state(proxy)
+    state = lab.proxies.snapshot(proxy)
     assert (state.kind, state.condition, state.client) == (kind, ProxyCondition.CONNECTED, client.address)
     lab.proxies.disconnect(proxy)
     for act in (lambda: lab.proxies.disconnect(proxy), lambda: lab.proxies.connect(proxy, client)):
         with pytest.raises(ProxyGone):
             act()
-    assert (client.disconnections, lab.removed, lab.proxies.states()) == (1, [proxy.id], [])
+    assert (client.disconnections, lab.removed, lab.proxies.snapshots()) == (1, [proxy.id], [])
 
 
 @pytest.mark.parametrize("kind", [ProxyKind.PUSH_CONSUMER, ProxyKind.PULL_SUPPLIER])
@@ -110,7 +113,7 @@ def test_a_nil_client_is_connected_as_well(lab: Lab, kind: ProxyKind) -> None:
     lab.proxies.disconnect(proxy)
 
 
-def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
+def test_a_proxy_is_gone_before_its_client_is_notified(lab: Lab) -> None:
     seen: list[list[str]] = []
 
     class Mutual(Consumer):
@@ -129,7 +132,7 @@ def test_a_proxy_is_gone_before_its_client_is_told(lab: Lab) -> None:
     assert (seen, consumer.disconnections) == ([[proxy.id]], 1)
 
 
-def test_the_end_of_the_channel_tells_everybody_and_nothing_comes_after(lab: Lab) -> None:
+def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> None:
     clients = {kind: CLIENTS[kind]() for kind in ProxyKind}
     for kind, client in clients.items():
         lab.proxies.connect(lab.proxies.obtain(kind), client)
@@ -147,7 +150,7 @@ def test_the_end_of_the_channel_tells_everybody_and_nothing_comes_after(lab: Lab
             act()
 
 
-def test_a_supplier_of_a_name_gets_its_proxy_again(lab: Lab) -> None:
+def test_a_named_supplier_gets_the_same_proxy_again(lab: Lab) -> None:
     assert lab.proxies.supply("A") is lab.proxies.supply("A")
     assert lab.proxies.supply("B") is not lab.proxies.supply("A")
     assert lab.proxies.supply("") is not lab.proxies.supply("")
@@ -171,54 +174,52 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) ->
         lab.proxies.unsubscribe("log")
 
 
-def test_who_takes_a_durable_subscription_over_replaces_the_one_before(lab: Lab) -> None:
+def test_a_new_consumer_of_a_durable_subscription_replaces_the_one_before(lab: Lab) -> None:
     first, second = Consumer(), Consumer()
     lab.proxies.subscribe("log", first, ALL, POLICY)
     lab.proxies.subscribe("log", second, wanting("t"), QueuePolicy(7))
     lab.publish(b"1")
     eventually(lambda: second.payloads == [b"1"])
     assert (first.payloads, first.disconnections, second.disconnections) == ([], 1, 0)
-    (state,) = [state for state in lab.proxies.states() if state.name == "log"]
+    (state,) = [state for state in lab.proxies.snapshots() if state.name == "log"]
     assert (state.subscription, state.policy) == (wanting("t"), QueuePolicy(7))
 
 
-def test_a_consumer_that_is_gone_is_evicted_and_its_durable_subscription_stays(lab: Lab) -> None:
+def test_a_consumer_that_is_gone_is_disconnected_and_its_durable_subscription_stays(lab: Lab) -> None:
     gone = [Consumer(answer=failing(ClientGone("gone"))) for _ in range(2)]
     lab.proxies.subscribe("", gone[0], ALL, POLICY)
     durable = lab.proxies.subscribe("log", gone[1], ALL, POLICY)
     lab.publish(b"1")
-    eventually(lambda: lab.proxies.evicted == 2)
-    assert [state.name for state in lab.proxies.states() if state.kind is ProxyKind.PUSH_SUPPLIER] == ["log"]
+    eventually(lambda: lab.proxies.lost_clients == 2)
+    assert [state.name for state in lab.proxies.snapshots() if state.kind is ProxyKind.PUSH_SUPPLIER] == ["log"]
     assert durable.condition is ProxyCondition.WAITING
     successor = Consumer()
     lab.proxies.subscribe("log", successor, ALL, POLICY)
     eventually(lambda: successor.payloads == [b"1"])
 
 
-def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "MAX_PROXIES", 3)
-    oldest = lab.proxies.supply("A")
-    lab.proxies.supply("B")
+@pytest.mark.parametrize("lab", [ProxyPolicy(max_proxies=3, unused_s=0.2)], indirect=True)
+def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(lab: Lab) -> None:
+    oldest, last = lab.proxies.supply("A"), lab.proxies.supply("B")
     lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
+    oldest.used_at = last.used_at = time.monotonic()
     with pytest.raises(TooManyProxies) as refused:
         lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert refused.value.limit == 3
-    monkeypatch.setattr(module, "UNUSED_S", -1.0)
+    oldest.used_at -= 1.0
     lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
-    assert oldest.is_ended
+    assert oldest.is_ended and not last.is_ended
 
 
-def test_a_queue_that_can_not_be_made_is_refused_and_nothing_is_left(lab: Lab) -> None:
+def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
     with pytest.raises(InvalidQueue):
         lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
-    assert lab.proxies.states() == []
+    assert lab.proxies.snapshots() == []
 
 
-def test_the_end_of_the_process_sends_those_away_who_wait(lab: Lab) -> None:
+def test_close_ends_waiting_pulls(lab: Lab) -> None:
     proxy = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
-    assert isinstance(proxy, PullOutlet)
+    assert isinstance(proxy, ProxyPullSupplier)
     lab.proxies.connect(proxy, None)
     answers: list[object] = []
     thread = threading.Thread(target=lambda: answers.append(proxy.pull(60.0)))
@@ -246,53 +247,51 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         lab.proxies.connect(pulled, None)
         polled = lab.proxies.obtain(ProxyKind.PULL_CONSUMER)
         lab.proxies.connect(polled, supplier)
-        inlet = lab.proxies.supply("A")
+        proxy = lab.proxies.supply("A")
         durable = lab.proxies.subscribe("log", consumer, wanting("t", "u"), policy)
         lab.proxies.suspend(durable, True)
         away = lab.proxies.subscribe("away", lab.known(Consumer()), ALL, policy)
         lab.proxies.disconnect(away)
         ended = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
         lab.proxies.disconnect(ended)
-        before = {state.id: state._replace(totals=None) for state in lab.proxies.states()}  # type: ignore[arg-type]
+        before = {state.id: state._replace(totals=None) for state in lab.proxies.snapshots()}  # type: ignore[arg-type]
         last = lab.channel.last_number
     with lab_in(tmp_path, clients) as lab:
-        after = {state.id: state._replace(totals=None) for state in lab.proxies.states()}  # type: ignore[arg-type]
+        after = {state.id: state._replace(totals=None) for state in lab.proxies.snapshots()}  # type: ignore[arg-type]
         assert after == before
-        assert set(after) == {proxy.id for proxy in (waiting, pulled, polled, inlet, durable, away)}
+        assert set(after) == {proxy.id for proxy in (waiting, pulled, polled, proxy, durable, away)}
         assert after[durable.id].condition is ProxyCondition.SUSPENDED
         assert lab.channel.last_number > last
         lab.publish(b"1")
         again = by_id(lab)[durable.id]
-        assert isinstance(again, PushOutlet) and again.totals().queued == 1
+        assert isinstance(again, ProxyPushSupplier) and again.totals().queued == 1
         lab.proxies.suspend(again, False)
         eventually(lambda: consumer.payloads == [b"1"])
         with pytest.raises(Disconnected):
             fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
-            assert isinstance(fresh, Inlet) and fresh.id not in {*before, ended.id}
+            assert isinstance(fresh, ProxyConsumer) and fresh.id not in {*before, ended.id}
             fresh.push(supplied("t", b"x"))
 
 
-def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(inlets, "FIRST_POLL_S", 0.0)
+def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(tmp_path: Path) -> None:
+    policy = ProxyPolicy(polling=PollingPolicy(intervals=Backoff(0.0, 0.01)))
     clients: dict[str, Any] = {}
-    with lab_in(tmp_path, clients) as lab:
+    with lab_in(tmp_path, clients, policy) as lab:
         supplier = lab.known(Supplier())
         lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_CONSUMER), supplier)
         for _ in range(60):
             lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), None)
     # Another object with the same reference: a thread of the channel before may just be asking the old one.
     clients[supplier.reference] = Supplier(supplied("t", b"1"))
-    with lab_in(tmp_path, clients) as lab:
-        outlets = [proxy for proxy in by_id(lab).values() if isinstance(proxy, Outlet)]
-        eventually(lambda: [outlet.account.received for outlet in outlets] == [1] * 60)
+    with lab_in(tmp_path, clients, policy) as lab:
+        proxies = [proxy for proxy in by_id(lab).values() if isinstance(proxy, ProxySupplier)]
+        eventually(lambda: [proxy.account.received for proxy in proxies] == [1] * 60)
 
 
-def test_a_destroyed_channel_forgets_all_but_its_numbers(tmp_path: Path) -> None:
+def test_a_cleared_store_keeps_only_its_numbers(tmp_path: Path) -> None:
     with ChannelStore(tmp_path / "s") as store:
         first, id = store.first_number(), store.next_id()
-        store.save_peer(PeerRecord("hall", "127.0.0.1:1"))
+        store.save_peer(Peer("hall", "127.0.0.1:1"))
         store.clear()
         assert (store.proxies(), store.peers()) == ([], [])
     with ChannelStore(tmp_path / "s") as store:
@@ -310,7 +309,7 @@ def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
         def note(name: str) -> None:
             for version in range(100):
                 store.save_advertisements([Advertisement(name, version, (), ())])
-                store.save_peer(PeerRecord(name, str(version)))
+                store.save_peer(Peer(name, str(version)))
 
         threads = [threading.Thread(target=number) for _ in range(3)]
         threads += [threading.Thread(target=note, args=(name,)) for name in ("hall", "yard")]
@@ -328,12 +327,12 @@ def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
 def test_peers_are_kept_in_order_and_changed_in_place(tmp_path: Path) -> None:
     with ChannelStore(tmp_path / "s") as store:
         for name in ("hall", "yard"):
-            store.save_peer(PeerRecord(name))
-        store.save_peer(PeerRecord("hall", "127.0.0.1:1", removed=True))
+            store.save_peer(Peer(name))
+        store.save_peer(Peer("hall", "127.0.0.1:1", removed=True))
     with ChannelStore(tmp_path / "s") as store:
-        assert store.peers() == [PeerRecord("hall", "127.0.0.1:1", removed=True), PeerRecord("yard")]
+        assert store.peers() == [Peer("hall", "127.0.0.1:1", removed=True), Peer("yard")]
         store.forget_peer("hall")
-        assert store.peers() == [PeerRecord("yard")]
+        assert store.peers() == [Peer("yard")]
 
 
 def test_one_process_at_a_time_uses_a_store(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
@@ -46,12 +46,12 @@ class QueueBesideModel(RuleBasedStateMachine):
 
     @rule(count=st.integers(1, 8), priority=st.integers(-1, 1), expiry=st.sampled_from([0.0, 0.0, 2.0]))
     def put(self, count: int, priority: int, expiry: float) -> None:
-        run = events(self.number, count, priority=priority, expiry=expiry)
-        run.times = [self.now] * count
+        batch = events(self.number, count, priority=priority, expiry=expiry)
+        batch.times = [self.now] * count
         self.number += count
         last = self.now + expiry if expiry else math.inf
-        self.model.waiting += [(number, priority, last) for number in numbers([run])]
-        assert self.queue.put(run) == self.model.trim()
+        self.model.waiting += [(number, priority, last) for number in numbers([batch])]
+        assert self.queue.put(batch) == self.model.trim()
         self.taken = []
 
     @rule(most=st.integers(1, 10))
@@ -71,7 +71,7 @@ class QueueBesideModel(RuleBasedStateMachine):
     @rule()
     def put_back(self) -> None:
         for item in reversed(self.taken):
-            last = item.runs[0] if isinstance(item, CorrelatedEvents) else item
+            last = item.batches[0] if isinstance(item, CorrelatedEvents) else item
             until = last.times[0] + last.header.expiry if last.header.expiry else math.inf
             self.model.waiting[:0] = [(number, item.priority, until) for number in numbers([item])]
         assert self.queue.put_back(self.taken) == self.model.trim()
@@ -97,18 +97,7 @@ TestQueueBesideModel = QueueBesideModel.TestCase
 TestQueueBesideModel.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
 
 
-@given(st.integers(1, 50), st.lists(st.integers(1, 20), min_size=1, max_size=10))
-def test_of_n_and_k_events_exactly_the_oldest_k_are_lost(size: int, runs: list[int]) -> None:
-    queue, number, lost = EventQueue(QueuePolicy(size)), 1, 0
-    for count in runs:
-        lost += queue.put(events(number, count))
-        number += count
-    total = sum(runs)
-    assert lost == max(0, total - size)
-    assert numbers(queue.take(total, NOW)[0]) == list(range(lost + 1, total + 1))
-
-
-def test_what_is_put_back_into_a_full_queue_is_the_oldest() -> None:
+def test_items_put_back_into_a_full_queue_are_the_oldest() -> None:
     queue = EventQueue(QueuePolicy(4))
     queue.put(events(1, 4))
     taken, _ = queue.take(2, NOW)
@@ -117,7 +106,7 @@ def test_what_is_put_back_into_a_full_queue_is_the_oldest() -> None:
     assert numbers(queue.take(9, NOW)[0]) == [3, 4, 5, 6]
 
 
-def test_a_conjunction_comes_alone_and_goes_as_a_whole() -> None:
+def test_a_conjunction_is_taken_alone_and_discarded_as_a_whole() -> None:
     queue = EventQueue(QueuePolicy(5))
     queue.put(events(1))
     queue.put(CorrelatedEvents(0, [events(2), events(3)]))
@@ -128,12 +117,12 @@ def test_a_conjunction_comes_alone_and_goes_as_a_whole() -> None:
     assert len(queue) == 4  # the first one went, with both of its events
 
 
-def test_bytes_limit_what_is_taken_but_not_the_first_item() -> None:
+def test_max_bytes_does_not_limit_the_first_item() -> None:
     queue = EventQueue(QueuePolicy(10))
     for number in (1, 2, 3):
-        run = events(number)
-        run.payloads = [bytes(1000)]
-        queue.put(run)
+        batch = events(number)
+        batch.payloads = [bytes(1000)]
+        queue.put(batch)
     assert [len(queue.take(9, NOW, most)[0]) for most in (1, 1500)] == [1, 2]
 
 
@@ -159,7 +148,7 @@ def test_the_oldest_time_is_that_of_the_next_event() -> None:
         ("blockLimit", QueuePolicy(block_limit=math.nan)),
     ],
 )
-def test_a_queue_that_can_not_be_made_names_its_field(field: str, policy: QueuePolicy) -> None:
+def test_an_invalid_policy_names_its_field(field: str, policy: QueuePolicy) -> None:
     with pytest.raises(InvalidQueue) as refused:
         policy.checked()
     assert refused.value.field == field

@@ -1,4 +1,4 @@
-"""Which way events go: random federations, without threads. Each link is a queue whose order is kept."""
+"""The routes of events: random federations, without threads. Each link is a queue whose order is kept."""
 
 from __future__ import annotations
 
@@ -12,48 +12,50 @@ from hypothesis import strategies as st
 
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
-from robocorba.events.event import EventRun
+from robocorba.events.event import EventBatch
 from robocorba.events.federation import Federation
-from robocorba.events.outlet import PullOutlet
+from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import SubscriptionMatch, checked
 from robocorba.events.watermarks import Watermarks
-from tests.events.network import run_of
+from tests.events.network import batch_of
 
 TYPES = ("a", "b")
 
 
-class Way:
-    """In place of a feed: what is on its way to `peer`."""
+class RecordedFeed:
+    """Stands in for a feed: records the events for `peer`."""
 
     def __init__(self, peer: str) -> None:
         self.peer, self.unseen = peer, 0
-        self.runs: deque[EventRun] = deque()
+        self.batches: deque[EventBatch] = deque()
         self.carried: list[bytes] = []
 
-    def offer(self, run: EventRun, fit: SubscriptionMatch, now: float) -> bool:
-        if run.via != self.peer:
-            self.runs.append(EventRun(run.header, run.times, run.payloads, run.first))
-            self.carried += run.payloads
+    def accept(self, batch: EventBatch, fit: SubscriptionMatch, now: float) -> bool:
+        if batch.via != self.peer:
+            self.batches.append(EventBatch(batch.header, batch.times, batch.payloads, batch.first))
+            self.carried += batch.payloads
         return False
 
 
-class Place:
+class Node:
     """A channel whose consumer wants events of `types`."""
 
     def __init__(self, name: str, peers: list[str], types: set[str], folder: Path) -> None:
         self.channel = Channel(Federation(name), Watermarks(folder / name), 1)
-        self.ways = {peer: Way(peer) for peer in peers}
-        self.channel.feeds.update(self.ways)  # type: ignore[arg-type]
-        self.outlet = PullOutlet(self.channel.lock, "1", checked([([(t, "")], 0) for t in types]), QueuePolicy(10**6))
-        self.outlet.connect(None)
-        self.channel.outlets["1"] = self.outlet
-        self.channel.changed()
+        self.feeds = {peer: RecordedFeed(peer) for peer in peers}
+        self.channel.feeds.update(self.feeds)  # type: ignore[arg-type]
+        self.proxy = ProxyPullSupplier(
+            self.channel.lock, "1", checked([([(t, "")], 0) for t in types]), QueuePolicy(10**6)
+        )
+        self.proxy.connect(None)
+        self.channel.proxy_suppliers["1"] = self.proxy
+        self.channel.update_routes()
 
     def got(self) -> list[bytes]:
         result: list[bytes] = []
-        while run := self.outlet.pull(0.0):
-            result += run.payloads
+        while batch := self.proxy.pull(0.0):
+            result += batch.payloads
         return result
 
 
@@ -78,22 +80,22 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
     graph, wants = federation
     names = sorted(graph)
     with tempfile.TemporaryDirectory() as folder:
-        places = {name: Place(name, sorted(graph[name]), wants[name], Path(folder)) for name in names}
-        advertisements = [place.channel.federation.own for place in places.values()]
-        for place in places.values():
-            place.channel.federation.learn(advertisements)
-            place.channel.changed()
+        nodes = {name: Node(name, sorted(graph[name]), wants[name], Path(folder)) for name in names}
+        advertisements = [node.channel.federation.own for node in nodes.values()]
+        for node in nodes.values():
+            node.channel.federation.learn(advertisements)
+            node.channel.update_routes()
 
         supplied: dict[tuple[str, str], list[bytes]] = {}
         events = st.lists(st.tuples(st.sampled_from(names), st.sampled_from(TYPES)), max_size=12)
         for count, (origin, type) in enumerate(data.draw(events)):
             supplied.setdefault((origin, type), []).append(b"%d" % count)
-            places[origin].channel.publish(run_of(str(count), type=type, source=origin), Account())
-            _carry(places, data, at_most=2)
-        _carry(places, data)
+            nodes[origin].channel.publish(batch_of(str(count), type=type, source=origin), Account())
+            _carry(nodes, data, at_most=2)
+        _carry(nodes, data)
 
-        for name, place in places.items():
-            got = place.got()
+        for name, node in nodes.items():
+            got = node.got()
             assert len(got) == len(set(got))
             for (_, type), payloads in supplied.items():
                 expected = payloads if type in wants[name] else []
@@ -102,32 +104,32 @@ def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
         for (origin, type), payloads in supplied.items():
             wanting = [name for name in names if type in wants[name] and name != origin]
             for here in names:
-                for way in places[here].ways.values():
-                    is_on_a_way = any(
-                        distances[origin][here] + 1 + distances[way.peer][there] == distances[origin][there]
+                for feed in nodes[here].feeds.values():
+                    is_on_a_path = any(
+                        distances[origin][here] + 1 + distances[feed.peer][there] == distances[origin][there]
                         for there in wanting
                     )
-                    assert [p for p in way.carried if p in payloads] == (payloads if is_on_a_way else [])
+                    assert [p for p in feed.carried if p in payloads] == (payloads if is_on_a_path else [])
 
 
-def _carry(places: dict[str, Place], data: st.DataObject, at_most: int = 10**6) -> None:
-    """Move runs from one channel to the next, in any order of the links."""
+def _carry(nodes: dict[str, Node], data: st.DataObject, at_most: int = 10**6) -> None:
+    """Move batches from one channel to the next, in any order of the links."""
     for _ in range(at_most):
-        loaded = [(name, way) for name, place in places.items() for way in place.ways.values() if way.runs]
+        loaded = [(name, feed) for name, node in nodes.items() for feed in node.feeds.values() if feed.batches]
         if not loaded:
             return
-        name, way = data.draw(st.sampled_from(loaded), label="link")
-        run = way.runs.popleft()
-        run.via = name
-        places[way.peer].channel.forward([run])
+        name, feed = data.draw(st.sampled_from(loaded), label="link")
+        batch = feed.batches.popleft()
+        batch.via = name
+        nodes[feed.peer].channel.forward([batch])
 
 
 def test_events_that_nobody_needs_there_are_counted_as_unseen(tmp_path: Path) -> None:
-    place = Place("A", ["B", "C"], set(), tmp_path)
-    other = Place("B", ["A"], {"a"}, tmp_path)
-    third = Place("C", ["A"], set(), tmp_path)
-    place.channel.federation.learn([other.channel.federation.own, third.channel.federation.own])
-    place.channel.changed()
+    node = Node("A", ["B", "C"], set(), tmp_path)
+    other = Node("B", ["A"], {"a"}, tmp_path)
+    third = Node("C", ["A"], set(), tmp_path)
+    node.channel.federation.learn([other.channel.federation.own, third.channel.federation.own])
+    node.channel.update_routes()
     for type in ("a", "b", "b"):
-        place.channel.publish(run_of("x", type=type), Account())
-    assert [(way.unseen, len(way.runs)) for way in place.ways.values()] == [(2, 1), (3, 0)]
+        node.channel.publish(batch_of("x", type=type), Account())
+    assert [(feed.unseen, len(feed.batches)) for feed in node.feeds.values()] == [(2, 1), (3, 0)]

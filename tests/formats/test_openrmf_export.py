@@ -21,6 +21,7 @@ from robocorba.maps.model import (
     Area,
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     DoorKind,
@@ -32,7 +33,6 @@ from robocorba.maps.model import (
     MapObject,
     PathEdge,
     PathNode,
-    Side,
     TopologicalMap,
     Wall,
 )
@@ -80,8 +80,8 @@ def elevators(draw: st.DrawFn, floors: list[str]) -> Elevator:
     size = (draw(st.floats(1.0, 3.0)), draw(st.floats(1.0, 3.0)))
     doors = []
     for floor in floors:
-        for side in draw(st.lists(st.sampled_from(list(Side)), unique=True, min_size=1, max_size=2)):
-            length = size[0] if side in (Side.FRONT, Side.BACK) else size[1]
+        for side in draw(st.lists(st.sampled_from(list(CabinSide)), unique=True, min_size=1, max_size=2)):
+            length = size[0] if side in (CabinSide.FRONT, CabinSide.BACK) else size[1]
             width = draw(st.floats(0.5, length))
             room = (length - width) / 2
             doors.append(ElevatorDoor(floor=floor, side=side, width=width, offset=draw(st.floats(-room, room))))

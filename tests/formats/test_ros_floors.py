@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map
-from robocorba.maps.model import Building, ElevatorDoor, Side
+from robocorba.maps.model import Building, CabinSide, ElevatorDoor
 from robocorba.maps.topology import topological_map
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
@@ -79,8 +79,8 @@ def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
     ]
     assert np.allclose(floors["L1"].outline, floors["L2"].outline)
     assert building.elevators["E1"].doors == (
-        ElevatorDoor(floor="L1", side=Side.LEFT, width=1.2),
-        ElevatorDoor(floor="L2", side=Side.LEFT, width=1.2),
+        ElevatorDoor(floor="L1", side=CabinSide.LEFT, width=1.2),
+        ElevatorDoor(floor="L2", side=CabinSide.LEFT, width=1.2),
     )
     # 18 x 18 cells of the shaft, and 2 x 12 of the wall that the picture shows before its door.
     assert "L1: elevator 'E1': 3.48 m2 of its shaft and landings are not free in the picture and were cleared" in (

@@ -19,7 +19,7 @@ from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
 from robocorba.maps.formats.grid import Canvas
-from robocorba.maps.geometry import free_space, obstacles
+from robocorba.maps.geometry import free_space
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -90,14 +90,6 @@ def test_a_floor_there_and_back(image: str, tmp_path: Path) -> None:
     before, after = _shared_frame(tmp_path / "flat.yaml", tmp_path / "again.yaml")
     assert _overlap(before == BLACK, after == BLACK) >= 0.98
     assert _overlap(before == WHITE, after == WHITE) >= 0.98
-
-
-def test_shapes_lie_where_they_were(tmp_path: Path) -> None:
-    write_map(_flat(), tmp_path / "flat.yaml", "ros")
-    again = read_map(tmp_path / "flat.yaml").building
-    old = shapely.union_all([item.geometry for item in obstacles(_flat(), "G")])
-    new = shapely.union_all([item.geometry for item in obstacles(again, "flat")])
-    assert old.hausdorff_distance(new) < 2 * CELL_M
 
 
 def test_a_door_of_a_metre_stays_one(tmp_path: Path) -> None:

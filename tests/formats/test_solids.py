@@ -8,9 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from robocorba.maps.formats import solids as module
-from robocorba.maps.formats.rings import rings
-from robocorba.maps.formats.solids import solids
+from robocorba.maps.formats.solids import MAX_RING_POINTS, rings, solids
 
 REGIONS = arrays(bool, array_shapes(min_dims=2, max_dims=2, max_side=11))
 
@@ -22,12 +20,12 @@ def _squares(region: np.ndarray) -> shapely.Geometry:
     return shapely.union_all(shapely.box(column, up, column + 1, up + 1))
 
 
-def _polygons(region: np.ndarray) -> list[shapely.Polygon]:
-    return [shapely.Polygon(solid.points) for solid in solids(region)[0]]
+def _polygons(region: np.ndarray, max_points: int = MAX_RING_POINTS) -> list[shapely.Polygon]:
+    return [shapely.Polygon(solid.points) for solid in solids(region, max_points)[0]]
 
 
-def _check(region: np.ndarray) -> None:
-    polygons, cells = _polygons(region), _squares(region)
+def _check(region: np.ndarray, max_points: int = MAX_RING_POINTS) -> None:
+    polygons, cells = _polygons(region, max_points), _squares(region)
     assert all(polygon.is_valid and polygon.area > 0 for polygon in polygons)
     union = shapely.union_all(polygons)
     assert cells.difference(union).area < 1e-9
@@ -43,10 +41,8 @@ def test_any_region_is_covered_by_simple_polygons(region: np.ndarray) -> None:
 @settings(max_examples=60, deadline=None)
 @given(REGIONS)
 def test_large_polygons_are_cut(region: np.ndarray) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "MAX_RING_POINTS", 8)
-        _check(region)
-        assert all(len(solid.points) <= 8 for solid in solids(region)[0])
+    _check(region, max_points=8)
+    assert all(len(solid.points) <= 8 for solid in solids(region, 8)[0])
 
 
 def test_a_solid_with_a_hole_is_two_pieces() -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 
 
 @pytest.fixture(scope="session")
-def body() -> Body:
-    return Body()
+def body() -> SmartPalBody:
+    return SmartPalBody()
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robocorba.kinematics.smartpal import JOINTS, LOWER, UPPER
+from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS
 from robocorba.spatial.grids import Floats
 
 HOME = np.zeros(len(JOINTS))
@@ -18,6 +18,10 @@ def at(**degrees: float) -> Floats:
     return joints
 
 
+def within_limits(joints: Floats) -> bool:
+    return np.allclose(joints, np.clip(joints, JOINT_LOWER, JOINT_UPPER), rtol=0.0, atol=1e-9)
+
+
 def anywhere(count: int, seed: int) -> Floats:
     """Random joints (count, 18) within limits."""
-    return np.random.default_rng(seed).uniform(LOWER, UPPER, (count, len(JOINTS)))
+    return np.random.default_rng(seed).uniform(JOINT_LOWER, JOINT_UPPER, (count, len(JOINTS)))

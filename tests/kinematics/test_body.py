@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LOWER, LUMBAR, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LUMBAR, Side
 from robocorba.spatial.grids import Floats
 
 from .postures import HOME, anywhere, at
@@ -34,14 +34,16 @@ DOWN = math.pi / 2
         ({"right_1": 90, "left_grip": -58}, (-0.025, 0.2, 0.4305, 0, DOWN, 0)),
     ],
 )
-def test_the_left_hand_by_hand(body: Body, degrees: dict[str, float], expected: tuple[float | None, ...]) -> None:
+def test_the_left_hand_by_hand(
+    body: SmartPalBody, degrees: dict[str, float], expected: tuple[float | None, ...]
+) -> None:
     found = body.hand(Side.LEFT, at(**degrees))
     for value, wanted in zip(found, expected, strict=True):
         if wanted is not None:
             assert value == pytest.approx(wanted, abs=1e-9)
 
 
-def test_the_longest_reach_is_that_of_the_robot(body: Body) -> None:
+def test_the_longest_reach_is_that_of_the_robot(body: SmartPalBody) -> None:
     shoulder = (-0.025, 0.2, 1.1265)
     postures = np.vstack([anywhere(2000, 1), at(left_1=40)])
     postures[:, LUMBAR] = 0
@@ -49,7 +51,7 @@ def test_the_longest_reach_is_that_of_the_robot(body: Body) -> None:
     assert reach == pytest.approx(0.70, abs=0.01)
 
 
-def test_equal_angles_give_mirror_images(body: Body) -> None:
+def test_equal_angles_give_mirror_images(body: SmartPalBody) -> None:
     for joints in anywhere(200, 2):
         joints[ARM[Side.RIGHT]], joints[GRIP[Side.RIGHT]] = joints[ARM[Side.LEFT]], joints[GRIP[Side.LEFT]]
         left, right = (body.hand(side, joints) for side in Side)
@@ -61,12 +63,12 @@ def test_equal_angles_give_mirror_images(body: Body) -> None:
 
 
 @pytest.mark.parametrize("side", list(Side))
-def test_hands_against_a_product_of_matrices(body: Body, side: Side) -> None:
+def test_hands_against_a_product_of_matrices(body: SmartPalBody, side: Side) -> None:
     for joints in anywhere(300, 3):
         assert body.hand(side, joints).distance(by_matrices(side, joints)) == pytest.approx((0, 0), abs=1e-9)
 
 
-def test_links_stand_where_the_figures_say(body: Body) -> None:
+def test_links_stand_where_the_figures_say(body: SmartPalBody) -> None:
     links = body.links(HOME)
     assert set(links) == {"base", "waist", "trunk", "head"} | {
         f"{side.value}_{part}" for side in Side for part in ("upper_arm", "forearm", "hand", "finger")
@@ -86,7 +88,7 @@ def test_links_stand_where_the_figures_say(body: Body) -> None:
     "degrees",
     [{}, {"left_4": 90}, {"left_2": -90, "right_2": -90}, {"left_1": 180, "right_1": 180}, {"left_grip": -58}],
 )
-def test_what_runs_into_nothing(body: Body, degrees: dict[str, float]) -> None:
+def test_what_runs_into_nothing(body: SmartPalBody, degrees: dict[str, float]) -> None:
     assert body.collisions(at(**degrees)) == []
 
 
@@ -103,20 +105,11 @@ def test_what_runs_into_nothing(body: Body, degrees: dict[str, float]) -> None:
         ({"left_1": 180, "left_3": 90, "left_4": 120}, {"left_forearm", "head"}),
     ],
 )
-def test_what_runs_into_what(body: Body, degrees: dict[str, float], pair: set[str]) -> None:
+def test_what_runs_into_what(body: SmartPalBody, degrees: dict[str, float], pair: set[str]) -> None:
     assert pair in [set(found) for found in body.collisions(at(**degrees))]
 
 
-def test_limits_of_joints() -> None:
-    assert within_limits(LOWER) and within_limits(UPPER) and within_limits(HOME)
-    for row in range(len(HOME)):
-        for beyond in (LOWER[row] - 0.001, UPPER[row] + 0.001, math.nan, math.inf):
-            joints = HOME.copy()
-            joints[row] = beyond
-            assert not within_limits(joints)
-
-
-def test_poses_there_and_back(body: Body) -> None:
+def test_poses_there_and_back(body: SmartPalBody) -> None:
     for joints in anywhere(200, 4):
         pose = body.hand(Side.LEFT, joints)
         assert HandPose.of(pose.position, pose.rotation).distance(pose) == pytest.approx((0, 0), abs=1e-7)
@@ -160,6 +153,6 @@ def shift(x: float, y: float, z: float) -> Floats:
     return matrix
 
 
-def test_a_body_is_a_model_without_actuators(body: Body) -> None:
+def test_a_body_is_a_model_without_actuators(body: SmartPalBody) -> None:
     assert isinstance(body.model, mujoco.MjModel)
     assert body.model.nu == 0

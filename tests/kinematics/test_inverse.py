@@ -14,16 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LOWER, LUMBAR, UPPER, Side
+from robocorba.kinematics.smartpal import ARM, GRIP, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.spatial.grids import Floats
 
-from .postures import HOME, anywhere, at
+from .postures import HOME, anywhere, at, within_limits
 
-BODY, INVERSE = Body(), InverseKinematics()
+BODY, INVERSE = SmartPalBody(), InverseKinematics()
 SIDES = st.sampled_from(list(Side))
 SEEDS = st.integers(0, 2**32 - 1)
 READY = at()
@@ -36,13 +36,13 @@ def test_where_a_hand_can_be_it_gets(side: Side, seed: int) -> None:
     truth = HOME.copy()
     truth[ARM[side]] = anywhere(1, seed)[0][ARM[side]]
     target = BODY.hand(side, truth)
-    found = INVERSE.solve(side, target, HOME, avoid_collisions=False)
+    found = INVERSE.solve({side: target}, HOME, avoid_collisions=False)
     assert is_at(side, found, target)
     rest = np.setdiff1d(np.arange(len(JOINTS)), np.arange(len(JOINTS))[ARM[side]])
     assert np.array_equal(found[rest], HOME[rest])
 
 
-def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: Body, inverse: InverseKinematics) -> None:
+def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: SmartPalBody, inverse: InverseKinematics) -> None:
     for side in Side:
         solved = asked = 0
         for joints in anywhere(400, 11):
@@ -52,7 +52,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: Body, invers
                 continue
             asked += 1
             try:
-                found = inverse.solve(side, body.hand(side, truth), HOME)
+                found = inverse.solve({side: body.hand(side, truth)}, HOME)
             except Unreachable:
                 continue
             assert is_at(side, found, body.hand(side, truth))
@@ -67,7 +67,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear(body: Body, invers
 def test_from_anywhere_with_the_lumbar(side: Side, seed: int, other: int) -> None:
     truth, start = anywhere(1, seed)[0], anywhere(1, other)[0]
     target = BODY.hand(side, truth)
-    found = INVERSE.solve(side, target, start, use_lumbar=True, avoid_collisions=False)
+    found = INVERSE.solve({side: target}, start, use_lumbar=True, avoid_collisions=False)
     assert is_at(side, found, target)
     untouched = [*range(len(JOINTS))[ARM[_other(side)]], *GRIP.values()]
     assert np.array_equal(found[untouched], start[untouched])
@@ -79,7 +79,7 @@ def test_both_hands_at_once(seed: int) -> None:
     truth = anywhere(1, seed)[0]
     truth[LUMBAR] = 0
     goals = {side: BODY.hand(side, truth) for side in Side}
-    found = INVERSE.solve_both(*goals.values(), HOME, avoid_collisions=False)
+    found = INVERSE.solve(goals, HOME, avoid_collisions=False)
     for side, goal in goals.items():
         assert is_at(side, found, goal)
     assert np.array_equal(found[LUMBAR], HOME[LUMBAR])
@@ -91,7 +91,7 @@ def test_a_position_alone(side: Side, seed: int) -> None:
     truth = HOME.copy()
     truth[ARM[side]] = anywhere(1, seed)[0][ARM[side]]
     x, y, z, *_ = BODY.hand(side, truth)
-    found = INVERSE.solve_position(side, HandPose(x, y, z), HOME, avoid_collisions=False)
+    found = INVERSE.solve({side: HandPose(x, y, z)}, HOME, with_attitude=False, avoid_collisions=False)
     assert math.dist(BODY.hand(side, found)[:3], (x, y, z)) < 1e-5
     assert within_limits(found)
 
@@ -104,7 +104,7 @@ def test_what_is_out_of_reach_is_refused(side: Side, far: float, bearing: float,
     x = -0.025 + far * math.cos(bearing) * math.cos(up)
     y, z = aside + far * math.sin(bearing) * math.cos(up), 1.1265 + far * math.sin(up)
     with pytest.raises(Unreachable) as refused:
-        INVERSE.solve(side, HandPose(x, y, z), HOME)
+        INVERSE.solve({side: HandPose(x, y, z)}, HOME)
     assert refused.value.hand == side.value
     left = re.fullmatch(r"the best posture misses the target by ([0-9.]+) m and [0-9.]+ deg", refused.value.reason)
     assert left and float(left[1]) >= far - 0.70
@@ -112,54 +112,54 @@ def test_what_is_out_of_reach_is_refused(side: Side, far: float, bearing: float,
 
 def test_a_hand_that_would_have_to_be_in_the_trunk_is_refused(inverse: InverseKinematics) -> None:
     inside = BODY.hand(Side.LEFT, at(left_2=14.5, left_1=5))
-    assert is_at(Side.LEFT, inverse.solve(Side.LEFT, inside, HOME, avoid_collisions=False), inside)
+    assert is_at(Side.LEFT, inverse.solve({Side.LEFT: inside}, HOME, avoid_collisions=False), inside)
     with pytest.raises(Unreachable, match=r"only where .*left_\w+.* collide"):
-        inverse.solve(Side.LEFT, inside, HOME)
+        inverse.solve({Side.LEFT: inside}, HOME)
 
 
 def test_the_hand_that_can_not_is_the_one_that_is_named(inverse: InverseKinematics) -> None:
     good = HandPose(0.4, 0.2, 0.9)
-    inverse.solve_both(good, good.mirrored(), HOME)
+    inverse.solve({Side.LEFT: good, Side.RIGHT: good.mirrored()}, HOME)
     with pytest.raises(Unreachable, match="the right hand"):
-        inverse.solve_both(good, HandPose(1.4, -0.2, 0.9), HOME)
+        inverse.solve({Side.LEFT: good, Side.RIGHT: HandPose(1.4, -0.2, 0.9)}, HOME)
     with pytest.raises(Unreachable, match="the left hand"):
-        inverse.solve_both(HandPose(1.4, 0.2, 0.9), good.mirrored(), HOME)
+        inverse.solve({Side.LEFT: HandPose(1.4, 0.2, 0.9), Side.RIGHT: good.mirrored()}, HOME)
 
 
 @pytest.mark.parametrize("field", HandPose._fields)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_pose_that_is_none(inverse: InverseKinematics, field: str, value: float) -> None:
     with pytest.raises(Unreachable, match="is no pose"):
-        inverse.solve(Side.RIGHT, HandPose(0.4, -0.2, 0.9)._replace(**{field: value}), HOME)
+        inverse.solve({Side.RIGHT: HandPose(0.4, -0.2, 0.9)._replace(**{field: value})}, HOME)
 
 
 @pytest.mark.parametrize("far", [1e3, 1e200, -1e308])
 def test_the_farthest_of_places_is_refused_too(inverse: InverseKinematics, far: float) -> None:
     with pytest.raises(Unreachable, match="misses the target"):
-        inverse.solve(Side.LEFT, HandPose(far, far, far), HOME)
+        inverse.solve({Side.LEFT: HandPose(far, far, far)}, HOME)
 
 
 def test_a_hand_that_has_to_turn_half_round(inverse: InverseKinematics) -> None:
     """Which way round is open; that it is there already is not."""
     target = BODY.hand(Side.LEFT, at(left_4=90, left_5=-90))
     for seed in (at(left_4=90, left_5=90), at(left_4=90, left_5=90 + 1e-8)):
-        assert is_at(Side.LEFT, inverse.solve(Side.LEFT, target, seed), target)
+        assert is_at(Side.LEFT, inverse.solve({Side.LEFT: target}, seed), target)
 
 
 def test_a_seed_out_of_limits_ends_within(inverse: InverseKinematics) -> None:
     target = HandPose(0.4, 0.2, 0.9)
-    for beyond in (UPPER + 1, LOWER - 1):
+    for beyond in (JOINT_UPPER + 1, JOINT_LOWER - 1):
         seed = HOME.copy()
         seed[ARM[Side.LEFT]] = beyond[ARM[Side.LEFT]]
-        assert is_at(Side.LEFT, inverse.solve(Side.LEFT, target, seed), target)
+        assert is_at(Side.LEFT, inverse.solve({Side.LEFT: target}, seed), target)
 
 
 def test_the_seed_is_left_alone_and_the_answer_always_the_same(inverse: InverseKinematics) -> None:
     seed = READY.copy()
     target = BODY.hand(Side.LEFT, anywhere(1, 5)[0] * np.array([1] * 14 + [0] * 4))
-    first = inverse.solve(Side.LEFT, target, seed)
+    first = inverse.solve({Side.LEFT: target}, seed)
     assert np.array_equal(seed, READY)
-    assert np.array_equal(first, InverseKinematics().solve(Side.LEFT, target, seed))
+    assert np.array_equal(first, InverseKinematics().solve({Side.LEFT: target}, seed))
 
 
 def test_a_hand_led_along_a_line_goes_in_small_steps(inverse: InverseKinematics) -> None:
@@ -167,23 +167,25 @@ def test_a_hand_led_along_a_line_goes_in_small_steps(inverse: InverseKinematics)
     joints, start = READY, BODY.hand(Side.LEFT, READY)
     for step in range(1, 31):
         target = start._replace(x=start.x + 0.004 * step, z=start.z + 0.002 * step, y=start.y - 0.001 * step)
-        led = inverse.solve(Side.LEFT, target, joints, leaps=False)
+        led = inverse.solve({Side.LEFT: target}, joints, allow_restarts=False)
         assert np.abs(led - joints).max() < 0.06
         assert is_at(Side.LEFT, led, target)
         joints = led
-    assert np.abs(inverse.solve(Side.LEFT, target, joints, leaps=False) - joints).max() < 1e-4
+    assert np.abs(inverse.solve({Side.LEFT: target}, joints, allow_restarts=False) - joints).max() < 1e-4
 
 
-def test_without_leaps_only_the_seed_is_tried(inverse: InverseKinematics) -> None:
+def test_without_restarts_only_the_seed_is_tried(inverse: InverseKinematics) -> None:
     with pytest.raises(Unreachable):
         for joints in anywhere(30, 6):
-            inverse.solve(Side.LEFT, BODY.hand(Side.LEFT, joints), joints * 0, leaps=False, avoid_collisions=False)
+            inverse.solve(
+                {Side.LEFT: BODY.hand(Side.LEFT, joints)}, joints * 0, allow_restarts=False, avoid_collisions=False
+            )
 
 
 def test_an_arm_left_free_bends_at_ease(inverse: InverseKinematics) -> None:
     """Redundant joints end away from their limits where the target leaves it open."""
-    found = inverse.solve(Side.LEFT, BODY.hand(Side.LEFT, READY), at(left_3=-60, left_5=60, left_4=60))
-    room = np.minimum(found - LOWER, UPPER - found)[ARM[Side.LEFT]]
+    found = inverse.solve({Side.LEFT: BODY.hand(Side.LEFT, READY)}, at(left_3=-60, left_5=60, left_4=60))
+    room = np.minimum(found - JOINT_LOWER, JOINT_UPPER - found)[ARM[Side.LEFT]]
     assert room.min() > math.radians(5)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robocorba.kinematics.model import specification
-from robocorba.kinematics.smartpal import JOINTS, LOWER, MASS_KG, UPPER
+from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def standing(model: mujoco.MjModel) -> mujoco.MjData:
 
 def test_its_joints_are_the_robots_with_their_limits(model: mujoco.MjModel) -> None:
     assert sorted(model.joint(row).name for row in range(model.njnt)) == sorted(JOINTS)
-    for name, lower, upper in zip(JOINTS, LOWER, UPPER, strict=True):
+    for name, lower, upper in zip(JOINTS, JOINT_LOWER, JOINT_UPPER, strict=True):
         assert model.joint(name).range == pytest.approx([lower, upper])
         assert model.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE
 

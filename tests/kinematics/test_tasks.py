@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from robocorba.kinematics.body import Body, within_limits
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, RADIUS_M, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, POSTURES, SHEET_M, grip_table, hand_over
 from robocorba.spatial.grids import Floats
 
-from .postures import HOME
+from .postures import HOME, within_limits
 
 
 def taking(left: str, right: str) -> Floats:
@@ -30,20 +30,20 @@ def test_the_postures_of_the_missions_are_there() -> None:
 
 @pytest.mark.parametrize("right", POSTURES)
 @pytest.mark.parametrize("left", POSTURES)
-def test_postures_keep_limits_and_are_clear_of_the_body(body: Body, left: str, right: str) -> None:
+def test_postures_keep_limits_and_are_clear_of_the_body(body: SmartPalBody, left: str, right: str) -> None:
     assert within_limits(taking(left, right))
     assert body.collisions(taking(left, right)) == []
 
 
 @pytest.mark.parametrize("end", POSTURES)
 @pytest.mark.parametrize("start", POSTURES)
-def test_the_way_from_posture_to_posture_is_clear(body: Body, start: str, end: str) -> None:
+def test_the_way_from_posture_to_posture_is_clear(body: SmartPalBody, start: str, end: str) -> None:
     for share in np.linspace(0, 1, 41):
         joints = (1 - share) * taking(start, start) + share * taking(end, end)
         assert body.collisions(joints) == []
 
 
-def test_what_the_postures_are_for(body: Body) -> None:
+def test_what_the_postures_are_for(body: SmartPalBody) -> None:
     hands = {name: body.hand(Side.LEFT, taking(name, name)) for name in POSTURES}
     for name in ("ready", "reach", "carry"):
         assert hands[name][3:] == pytest.approx((0, 0, 0), abs=1e-9)  # level, ahead
@@ -55,15 +55,15 @@ def test_what_the_postures_are_for(body: Body) -> None:
 
 @pytest.mark.parametrize("height_m", [0.6, 0.7, 0.8, 0.9, 1.0])
 @pytest.mark.parametrize("spacing_m", [0.3, 0.5])
-def test_tables_are_gripped(body: Body, inverse: InverseKinematics, height_m: float, spacing_m: float) -> None:
+def test_tables_are_gripped(body: SmartPalBody, inverse: InverseKinematics, height_m: float, spacing_m: float) -> None:
     hands = grip_table(height_m, 0.45, spacing_m)
-    joints = inverse.solve_both(*hands, HOME, use_lumbar=True)
+    joints = inverse.solve(hands, HOME, use_lumbar=True)
     assert within_limits(joints)
     assert body.collisions(joints) == []
     for side, aside in ((Side.LEFT, spacing_m / 2), (Side.RIGHT, -spacing_m / 2)):
         at = body.hand(side, joints)
         assert at == pytest.approx((0.45 + GRIP_DEPTH_M, aside, height_m, 0, 0, 0), abs=1e-5)
-    for hand in hands:  # hands come from before the edge
+    for hand in hands.values():  # hands come from before the edge
         assert hand.moved(-0.1) == pytest.approx(hand._replace(x=hand.x - 0.1))
 
 
@@ -71,14 +71,14 @@ def test_tables_are_gripped(body: Body, inverse: InverseKinematics, height_m: fl
 @pytest.mark.parametrize("height_m", [0.85, 1.0])
 @pytest.mark.parametrize("aside_m", [-0.1, 0.0, 0.15])
 def test_both_hold_the_sheet(
-    body: Body, inverse: InverseKinematics, between_m: float, height_m: float, aside_m: float
+    body: SmartPalBody, inverse: InverseKinematics, between_m: float, height_m: float, aside_m: float
 ) -> None:
     """In one frame: the giver stands at the origin, the taker faces it."""
     handing = hand_over(between_m, height_m, aside_m)
     side = Side.LEFT if aside_m >= 0 else Side.RIGHT
-    giver = body.hand(side, inverse.solve(side, handing.giver, HOME))
+    giver = body.hand(side, inverse.solve({side: handing.giver}, HOME))
     other = Side.RIGHT if aside_m >= 0 else Side.LEFT
-    taker = turned_round(body.hand(other, inverse.solve(other, handing.taker, HOME)), between_m)
+    taker = turned_round(body.hand(other, inverse.solve({other: handing.taker}, HOME)), between_m)
     assert giver[1:3] == pytest.approx((aside_m, height_m), abs=1e-5)
     assert taker[1:3] == pytest.approx((aside_m, height_m), abs=1e-5)
     assert taker.x - giver.x == pytest.approx(SHEET_M - 2 * GRIP_DEPTH_M, abs=1e-5)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,7 +10,7 @@ from PIL import Image, ImageColor
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.maps import drawing
-from robocorba.maps.drawing import PathMark, draw_building, draw_floor, png_bytes, to_pixel
+from robocorba.maps.drawing import PathMark, draw_building, draw_floor
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -29,6 +28,7 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
+from tests.maps.pixels import to_pixel
 
 EMPTY = Building("empty", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
 
@@ -120,12 +120,6 @@ def test_all_floors_of_a_building_in_columns() -> None:
     assert beside.crop((400, 0, 800, lower.height)).tobytes() == lower.tobytes()
 
 
-def test_png_bytes_are_a_png() -> None:
-    picture = draw_floor(EMPTY, "L1", width_px=300)
-    raw = png_bytes(picture)
-    assert raw.startswith(b"\x89PNG") and Image.open(io.BytesIO(raw)).size == picture.size
-
-
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3, 1e6])
 def test_floors_of_any_size(size: float) -> None:
     wall = Wall(name="w", a=(0.0, 0.0), b=(size, size / 3))
@@ -161,7 +155,7 @@ def test_a_floor_or_a_size_that_cannot_be() -> None:
 
 def test_threads_draw_at_the_same_time() -> None:
     building = scene()
-    alone = png_bytes(draw_floor(building, "L1", width_px=400))
+    alone = draw_floor(building, "L1", width_px=400).tobytes()
     with ThreadPoolExecutor(4) as pool:
-        pictures = list(pool.map(lambda _: png_bytes(draw_floor(building, "L1", width_px=400)), range(8)))
+        pictures = list(pool.map(lambda _: draw_floor(building, "L1", width_px=400).tobytes(), range(8)))
     assert pictures == [alone] * 8

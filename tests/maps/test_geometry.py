@@ -14,10 +14,11 @@ from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps import geometry
-from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, blocking, free_space, obstacles
+from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, free_space, obstacles
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Element,
@@ -29,7 +30,6 @@ from robocorba.maps.model import (
     PolygonShape,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.spatial.pose import XY
@@ -100,23 +100,8 @@ def test_a_door_cuts_its_wall_from_jamb_to_jamb() -> None:
     assert shapely.equals(left, shapely.MultiLineString([[(0, 0), (4, 0)], [(5, 0), (10, 0)]]))
 
 
-def test_several_doors_cut_one_wall_even_where_they_overlap() -> None:
-    spans = [(1.0, 2.0), (4.0, 5.5), (5.0, 6.0), (9.5, 12.0)]
-    doors = [Door(name=f"d{a:g}", a=(a, 0.0), b=(b, 0.05)) for a, b in spans]
-    left = left_of(WALL, *doors)
-    assert [part.bounds[::2] for part in shapely.get_parts(left)] == [
-        pytest.approx(span, abs=0.02) for span in [(0, 1), (2, 4), (6, 9.5)]
-    ]
-
-
 def test_a_wall_that_is_all_door_is_no_obstacle() -> None:
     assert ("wall", "w") not in found(storey([WALL, Door(name="d", a=(-0.5, 0.0), b=(10.0, 0.0))]))
-
-
-def test_a_door_cuts_both_faces_of_a_thick_wall() -> None:
-    faces = [Wall(name=f"face {y}", a=(0.0, y), b=(10.0, y)) for y in (-0.1, 0.1)]
-    shapes = found(storey([*faces, Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0))]))
-    assert [shape.length for shape in shapes.values()] == [pytest.approx(9.0)] * 2
 
 
 @pytest.mark.parametrize(
@@ -202,9 +187,14 @@ def lift(*doors: ElevatorDoor, heading: float = 0.0) -> Elevator:
 
 @pytest.mark.parametrize(
     ("side", "middle"),
-    [(Side.FRONT, (5.2, 3.0)), (Side.BACK, (5.2, 5.0)), (Side.LEFT, (3.5, 4.2)), (Side.RIGHT, (6.5, 4.2))],
+    [
+        (CabinSide.FRONT, (5.2, 3.0)),
+        (CabinSide.BACK, (5.2, 5.0)),
+        (CabinSide.LEFT, (3.5, 4.2)),
+        (CabinSide.RIGHT, (6.5, 4.2)),
+    ],
 )
-def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(side: Side, middle: XY) -> None:
+def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(side: CabinSide, middle: XY) -> None:
     building = storey([lift(ElevatorDoor(floor="L1", side=side, width=1.2, offset=0.2))])
     (served,), (closed,) = found(building).values(), found(building, "L2").values()
     assert closed.is_ring and closed.length == pytest.approx(10.0)
@@ -250,13 +240,6 @@ def test_obstacles_are_the_very_same_until_something_that_blocks_changes() -> No
     assert found(moved)["wall", "w"].bounds == (0.0, 1.0, 10.0, 1.0)
     unlifted = Building(building.name, building.floors)
     assert list(found(unlifted)) == [("wall", "w")]
-
-
-def test_what_is_computed_anew_is_the_same() -> None:
-    building = storey([WALL, Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0)), lift(ElevatorDoor(floor="L1"))], ROOM)
-    entry = building.floors["L1"]
-    lifts = list(building.elevators.values())
-    assert blocking(entry.geometrical, entry.floor, lifts) == obstacles(building, "L1")
 
 
 def test_bounds_hold_obstacles_and_nodes() -> None:

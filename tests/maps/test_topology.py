@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 import networkx as nx
@@ -22,6 +21,7 @@ from robocorba.maps.formats import read_map
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Elevator,
@@ -32,17 +32,16 @@ from robocorba.maps.model import (
     MapObject,
     PathNode,
     Shape,
-    Side,
     TopologicalMap,
     Wall,
+    with_topology,
 )
 from robocorba.maps.samples import SAMPLES, load_sample
 from robocorba.maps.topology import topological_map
 from robocorba.spatial.pose import XY
+from tests.formats.rmf_files import real_file
 
 RADIUS = 0.40
-#: Real buildings, where they are at hand.
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
 
 
 def one_floor(
@@ -64,11 +63,6 @@ def one_floor(
     above = Floor(name="L2", level=2, elevation=3.0)
     stories = {"L1": FloorMap(floor, plan), "L2": FloorMap(above)}
     return Building("test", stories, {elevator.name: elevator for elevator in elevators})
-
-
-def with_roads(building: Building, floor: str, roads: TopologicalMap) -> Building:
-    entry = msgspec.structs.replace(building.floors[floor], topological=roads)
-    return msgspec.structs.replace(building, floors={**building.floors, floor: entry})
 
 
 def graph_of(roads: TopologicalMap) -> nx.Graph[str]:
@@ -105,8 +99,8 @@ def check_roads(building: Building, floor: str, roads: TopologicalMap, radius: f
         assert len(homes) == 1, f"{sorted(piece)} spans several parts"
         reached += homes
     assert sorted(reached) == list(range(len(parts)))
-    assert validation.problems(with_roads(building, floor, roads)) == []
-    assert blockages(with_roads(building, floor, roads), floor) == []
+    assert validation.problems(with_topology(building, floor, roads)) == []
+    assert blockages(with_topology(building, floor, roads), floor) == []
 
 
 metres = st.floats(0.5, 14.0).map(lambda value: round(value, 2))
@@ -132,7 +126,7 @@ def floors(draw: st.DrawFn) -> Building:
     objects = draw(st.lists(st.tuples(shapes, places), max_size=5))
     elevators = []
     if draw(st.booleans()):
-        door = ElevatorDoor(floor="L1", side=draw(st.sampled_from(list(Side))), width=draw(st.floats(0.6, 1.1)))
+        door = ElevatorDoor(floor="L1", side=draw(st.sampled_from(list(CabinSide))), width=draw(st.floats(0.6, 1.1)))
         size = (draw(st.floats(1.2, 2.4)), draw(st.floats(1.2, 2.4)))
         elevators.append(Elevator(name="E1", at=draw(places), size=size, doors=(door,), heading=draw(st.floats(0, 6))))
     return one_floor(width, depth, walls, doors, objects, elevators, bounded=draw(st.booleans()))
@@ -193,10 +187,7 @@ def test_sample_floors(sample: str, floor: str) -> None:
 
 @pytest.mark.parametrize("name", ["hotel", "office"])
 def test_real_buildings(name: str) -> None:
-    file = REAL / f"{name}.building.yaml"
-    if not file.exists():
-        pytest.skip("the real buildings are not here")
-    building = read_map(file).building
+    building = read_map(real_file(name)).building
     for floor in building.floors:
         roads = topological_map(building, floor, 0.25)
         check_roads(building, floor, roads, 0.25)
@@ -209,8 +200,8 @@ def test_the_same_floor_gives_the_same_map_whatever_roads_it_has(bounded: bool) 
     building = one_floor(walls=[((6.0, 0.0), (6.0, 5.0))], elevators=[elevator()], bounded=bounded)
     first = topological_map(building, "L1")
     far_away = TopologicalMap({"x": PathNode(name="x", at=(40.0, 40.0))})
-    assert topological_map(with_roads(building, "L1", far_away), "L1") == first
-    assert topological_map(with_roads(building, "L1", first), "L1") == first
+    assert topological_map(with_topology(building, "L1", far_away), "L1") == first
+    assert topological_map(with_topology(building, "L1", first), "L1") == first
 
 
 def test_elevators_opposite_each_other_share_the_place_in_front() -> None:
@@ -285,13 +276,6 @@ def test_a_cabin_is_entered_straight_from_a_node_in_front() -> None:
     assert nx.is_connected(graph_of(roads))
 
 
-def test_a_door_beside_the_middle_of_the_cabin_is_used_too() -> None:
-    building = one_floor(elevators=[elevator(offset=0.3)])
-    roads = topological_map(building, "L1")
-    check_roads(building, "L1", roads, RADIUS)
-    assert nx.is_connected(graph_of(roads))
-
-
 def test_cabins_that_a_robot_does_not_fit_into() -> None:
     behind_narrow_door = topological_map(one_floor(elevators=[elevator(width=0.7)]), "L1")
     assert not graph_of(behind_narrow_door)["cabin-E1"]
@@ -305,11 +289,6 @@ def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
     roads = topological_map(building, "L1")
     assert not any(geometry.shaft_polygon(closed).covers(Point(node.at)) for node in roads.nodes.values())
     check_roads(building, "L1", roads, RADIUS)
-
-
-@pytest.mark.parametrize("bounded", [True, False])
-def test_nothing_drawn_yet(bounded: bool) -> None:
-    assert topological_map(one_floor(4, 4, bounded=bounded), "L1", 0.2).nodes
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])

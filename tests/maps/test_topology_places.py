@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from shapely import LineString, Point
 
 from robocorba.maps import geometry
-from robocorba.maps.model import BoxShape, Building, CircleShape, PathNode, TopologicalMap
+from robocorba.maps.model import BoxShape, Building, CircleShape, PathNode, TopologicalMap, with_topology
 from robocorba.maps.samples import load_sample
 from robocorba.maps.topology import topological_map
-from robocorba.maps.topology.roadmap import SAME_PLACE_M
+from robocorba.maps.topology.roadmap import SAME_POINT_M
 from robocorba.spatial.pose import XY
-from tests.maps.test_topology import RADIUS, check_roads, elevator, floors, graph_of, one_floor, open_parts, with_roads
+from tests.maps.test_topology import RADIUS, check_roads, elevator, floors, graph_of, one_floor, open_parts
 from tests.maps.test_topology import places as spots
 
 
@@ -32,7 +32,7 @@ def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
     building: Building, at: list[XY], radius: float
 ) -> None:
     places = named(*at)
-    building = with_roads(building, "L1", TopologicalMap({place.name: place for place in places}))
+    building = with_topology(building, "L1", TopologicalMap({place.name: place for place in places}))
     parts = open_parts(building, "L1", radius)
     if not parts:
         return
@@ -50,7 +50,7 @@ def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
         place
         for i, place in enumerate(places)
         if shapely.distance(parts, Point(place.at)).min() == 0
-        and all(math.dist(place.at, other.at) > SAME_PLACE_M for other in (*building.elevators.values(), *places[:i]))
+        and all(math.dist(place.at, other.at) > SAME_POINT_M for other in (*building.elevators.values(), *places[:i]))
     ]
     homes = {name: int(shapely.distance(parts, Point(node.at)).argmin()) for name, node in roads.nodes.items()}
     graph.remove_nodes_from({place.name for place in places} - {place.name for place in reached})

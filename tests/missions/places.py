@@ -1,4 +1,4 @@
-"""Robots of one process that talk over a bus in memory: their missions are real, and so is the building."""
+"""Robots of one process on an event channel in memory: their missions are real, and so is the building."""
 
 from __future__ import annotations
 
@@ -10,52 +10,51 @@ from typing import Any
 
 import msgpack
 
+from robocorba.collision_avoidance import policy
 from robocorba.collision_avoidance.neighbours import PoolNearby
+from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.agent import ControlAgent
-from robocorba.control.model_switcher import Surroundings
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
-from robocorba.missions.leader import Leader
+from robocorba.missions import leader, member
+from robocorba.missions.leader import Leader, LeaderPolicy
+from robocorba.missions.member import MemberPolicy
 from robocorba.missions.mission_agent import MissionAgent
-from robocorba.missions.subplan import CooperativePlan, Step, SubPlan, Wait
+from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, Step, plan_of
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place as Spot
 from robocorba.repeating import Repeating
-from robocorba.simulation.registry import Pose
+from robocorba.spatial.pose import Pose
 from tests.control.places import Channel, Place
 
-#: Data pools follow the building so often, s.
+#: Interval at which data pools follow the building [s].
 FOLLOW_S = 0.033
 _numbers = itertools.count()
 Receive = Callable[[str, str, Any, str], None]
 
 
 class Bus:
-    """An event channel in memory. `cut`: robots that neither send nor receive events."""
+    """An event channel in memory. disconnected: robots that neither send nor receive events."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._listening: dict[int, tuple[str, Sequence[tuple[str, str]], Receive]] = {}
-        self.cut: set[str] = set()
-        self.said: list[tuple[str, str]] = []
-
-    def end(self, name: str) -> BusEnd:
-        return BusEnd(self, name)
+        self._subscriptions: dict[int, tuple[str, Sequence[tuple[str, str]], Receive]] = {}
+        self.disconnected: set[str] = set()
 
     def publish(self, source: str, type: str, payload: Any) -> None:
         content = msgpack.unpackb(msgpack.packb(payload), strict_map_key=False)
         with self._lock:
-            self.said.append((source, type))
-            listening = list(self._listening.values())
-        for name, patterns, receive in listening:
-            if {name, source} & self.cut:
+            subscriptions = list(self._subscriptions.values())
+        for name, patterns, receive in subscriptions:
+            if {name, source} & self.disconnected:
                 continue
-            if any(fnmatch.fnmatch(type, each) and fnmatch.fnmatch(source, who) for each, who in patterns):
+            if any(fnmatch.fnmatch(type, types) and fnmatch.fnmatch(source, sources) for types, sources in patterns):
                 receive(type, source, content, "bus")
 
     def subscribe(self, key: int, name: str, patterns: Sequence[tuple[str, str]], receive: Receive) -> None:
         with self._lock:
-            self._listening[key] = (name, patterns, receive)
+            self._subscriptions[key] = (name, patterns, receive)
 
 
 class BusEnd:
@@ -65,8 +64,8 @@ class BusEnd:
         self._bus, self._name = bus, name
 
     def publish(self, type: str, payload: Any, retry_s: float) -> None:
-        if self._name in self._bus.cut:
-            raise NotReachable("the network is cut")
+        if self._name in self._bus.disconnected:
+            raise NotReachable("disconnected")
         self._bus.publish(self._name, type, payload)
 
     def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Receive) -> None:
@@ -76,31 +75,38 @@ class BusEnd:
 class Crew:
     """Robots, each with its control agent and its mission agent."""
 
-    def __init__(self, place: Place, bus: Bus, robots: dict[str, Pose]) -> None:
-        self.bus, self.place = bus, place
+    def __init__(
+        self,
+        place: Place,
+        robots: dict[str, Pose],
+        leading: LeaderPolicy = leader.DEFAULT_POLICY,
+        taking_part: MemberPolicy = member.DEFAULT_POLICY,
+        giving_way: GivingWayPolicy = policy.DEFAULT_POLICY,
+    ) -> None:
+        self.bus, self.place, self._leading = Bus(), place, leading
         self.agents: dict[str, ControlAgent] = {}
         self._missions = []
         self._followers = []
         for name, at in robots.items():
             pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
-            surroundings = Surroundings(name, place.session(name, at), None)
-            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name))
+            surroundings = AdaptorContext(name, place.session(name, at), None)
+            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name, giving_way))
             agent.start("simulated")
             self.agents[name] = agent
-            transport = Transport(bus.end(name), name)
-            self._missions.append(MissionAgent(transport, agent, lambda thing: None).start())
+            transport = Transport(BusEnd(self.bus, name), name)
+            self._missions.append(MissionAgent(transport, agent, lambda thing: None, taking_part).start())
 
-    def leader(self, name: str) -> Leader:
+    def leader(self, name: str, leading: LeaderPolicy | None = None) -> Leader:
         agent = self.agents[name]
-        course = agent.robot.course
+        course = agent.robot.execution
         course.reset(False)
-        transport = Transport(self.bus.end(name), name)
         return Leader(
             f"m{next(_numbers)}",
-            transport,
+            Transport(BusEnd(self.bus, name), name),
             lambda: Spot(*agent.place[:3]),
-            is_interrupted=lambda: str(course.interruption or ""),
+            interruption=lambda: str(course.interruption or ""),
+            policy=leading or self._leading,
         )
 
     def close(self) -> None:
@@ -113,18 +119,15 @@ class Crew:
 
 
 class Given:
-    """An expansion whose steps are given: a list of steps for the leader, and one for each helper."""
+    """A CooperativePlanner whose steps are given: a list of steps for the leader, and one for each helper."""
 
-    def __init__(self, own: Sequence[Step | Wait], *others: Sequence[Step | Wait]) -> None:
+    def __init__(self, own: Sequence[Step | Idle], *others: Sequence[Step | Idle]) -> None:
         self._steps = [own, *others]
-        self.helpers, self.wanted = len(others), frozenset[str]()
+        self.helpers, self.required = len(others), frozenset[str]()
         self.meeting_point = Spot("L1", 5.0, 2.0)
 
     def plan(self, mission: str, leader: str, robots: dict[str, Spot]) -> CooperativePlan:
         names = [leader, *sorted(name for name in robots if name != leader)][: len(self._steps)]
-        subplans = tuple(
-            SubPlan(name, "leader" if name == leader else "helper", tuple(steps))
-            for name, steps in zip(names, self._steps, strict=True)
-        )
-        phases = tuple(f"phase {number}" for number in range(len(self._steps[0])))
-        return CooperativePlan(mission, "test", leader, "nothing", phases, subplans)
+        roles = [(name, "leader" if name == leader else "helper") for name in names]
+        phases = [PhaseSteps(f"phase {number}", steps) for number, steps in enumerate(zip(*self._steps, strict=True))]
+        return plan_of(mission, "test", leader, "nothing", roles, phases)

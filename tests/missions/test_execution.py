@@ -1,4 +1,4 @@
-"""How a robot does its steps, in the simulated building."""
+"""The steps of a SubPlan in the simulated building."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from functools import partial
 
 import pytest
 
-from robocorba.control import execution_control
 from robocorba.control.robot import Robot
 from robocorba.maps.model import BoxShape, MapObject
-from robocorba.missions.carry_progress import CarryProgress
+from robocorba.missions.carry_control import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.execution import StepExecutor
 from robocorba.missions.subplan import BackOff, Carry, Reserve, Ride, TakeHold
@@ -21,43 +20,38 @@ BOX = MapObject("box", BoxShape((0.6, 0.6)), (2.0, 1.0), height=0.8, movable=Tru
 CARRY = Carry(rows=Trajectory([(2.0, 1.0, 0.0), (2.5, 1.0, 0.0)]).to_rows(), place=(-0.92, 0.0, 0.0))
 
 
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(execution_control, "LOOK_S", 0.002)
-
-
-def performer(robot: Robot) -> StepExecutor:
+def executor_of(robot: Robot) -> StepExecutor:
     return StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: None)
 
 
 @pytest.mark.parametrize("step", [CARRY, Ride(elevator="E1", destination="L2")], ids=lambda step: type(step).__name__)
-def test_a_grip_that_is_lost_ends_the_step(step: Carry | Ride) -> None:
+def test_losing_the_grip_ends_the_step(step: Carry | Ride) -> None:
     crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
 
     def carry(robot: Robot) -> None:
-        part = performer(robot)
-        part.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        executor = executor_of(robot)
+        executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
         assert robot.session.latest.holding == "box"
         robot.session.release()
         robot.session.state()
-        part.execute(step)
+        executor.execute(step)
 
     assert crowd.run(60.0, A=carry) == {"A": "lost its hold of box"}
 
 
-def test_who_reserves_waits_until_others_are_by_and_gives_back() -> None:
+def test_overlapping_reservations_are_granted_one_after_the_other() -> None:
     crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
     ours: dict[str, tuple[float, float]] = {}
 
     def pass_by(robot: Robot, name: str, ahead_m: float) -> None:
-        part = performer(robot)
+        executor = executor_of(robot)
         west, east = (2.0, 5.0) if name == "A" else (3.0, 6.0)
         area = ((west, 0.1), (east, 0.1), (east, 1.9), (west, 1.9))
-        part.execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=60.0))
+        executor.execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=60.0))
         begun = crowd.time
         robot.drive_by(ahead_m, 0.0, 0.0, 0.3)
         ours[name] = begun, crowd.time
-        part.release_reservations()
+        executor.release_reservations()
 
     assert crowd.run(60.0, A=partial(pass_by, name="A", ahead_m=0.5), B=partial(pass_by, name="B", ahead_m=0.6)) == {}
     first, second = sorted(ours.values())
@@ -65,32 +59,32 @@ def test_who_reserves_waits_until_others_are_by_and_gives_back() -> None:
     assert crowd.robots["A"].session.reservation() is None
 
 
-def test_who_waits_for_too_long_says_so() -> None:
+def test_waiting_for_a_reservation_has_a_limit() -> None:
     crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
     area = ((2.0, 0.1), (5.0, 0.1), (5.0, 1.9), (2.0, 1.9))
     crowd.robots["B"].session.reserve([("L1", area)], 60.0)
 
     def reserve(robot: Robot) -> None:
-        performer(robot).execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
+        executor_of(robot).execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
 
     assert crowd.run(20.0, A=reserve) == {"A": "the path's areas were not granted within 2 s"}
 
 
-def test_what_was_moved_meanwhile_is_not_gripped() -> None:
+def test_an_object_moved_after_planning_is_not_gripped() -> None:
     crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
 
     def grip(robot: Robot) -> None:
-        part = StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0))
-        part.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        executor = StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0))
+        executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
 
     assert crowd.run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}
 
 
-def test_who_has_no_room_behind_backs_off_as_far_as_there_is() -> None:
+def test_a_robot_backs_off_as_far_as_there_is_room() -> None:
     crowd = Crowd(room(6.0, 2.0), {"A": (0.55, 1.0, 0.0)})
 
     def back_off(robot: Robot, distance_m: float) -> None:
-        performer(robot).execute(BackOff(distance_m=distance_m))
+        executor_of(robot).execute(BackOff(distance_m=distance_m))
 
     assert crowd.run(60.0, A=partial(back_off, distance_m=0.3)) == {}
     assert crowd.touched == []

@@ -1,19 +1,22 @@
-"""How robots come together: ways as things stand now, and places that are apart."""
+"""How robots gather: around objects at their present poses, apart from each other, each at the right place."""
 
 from __future__ import annotations
 
 import math
 
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from robocorba.missions.formation import Pose
-from robocorba.missions.gathering import SPACING_M, GatheringPaths, spread_apart, waves
-from robocorba.missions.move_table import MoveTable
+from robocorba.errors.robots import MissionFailed
+from robocorba.maps.geometry import Obstacle
+from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, driving_groups, spread_apart
+from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.world import MovableObject
-from robocorba.planning.request import Place
+from robocorba.planning.request import MAX_AREAS, Place
 from robocorba.programs.icons import Destination
+from robocorba.spatial.pose import Pose2D
 from tests.missions.worlds import MapWorld, two_storeys
 
 
@@ -24,24 +27,31 @@ class MovedWorld(MapWorld):
         return super().movable(name)._replace(x=2.4, y=3.5, heading=0.0)
 
 
-def test_ways_lead_through_where_the_map_has_it_and_around_where_it_is() -> None:
+def test_paths_avoid_the_object_where_it_is_now() -> None:
     world = MovedWorld(two_storeys())
-    ways = GatheringPaths(world, world.movable("box"))
-    assert ways.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
-    assert ways.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
+    paths = GatheringPaths(world, world.movable("box"))
+    assert paths.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
+    assert paths.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
     on_map = MapWorld(two_storeys())
     assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
-def test_a_box_can_be_carried_on_from_where_it_was_left() -> None:
-    beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A stands where the map has the box
-    plan = MoveTable(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
+def test_a_moved_box_can_be_carried_again() -> None:
+    beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A is at the box's place on the map
+    plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
     assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
 
 
-def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.missions.gathering.MAX_AREAS", 0)
-    world = MovedWorld(two_storeys())
+class FullWorld(MovedWorld):
+    """There are more objects than fit into a path request."""
+
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
+        crate = shapely.box(11.0, 6.0, 11.1, 6.1)
+        return {"L1": [Obstacle("object", f"crate{number}", crate) for number in range(MAX_AREAS)]}
+
+
+def test_too_many_objects_are_taken_from_the_map() -> None:
+    world = FullWorld(two_storeys())
     assert GatheringPaths(world, world.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
@@ -50,8 +60,8 @@ def test_more_things_than_can_be_told_stay_where_the_map_has_them(monkeypatch: p
     some.lists(some.tuples(some.floats(-1, 1), some.floats(-1, 1)), min_size=1, max_size=4, unique=True),
     some.floats(0.1, 1.0),
 )
-def test_loosened_places_are_apart(at: list[tuple[float, float]], apart_m: float) -> None:
-    places: list[Pose] = [(x, y, 0.5) for x, y in at]
+def test_places_are_spread_apart(at: list[tuple[float, float]], apart_m: float) -> None:
+    places: list[Pose2D] = [(x, y, 0.5) for x, y in at]
     found = spread_apart(places, apart_m)
     assert [heading for *_, heading in found] == [0.5] * len(at)
     for i, one in enumerate(found):
@@ -67,37 +77,66 @@ def test_carriers_side_by_side_gather_apart() -> None:
     assert first[0] == second[0] == 0.0
 
 
-def test_whose_ways_are_free_go_at_the_same_time() -> None:
-    starts = [Place("L1", 0.0, 0.0), Place("L1", 0.0, 3.0)]
-    goals = [Place("L1", 4.0, 0.0), Place("L1", 4.0, 3.0)]
-    ways = [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]]
-    assert waves(starts, goals, ways) == [frozenset({0, 1})]
-
-
-def test_who_has_to_get_past_anothers_place_goes_first() -> None:
-    starts = [Place("L1", 0.0, 1.0), Place("L1", 0.0, -1.0), Place("L2", 0.0, 0.0)]
-    goals = [Place("L1", 2.0, 0.0), Place("L1", 4.0, 0.0), Place("L1", 6.0, 0.0)]
-    ways = [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]]
-    assert waves(starts, goals, ways) == [frozenset({2}), frozenset({1}), frozenset({0})]
-
-
-def test_who_stands_in_anothers_way_goes_first() -> None:
-    starts = [Place("L1", 0.0, 0.0), Place("L1", 2.0, 0.0)]
-    goals = [Place("L1", 4.0, 0.0), Place("L1", 2.0, 3.0)]
-    ways = [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]]
-    assert waves(starts, goals, ways) == [frozenset({1}), frozenset({0})]
-
-
-def test_those_who_had_to_wait_for_each_other_go_together() -> None:
-    starts = [Place("L1", 0.0, 0.0), Place("L1", 4.0, 0.0)]
-    goals = [Place("L1", 4.0, 0.0), Place("L1", 0.0, 0.0)]
-    ways = [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]]
-    assert waves(starts, goals, ways) == [frozenset({0, 1})]
+@pytest.mark.parametrize(
+    ("floors", "paths", "groups"),
+    [
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]], [{0, 1}]),
+        (
+            ("L1", "L1", "L2"),
+            [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]],
+            [{2}, {1}, {0}],
+        ),
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]], [{1}, {0}]),
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]], [{0, 1}]),
+    ],
+    ids=("separate paths", "paths past goals of others", "a start on a path", "a cycle"),
+)
+def test_groups_that_drive_simultaneously(
+    floors: tuple[str, ...], paths: list[list[tuple[float, float]]], groups: list[set[int]]
+) -> None:
+    starts = [Place(floor, *path[0]) for floor, path in zip(floors, paths, strict=True)]
+    goals = [Place("L1", *path[-1]) for path in paths]
+    assert driving_groups(starts, goals, paths) == groups
 
 
 @settings(deadline=None)
 @given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
-def test_everybody_goes_once(ways: list[tuple[float, float, float, float]]) -> None:
-    starts, goals = [Place("L1", x, y) for x, y, _, _ in ways], [Place("L1", x, y) for _, _, x, y in ways]
-    found = waves(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in ways])
-    assert sorted(number for wave in found for number in wave) == list(range(len(ways)))
+def test_each_robot_drives_once(paths: list[tuple[float, float, float, float]]) -> None:
+    starts, goals = [Place("L1", x, y) for x, y, _, _ in paths], [Place("L1", x, y) for _, _, x, y in paths]
+    found = driving_groups(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in paths])
+    assert sorted(number for group in found for number in group) == list(range(len(paths)))
+
+
+# ---- who gathers where ----
+
+WEST, MIDDLE, EAST = (Place("L1", x, 1.3) for x in (2.4, 3.3, 6.0))
+
+
+def straight(one: Place, other: Place) -> float | None:
+    return math.dist(one[1:], other[1:])
+
+
+@pytest.mark.parametrize("leader", ["A", "B"])
+def test_a_robot_beside_the_object_moves_on_for_one_that_arrives(leader: str) -> None:
+    assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], leader, straight) == ["A", "B"]
+    assert assign_places({"A": MIDDLE, "B": EAST}, [MIDDLE, WEST], leader, straight) == ["B", "A"]
+
+
+def test_the_nearest_robots_and_the_leader_are_chosen() -> None:
+    robots = {"A": Place("L1", 900.0, 0.0), "B": MIDDLE, "C": EAST}
+    assert set(assign_places(robots, [WEST, MIDDLE], "A", straight)) == {"A", "B"}
+    assert set(assign_places(robots, [WEST, MIDDLE], "B", straight)) == {"B", "C"}
+
+
+def test_robots_get_places_that_they_can_reach() -> None:
+    def length_m(start: Place, goal: Place) -> float | None:
+        return None if (start, goal) == (EAST, MIDDLE) else straight(start, goal)
+
+    assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], "A", length_m) == ["B", "A"]
+    with pytest.raises(MissionFailed, match=r"no robot can reach L1 \(3\.30, 1\.30\) beside the object"):
+        assign_places({"A": EAST, "B": EAST}, [MIDDLE, WEST], "A", length_m)
+
+
+def test_too_few_robots_are_refused() -> None:
+    with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
+        assign_places({"A": EAST}, [WEST, MIDDLE], "A", straight)

@@ -1,4 +1,4 @@
-"""What hand_over becomes, and two robots that do it."""
+"""The plans of hand_over, and two robots that hand over an object."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import shapely
 
-from robocorba.clients.cooperation import EXPANSIONS
+from robocorba.clients.cooperation import PLANNERS
 from robocorba.errors.robots import MissionFailed
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
@@ -20,13 +20,13 @@ from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building, Floor
 from robocorba.maps.topology import topological_map
-from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOver
+from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOverPlanner
 from robocorba.missions.subplan import CooperativePlan, Gather, Grip
 from robocorba.planning.request import Place as Spot
 from robocorba.programs import icons
-from robocorba.simulation.registry import Pose
+from robocorba.spatial.pose import Pose
 from tests.control.places import Place
-from tests.missions.places import Bus, Crew
+from tests.missions.places import Crew
 from tests.missions.worlds import MapWorld, two_storeys
 
 ROBOTS = {"A": Spot("L1", 2.0, 1.5), "B": Spot("L1", 2.0, 5.5), "C": Spot("L2", 2.0, 5.5)}
@@ -38,7 +38,7 @@ def world() -> MapWorld:
 
 
 def planned(world: MapWorld, giver: str, taker: str, leader: str = "A") -> CooperativePlan:
-    return HandOver(world, "sheet", giver, taker, leader, ROBOTS[leader]).plan("m", leader, ROBOTS)
+    return HandOverPlanner(world, "sheet", giver, taker, leader, ROBOTS[leader]).plan("m", leader, ROBOTS)
 
 
 def meeting(plan: CooperativePlan) -> tuple[Gather, Gather]:
@@ -66,7 +66,7 @@ def test_they_meet_half_way(world: MapWorld) -> None:
 
 
 class Moved(MapWorld):
-    """The box is a long one now, right between A and B: who goes from one to the other has to go around it."""
+    """The box is now a long board between A and B, which the path between them has to avoid."""
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
         return {"L1": [Obstacle("object", "box", BOARD)]}
@@ -75,13 +75,13 @@ class Moved(MapWorld):
 BOARD = shapely.box(0.0, 3.0, 4.0, 4.0)
 
 
-def test_they_meet_where_nothing_was_moved_to() -> None:
+def test_they_meet_clear_of_moved_objects() -> None:
     here, there = meeting(planned(Moved(two_storeys()), "A", "B"))
     assert BOARD.distance(shapely.LineString([(here.x, here.y), (there.x, there.y)])) > RADIUS_M
     assert min(here.x, there.x) > BOARD.bounds[2] - 1.0
 
 
-def test_one_of_both_always_holds_it(world: MapWorld) -> None:
+def test_the_taker_grips_before_the_giver_lets_go(world: MapWorld) -> None:
     plan = planned(world, "A", "B")
     shut = {"A": True, "B": False}
     seen = []
@@ -95,34 +95,34 @@ def test_one_of_both_always_holds_it(world: MapWorld) -> None:
     ]
 
 
-def test_whoever_leads_others_take_part(world: MapWorld) -> None:
-    own = HandOver(world, "sheet", "A", "B", "A", ROBOTS["A"])
-    assert (own.wanted, own.helpers) == ({"B"}, 1)
-    others = HandOver(world, "sheet", "B", "C", "A", ROBOTS["A"])
-    assert (others.wanted, others.helpers) == ({"B", "C"}, 2)
+def test_the_leader_need_not_take_part(world: MapWorld) -> None:
+    own = HandOverPlanner(world, "sheet", "A", "B", "A", ROBOTS["A"])
+    assert (own.required, own.helpers) == ({"B"}, 1)
+    others = HandOverPlanner(world, "sheet", "B", "C", "A", ROBOTS["A"])
+    assert (others.required, others.helpers) == ({"B", "C"}, 2)
     assert [subplan.robot for subplan in others.plan("m", "A", ROBOTS).subplans] == ["B", "C"]
 
 
-def test_the_icon_becomes_one(world: MapWorld) -> None:
-    for icon, wanted in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
-        found = EXPANSIONS[type(icon)](icon, world, "A", ROBOTS["A"])
-        assert isinstance(found, HandOver) and found.wanted == wanted
+def test_the_icon_has_a_planner(world: MapWorld) -> None:
+    for icon, required in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
+        found = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
+        assert isinstance(found, HandOverPlanner) and found.required == required
 
 
-def test_what_can_not_be_handed_over(world: MapWorld) -> None:
+def test_impossible_hand_overs_are_refused(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="box stands in the building"):
-        HandOver(world, "box", "A", "B", "A", ROBOTS["A"])
+        HandOverPlanner(world, "box", "A", "B", "A", ROBOTS["A"])
     with pytest.raises(MissionFailed, match="B can't hand sheet over to itself"):
-        HandOver(world, "sheet", "B", "B", "A", ROBOTS["A"])
+        HandOverPlanner(world, "sheet", "B", "B", "A", ROBOTS["A"])
 
 
-def test_rooms_that_are_too_small_for_both_are_told() -> None:
+def test_too_small_rooms_are_refused() -> None:
     outline = ((0.0, 0.0), (2.4, 0.0), (2.4, 2.0), (0.0, 2.0))
     building = Building("box room").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
     building.floors["L1"] = msgspec.structs.replace(building.floors["L1"], topological=topological_map(building, "L1"))
     here, there = Spot("L1", 0.6, 1.0), Spot("L1", 1.6, 1.0)
     with pytest.raises(MissionFailed, match=r"no room for both face to face on the path from A to B: 2\.6 m"):
-        HandOver(MapWorld(building), "sheet", "A", "B", "A", here).plan("m", "A", {"A": here, "B": there})
+        HandOverPlanner(MapWorld(building), "sheet", "A", "B", "A", here).plan("m", "A", {"A": here, "B": there})
 
 
 # ---- two robots ----
@@ -137,14 +137,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 
 @pytest.fixture
 def crew(place: Place) -> Iterator[Crew]:
-    crew = Crew(place, Bus(), {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)})
+    crew = Crew(place, {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)})
     yield crew
     crew.close()
 
 
 def test_two_robots_hand_a_sheet_over(crew: Crew, place: Place) -> None:
     at = crew.agents["A"].place
-    expansion = HandOver(MapWorld(place.building), "sheet", "A", "B", "A", Spot(at.floor, at.x, at.y))
+    planner = HandOverPlanner(MapWorld(place.building), "sheet", "A", "B", "A", Spot(at.floor, at.x, at.y))
     kinematics, ended = InverseKinematics(), threading.Event()
     apart: list[float] = []
     touching: list[list[tuple[str, str]]] = []
@@ -163,7 +163,7 @@ def test_two_robots_hand_a_sheet_over(crew: Crew, place: Place) -> None:
 
     thread = threading.Thread(target=look)
     thread.start()
-    report = crew.leader("A").lead("hand over", expansion)
+    report = crew.leader("A").lead("hand over", planner)
     ended.set()
     thread.join()
     assert (report.result, report.reason) == ("done", "")

@@ -1,4 +1,4 @@
-"""docs/mission.md: what it says of messages, and its examples."""
+"""docs/mission.md: its tables of messages and steps, and its examples."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ import msgspec
 import pytest
 
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.messages import KINDS, Record
-from robocorba.missions.subplan import Step, SubPlan, Wait
+from robocorba.missions.messages import KINDS, MemberMeasurements
+from robocorba.missions.subplan import Idle, Step, SubPlan
 from robocorba.planning.request import Place as Spot
 from robocorba.programs import icons
 from robocorba.programs.program import loads
-from robocorba.simulation.registry import Pose
+from robocorba.spatial.pose import Pose
 from tests.control.places import Place
-from tests.missions.places import Bus, Crew
+from tests.missions.places import Crew
 
 MANUAL = (Path(__file__).resolve().parents[2] / "docs" / "mission.md").read_text()
 PROGRAM, SALUTE = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
 
 
 def rows(start: str) -> dict[str, set[str]]:
-    """Of tables: the words in code of each row, by the first."""
+    """The words in code of each row of a table, by the first one of the row."""
     found = (re.findall(r"`([^`]+)`", line) for line in MANUAL.splitlines() if line.startswith(start))
     return {words[0]: {word for each in words[1:] for word in re.findall(r"\w+", each)} for words in found if words}
 
 
-def test_messages_are_told_with_all_their_members() -> None:
-    told = rows("| `mission.")
-    assert told.keys() == KINDS.keys()
+def test_all_members_of_messages_are_documented() -> None:
+    documented = rows("| `mission.")
+    assert documented.keys() == KINDS.keys()
     for name, kind in KINDS.items():
         wanted = {field.encode_name for field in msgspec.structs.fields(kind)} - {"mission", "sent"}
         if name == "mission.proposal":
             wanted |= {field.encode_name for field in msgspec.structs.fields(SubPlan)}
-        assert wanted <= told[name], name
-    for field in msgspec.structs.fields(Record):
+        assert wanted <= documented[name], name
+    for field in msgspec.structs.fields(MemberMeasurements):
         assert f"`{field.encode_name}`" in MANUAL
 
 
-def test_steps_are_told() -> None:
-    told = {name.split()[0] for name in rows("| `")}
-    assert {kind.__name__ for kind in (*get_args(Step), Wait)} <= told
+def test_all_steps_are_documented() -> None:
+    documented = {name.split()[0] for name in rows("| `")}
+    assert {kind.__name__ for kind in (*get_args(Step), Idle)} <= documented
 
 
-def test_the_program_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_program_of_the_manual_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(PROGRAM, "docs/mission.md", "exec"), {})
     program = loads(capsys.readouterr().out)
     assert [type(icon) for icon in program.icons if isinstance(icon, icons.MoveTable | icons.HandOver)] == [
@@ -58,13 +58,13 @@ def test_the_program_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.fixture
 def crew(tmp_path: Path) -> Iterator[Crew]:
     place = Place(tmp_path)
-    crew = Crew(place, Bus(), {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)})
+    crew = Crew(place, {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)})
     yield crew
     crew.close()
     place.close()
 
 
-def test_the_new_icon_works(crew: Crew) -> None:
+def test_the_new_icon_of_the_manual_works(crew: Crew) -> None:
     found: dict[str, Any] = {}
     exec(compile(SALUTE, "docs/mission.md", "exec", dont_inherit=True), found)
     report = crew.leader("A").lead("salute", found["Salute"]("B", Spot("L1", 7.0, 2.0)))

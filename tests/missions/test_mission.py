@@ -1,4 +1,4 @@
-"""Leaders and members in one process: agreement, steps in time, and ways in which a mission can come to nothing."""
+"""Leaders and members in one process: agreement, synchronized steps, and failures of missions."""
 
 from __future__ import annotations
 
@@ -6,54 +6,38 @@ import math
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from robocorba.collision_avoidance import giving_way
-from robocorba.control import base
-from robocorba.control.runner import Result
-from robocorba.kinematics.tasks import POSTURES
-from robocorba.missions import leader, member, mission_agent
-from robocorba.missions.leader import MissionReport
-from robocorba.missions.record import as_json
-from robocorba.missions.subplan import Approach, Carry, Gather, Wait
+from robocorba.collision_avoidance.policy import GivingWayPolicy
+from robocorba.control.runner import ProgramResult
+from robocorba.missions.leader import LeaderPolicy
+from robocorba.missions.member import MemberPolicy
+from robocorba.missions.report import MissionReport
+from robocorba.missions.subplan import Approach, Carry, Gather, Idle
 from robocorba.missions.trajectory import Trajectory
-from robocorba.motion import driving
 from robocorba.planning.request import Place as Spot
-from robocorba.programs.builder import ProgramBuilder
-from robocorba.simulation.registry import Pose
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.spatial.pose import Pose
 from tests.control.places import Place, eventually
-from tests.missions.places import Bus, Crew, Given
+from tests.missions.places import Crew, Given
 
 ROBOTS = {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 7.0, 4.0), "C": Pose("L1", 1.0, 8.0)}
 FAR = Approach(x=9.0, y=2.0, heading=0.0)
-#: What the tests wait for is as it is, but shorter, s.
-SHORTER = {
-    leader: {
-        "AGREEMENT_TIMEOUT_S": 6.0,
-        "MAX_RETRY_PAUSE_S": 0.5,
-        "OFFER_TIMEOUT_S": 1.0,
-        "SURPLUS_OFFER_TIMEOUT_S": 0.3,
-        "MEMBER_TIMEOUT_S": 1.5,
-        "STEP_GRACE_S": 1.0,
-        "END_TIMEOUT_S": 12.0,
-    },
-    member: {"LEADER_TIMEOUT_S": 1.5, "END_ORDER_TIMEOUT_S": 3.0},
-    mission_agent: {"FINAL_STATE_S": 0.5},
-    base: {"MAX_PAUSE_S": 2.0},
-    giving_way: {"BLOCKED_BY_PARKED_S": 0.2, "BLOCKED_BY_LATER_S": 1.0},
-    driving: {"STUCK_S": 1.0},
-}
-
-
-@pytest.fixture(autouse=True)
-def shorter(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, constants in SHORTER.items():
-        for name, seconds in constants.items():
-            assert hasattr(module, name)
-            monkeypatch.setattr(module, name, seconds)
-    monkeypatch.setitem(POSTURES, "tuck", np.zeros(len(POSTURES["tuck"])))  # arms are where they begin
+#: Shorter than usual, as the tests wait for them.
+LEADING = LeaderPolicy(
+    agreement_timeout_s=6.0,
+    max_retry_pause_s=0.5,
+    offer_timeout_s=1.0,
+    surplus_offer_timeout_s=0.3,
+    member_timeout_s=1.5,
+    step_grace_s=1.0,
+    end_timeout_s=12.0,
+)
+#: The arms stay where they begin.
+TAKING_PART = MemberPolicy(leader_timeout_s=1.5, end_order_timeout_s=3.0, final_state_s=0.5, driving_posture="home")
+GIVING_WAY = GivingWayPolicy(max_pause_s=2.0, blocked_by_parked_s=0.2, blocked_by_later_s=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +49,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 
 @pytest.fixture
 def crew(place: Place) -> Iterator[Crew]:
-    crew = Crew(place, Bus(), ROBOTS)
+    crew = Crew(place, ROBOTS, LEADING, TAKING_PART, GIVING_WAY)
     yield crew
-    crew.bus.cut = set()
+    crew.bus.disconnected = set()
     crew.close()
 
 
@@ -76,10 +60,10 @@ def near(name: str, dx: float, limit_s: float = 30.0) -> Approach:
     return Approach(x=at.x + dx, y=at.y, heading=0.0, limit_s=limit_s)
 
 
-def leading(crew: Crew, expansion: Given, name: str = "A") -> tuple[threading.Thread, list[MissionReport]]:
+def leading(crew: Crew, planner: Given, name: str = "A") -> tuple[threading.Thread, list[MissionReport]]:
     reports: list[MissionReport] = []
     leader = crew.leader(name)
-    thread = threading.Thread(target=lambda: reports.append(leader.lead("test", expansion)))
+    thread = threading.Thread(target=lambda: reports.append(leader.lead("test", planner)))
     thread.start()
     return thread, reports
 
@@ -88,25 +72,25 @@ def free(crew: Crew) -> bool:
     return all(agent.is_free for agent in crew.agents.values())
 
 
-def test_all_steps_are_done_together(crew: Crew) -> None:
-    report = crew.leader("A").lead("test", Given([near("A", 0.2), Wait()], [near("B", 0.1), Wait()], [Wait(), Wait()]))
+def test_steps_are_synchronized(crew: Crew) -> None:
+    report = crew.leader("A").lead("test", Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()]))
     assert (report.result, report.reason) == ("done", "")
     assert [phase.name for phase in report.phases] == ["phase 0", "phase 1"]
     first, second = report.phases
     assert set(first.started) == set(second.done) == {"A", "B", "C"}
     assert min(second.started.values()) >= max(first.done.values())
-    assert set(report.records) == {"A", "B", "C"}
-    found = as_json(report)
+    assert set(report.measurements) == {"A", "B", "C"}
+    found = report.as_json()
     assert found["robots"] == {"A": "leader", "B": "helper", "C": "helper"}
     assert found["phases"][0]["waited_for"] == "A"
     assert found["latency_ms"]["bus"]["count"] > 10
     eventually(lambda: free(crew), "all are free again")
-    assert crew.agents["B"].state.program.result is Result.DONE
-    again = crew.leader("B").lead("test", Given([Wait()], [Wait()]))
+    assert crew.agents["B"].state.program.result is ProgramResult.DONE
+    again = crew.leader("B").lead("test", Given([Idle()], [Idle()]))
     assert again.result == "done"
 
 
-def test_carriers_follow_one_rhythm(crew: Crew) -> None:
+def test_carriers_move_simultaneously(crew: Crew) -> None:
     rows = Trajectory([(7.0, 3.0, 0.0), (7.4, 3.0, 0.0)]).to_rows()
     own = Carry(rows=rows, place=(0.0, -1.0, 0.0))
     other = Carry(rows=rows, place=(0.0, 1.0, 0.0))
@@ -115,62 +99,61 @@ def test_carriers_follow_one_rhythm(crew: Crew) -> None:
     for name, y in (("A", 2.0), ("B", 4.0)):
         at = crew.agents[name].place
         assert (at.x, at.y) == pytest.approx((7.4, y), abs=0.02)
-    skew = as_json(report)["tick_skew_ms"]
+    skew = report.as_json()["tick_skew_ms"]
     assert skew["count"] > 50
     assert skew["max"] < 100
 
 
-def test_who_gathers_goes_around_who_stands(crew: Crew) -> None:
+def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
-    beyond = Gather(floor="L1", x=7.0, y=4.9, heading=0.0)  # of B, who stands
-    report = crew.leader("A").lead("test", Given([beyond], [Wait()]))
+    beyond = Gather(floor="L1", x=7.0, y=4.9, heading=0.0)  # beyond B, which is stationary
+    report = crew.leader("A").lead("test", Given([beyond], [Idle()]))
     assert (report.result, report.reason) == ("done", "")
     assert crew.agents["A"].place[:3] == pytest.approx(("L1", 7.0, 4.9), abs=0.02)
     assert crew.agents["B"].place == pytest.approx(ROBOTS["B"])
     assert crew.place.agent.collisions == 0
 
 
-def test_who_gets_stuck_tries_again(crew: Crew) -> None:
+def test_a_blocked_robot_retries(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
-    beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # where B stands, until it leaves
+    beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # B's place, until it leaves
     report = crew.leader("A").lead("test", Given([beside], [near("B", 1.2)]))
     assert (report.result, report.reason) == ("done", "")
 
 
-def test_nobody_is_booked_twice(crew: Crew) -> None:
+def test_a_busy_robot_is_not_assigned(crew: Crew) -> None:
     crew.agents["B"].load(ProgramBuilder("busy").wait(60).program())
     crew.agents["B"].run()
     begun = time.monotonic()
-    report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()]))
+    report = crew.leader("A").lead("test", Given([Idle()], [Idle()], [Idle()]))
     assert report.result == "failed"
     assert report.reason == "2 helpers are needed; C offered to help; B runs a program"
-    assert time.monotonic() - begun > leader.AGREEMENT_TIMEOUT_S
+    assert time.monotonic() - begun > LEADING.agreement_timeout_s
     crew.agents["B"].abort()
     assert crew.agents["A"].place == pytest.approx(ROBOTS["A"])
 
 
-def test_who_is_not_there_is_not_waited_for(crew: Crew) -> None:
+def test_the_leader_does_not_wait_for_robots_that_do_not_exist(crew: Crew) -> None:
     begun = time.monotonic()
-    report = crew.leader("A").lead("test", Given([Wait()], [Wait()], [Wait()], [Wait()]))
+    report = crew.leader("A").lead("test", Given([Idle()], [Idle()], [Idle()], [Idle()]))
     assert report.reason == "3 helpers are needed; B, C offered to help"
-    assert time.monotonic() - begun < leader.AGREEMENT_TIMEOUT_S
+    assert time.monotonic() - begun < LEADING.agreement_timeout_s
 
 
-def test_only_the_nearest_are_looked_at(crew: Crew, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leader, "SPARE_CANDIDATES", 0)
-    near_c = Given([Wait()], [Wait()])
+def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
+    near_c = Given([Idle()], [Idle()])
     near_c.meeting_point = Spot(*ROBOTS["C"][:3])
-    report = crew.leader("A").lead("test", near_c)
+    report = crew.leader("A", replace(LEADING, spare_candidates=0)).lead("test", near_c)
     assert report.result == "done"
-    assert set(report.records) == {"A", "C"}
+    assert set(report.measurements) == {"A", "C"}
 
 
-def test_leaders_that_want_the_same_robots_have_them_in_turn(crew: Crew) -> None:
-    """Both need C and nobody else is free: whoever comes second waits until the first mission has ended."""
+def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
+    """Both need C and no other robot is free: the second leader waits until the first mission has ended."""
     for name in "AB":
         crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
         crew.agents[name].run()
-    started = [leading(crew, Given([Wait()], [near("C", way)]), name) for name, way in (("A", 0.2), ("B", -0.2))]
+    started = [leading(crew, Given([Idle()], [near("C", dx)]), name) for name, dx in (("A", 0.2), ("B", -0.2))]
     for thread, _ in started:
         thread.join(60.0)
     reports = [found for _, (found,) in started]
@@ -180,16 +163,16 @@ def test_leaders_that_want_the_same_robots_have_them_in_turn(crew: Crew) -> None
     assert second.phases[0].started["C"] > first.phases[-1].done["C"]
 
 
-def test_a_step_that_fails_ends_it_for_all(crew: Crew) -> None:
+def test_a_failed_step_ends_the_mission_for_all(crew: Crew) -> None:
     blocked = Approach(x=5.0, y=4.6, heading=0.0)  # through the elevator's wall
-    report = crew.leader("A").lead("test", Given([near("A", 0.3), Wait()], [blocked, Wait()]))
+    report = crew.leader("A").lead("test", Given([near("A", 0.3), Idle()], [blocked, Idle()]))
     assert report.result == "failed"
     assert report.reason.startswith("phase 0: B at L1 (6.")
     eventually(lambda: free(crew), "all are free again")
 
 
-def test_a_member_that_is_stopped_ends_it_with_the_reason(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([Wait(), Wait()], [near("B", 1.5), Wait()]))
+def test_an_emergency_stop_of_a_member_ends_the_mission(crew: Crew) -> None:
+    thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
     crew.agents["B"].stop()
     thread.join(60.0)
@@ -199,10 +182,10 @@ def test_a_member_that_is_stopped_ends_it_with_the_reason(crew: Crew) -> None:
     eventually(lambda: crew.agents["A"].is_free, "the others are free")
 
 
-def test_a_helper_without_network_ends_it_for_all(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([FAR, Wait()], [near("B", 1.5, 60.0), Wait()]))
+def test_a_disconnected_helper_ends_the_mission_for_all(crew: Crew) -> None:
+    thread, reports = leading(crew, Given([FAR, Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.bus.cut = {"B"}
+    crew.bus.disconnected = {"B"}
     thread.join(60.0)
     assert reports[0].reason == "phase 0: B is silent"
     eventually(lambda: free(crew), "all have ended, each for itself")
@@ -210,29 +193,29 @@ def test_a_helper_without_network_ends_it_for_all(crew: Crew) -> None:
     assert all(abs(math.hypot(*agent.state.actor.velocity)) < 0.01 for agent in crew.agents.values())
 
 
-def test_a_leader_that_is_gone_leaves_nobody_driving(crew: Crew) -> None:
-    thread, _ = leading(crew, Given([Wait(), Wait()], [near("B", 1.5, 60.0), Wait()]))
+def test_members_stop_without_their_leader(crew: Crew) -> None:
+    thread, _ = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.bus.cut = {"A"}
+    crew.bus.disconnected = {"A"}
     eventually(lambda: crew.agents["B"].is_free, "B has ended")
     assert crew.agents["B"].state.program.reason == "the leader A is silent"
     thread.join(60.0)
 
 
-def test_a_step_that_takes_too_long_is_named(crew: Crew) -> None:
+def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     begun = time.monotonic()
     report = crew.leader("A").lead(
-        "test", Given([Wait()], [Gather(floor="L1", x=9.0, y=9.0, heading=0.0, limit_s=1.0)])
+        "test", Given([Idle()], [Gather(floor="L1", x=9.0, y=9.0, heading=0.0, limit_s=1.0)])
     )
     assert "phase 0 took longer than 1 s" in report.reason
     assert time.monotonic() - begun < 30.0
     eventually(lambda: free(crew), "all are free again")
 
 
-def test_a_leader_that_is_interrupted_ends_it(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([Wait(), Wait()], [near("B", 1.5, 60.0), Wait()]))
+def test_an_interrupted_leader_ends_the_mission(crew: Crew) -> None:
+    thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.agents["A"].robot.course.abort("enough")
+    crew.agents["A"].robot.execution.abort("enough")
     thread.join(60.0)
     assert "enough" in reports[0].reason
     eventually(lambda: free(crew), "all are free again")

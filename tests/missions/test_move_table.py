@@ -1,4 +1,4 @@
-"""What move_table becomes: who stands where, on one floor and through an elevator whose doors don't wait."""
+"""The plans of move_table: which robot carries where, on one floor and through an elevator whose doors close."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from shapely.affinity import rotate, translate
 from robocorba.errors.robots import ImpossibleCarry, MissionFailed
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.missions.move_table import BACK_M, DOOR_RESERVE_S, MoveTable
+from robocorba.missions.formation import BACK_OFF_M
+from robocorba.missions.move_table import DOOR_MARGIN_S, MoveTablePlanner
 from robocorba.missions.subplan import (
     Approach,
     CallCabin,
     Carry,
     CooperativePlan,
     Gather,
+    Idle,
     Reserve,
     Ride,
+    Step,
     TakeHold,
-    Wait,
 )
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place
@@ -41,17 +43,21 @@ def world() -> MapWorld:
 
 @pytest.fixture(scope="module")
 def up(world: MapWorld) -> CooperativePlan:
-    return MoveTable(world, "box", GOAL).plan("m", "A", ROBOTS)
+    return MoveTablePlanner(world, "box", GOAL).plan("m", "A", ROBOTS)
 
 
-def test_who_takes_part_and_where(up: CooperativePlan) -> None:
+def steps_of(plan: CooperativePlan, robot: str) -> tuple[Step | Idle, ...]:
+    return next(subplan.steps for subplan in plan.subplans if subplan.robot == robot)
+
+
+def test_roles_and_first_steps(up: CooperativePlan) -> None:
     assert {subplan.robot: subplan.role for subplan in up.subplans} == {"A": "leader", "B": "helper"}
     assert len({len(subplan.steps) for subplan in up.subplans} | {len(up.phases)}) == 1
     for subplan in up.subplans:
         first, gather, approach, hold = subplan.steps[:4]
-        assert isinstance(first, Reserve if subplan.robot == "A" else Wait)
+        assert isinstance(first, Reserve if subplan.robot == "A" else Idle)
         assert isinstance(gather, Gather) and isinstance(approach, Approach) and isinstance(hold, TakeHold)
-        assert math.dist((gather.x, gather.y), (approach.x, approach.y)) == pytest.approx(BACK_M)
+        assert math.dist((gather.x, gather.y), (approach.x, approach.y)) == pytest.approx(BACK_OFF_M)
         faces = math.atan2(hold.y - approach.y, hold.x - approach.x)
         assert math.remainder(faces - approach.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
         assert math.dist((hold.x, hold.y), (approach.x, approach.y)) > RADIUS_M
@@ -60,8 +66,8 @@ def test_who_takes_part_and_where(up: CooperativePlan) -> None:
     assert up.subplans[0].robot == ("A" if a.y < b.y else "B")  # each from its own side
 
 
-def test_the_leader_reserves_the_whole_way(up: CooperativePlan) -> None:
-    reserve = up.of("A").steps[0]
+def test_the_leader_reserves_all_swept_areas(up: CooperativePlan) -> None:
+    reserve = steps_of(up, "A")[0]
     assert isinstance(reserve, Reserve)
     assert [floor for floor, _ in reserve.areas] == ["L1", "L2"]
     here, there = (Polygon(corners) for _, corners in reserve.areas)
@@ -74,23 +80,23 @@ def test_the_leader_reserves_the_whole_way(up: CooperativePlan) -> None:
     assert {(call.party, call.size) for call in calls} == {("m to L2", 2)}
 
 
-def test_the_way_goes_on_where_it_stopped(up: CooperativePlan) -> None:
-    carries = [Trajectory.from_rows(step.rows) for step in up.of("A").steps if isinstance(step, Carry)]
+def test_each_carry_starts_where_the_one_before_ended(up: CooperativePlan) -> None:
+    carries = [Trajectory.from_rows(step.rows) for step in steps_of(up, "A") if isinstance(step, Carry)]
     assert carries[0].start == pytest.approx((5.4, 3.5, -0.785))
     assert carries[-1].goal == pytest.approx((GOAL.x, GOAL.y, GOAL.heading))
     for before, after in pairwise(carries):
         assert after.start == pytest.approx(before.goal)
 
 
-def test_all_are_clear_of_the_doors_before_and_in_time_through_them(world: MapWorld, up: CooperativePlan) -> None:
-    steps = up.of("A").steps
+def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld, up: CooperativePlan) -> None:
+    steps = steps_of(up, "A")
     called = next(number for number, step in enumerate(steps) if isinstance(step, CallCabin))
     assert up.phases[called - 1 : called + 4] == (
         *("carrying", "waiting for the cabin", "driving in", "riding", "driving out"),
     )
     assert isinstance(steps[called + 2], Ride) and steps[called + 2].destination == "L2"
     shaft = shaft_polygon(world.building().elevators["E1"])
-    footprint = MoveTable(world, "box", GOAL)._carry.footprint()
+    footprint = MoveTablePlanner(world, "box", GOAL)._carry.footprint()
 
     def at(pose: tuple[float, float, float]) -> bool:
         return bool(translate(rotate(footprint, pose[2], (0, 0), use_radians=True), *pose[:2]).intersects(shaft))
@@ -99,7 +105,7 @@ def test_all_are_clear_of_the_doors_before_and_in_time_through_them(world: MapWo
     assert isinstance(way_in, Carry) and isinstance(way_out, Carry)
     for step in (way_in, way_out):
         trajectory = Trajectory.from_rows(step.rows)
-        assert trajectory.duration <= BOARDING_LIMIT_S - DOOR_RESERVE_S
+        assert trajectory.duration <= BOARDING_LIMIT_S - DOOR_MARGIN_S
         ends = trajectory.start, trajectory.goal
         inside, outside = ends if step is way_out else ends[::-1]
         assert at(inside) and not at(outside)
@@ -107,22 +113,22 @@ def test_all_are_clear_of_the_doors_before_and_in_time_through_them(world: MapWo
 
 def test_elevators_that_are_too_small_are_named() -> None:
     with pytest.raises(ImpossibleCarry, match="E1"):
-        MoveTable(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
+        MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
 
 
-def test_doors_that_can_not_be_passed_in_time_are_told(world: MapWorld, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.missions.move_table.BOARDING_LIMIT_S", 8.0)
-    with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 8 s; driving in needs 1\d s"):
-        MoveTable(world, "box", GOAL).plan("m", "A", ROBOTS)
+def test_doors_that_close_too_early_are_named() -> None:
+    world = MapWorld(two_storeys(cabin_m=7.0))
+    with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 15 s; driving in needs \d\d s"):
+        MoveTablePlanner(world, "box", Destination("L2", 3.0, 3.5)).plan("m", "A", ROBOTS)
 
 
-def test_how_many_carry_follows_the_weight(world: MapWorld) -> None:
-    assert MoveTable(world, "box", GOAL).helpers == 1
-    assert MoveTable(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
+def test_the_number_of_carriers_follows_from_the_weight(world: MapWorld) -> None:
+    assert MoveTablePlanner(world, "box", GOAL).helpers == 1
+    assert MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
 
 
-def test_what_is_not_there_is_told(world: MapWorld) -> None:
+def test_missing_objects_and_robots_are_named(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="no object 'piano'"):
-        MoveTable(world, "piano", GOAL)
+        MoveTablePlanner(world, "piano", GOAL)
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
-        MoveTable(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})
+        MoveTablePlanner(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})

@@ -1,4 +1,4 @@
-"""The page of a report: what is in it, and that nothing in a report becomes markup."""
+"""The page of a report: its contents, and that texts are escaped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robocorba.missions import page, timeline
 
 
 def report(**changed: Any) -> dict[str, Any]:
-    """A mission of two robots of two sub-networks, as `record.as_json` makes it."""
+    """A mission of two robots of two sub-networks, in the form of `MissionReport.as_json`."""
     latency = {"median": 1.0, "p99": 8.5, "max": 12.25, "count": 40}
     gathering = {
         "name": "gathering",
@@ -63,7 +63,7 @@ class Seen(HTMLParser):
         self.words.append(data)
 
 
-def test_it_shows_pictures_film_and_figures(tmp_path: Path) -> None:
+def test_the_page_shows_pictures_film_and_figures(tmp_path: Path) -> None:
     facts = [("The simulation server says", "the table is 2 mm from its goal")]
     written = page.write(report(), tmp_path, [("before.png", "Before"), ("after.png", "After")], "film.mp4", facts)
     assert written == tmp_path / "report.html"
@@ -81,7 +81,7 @@ def test_the_leaders_own_sub_network_comes_first() -> None:
     assert {len(row) for row in rows} == {len(page.LATENCIES)}
 
 
-def test_a_phase_that_nobody_ended_took_no_time() -> None:
+def test_an_unfinished_phase_has_no_duration() -> None:
     (row,) = page.phases(report(phases=[{**report()["phases"][0], "done_s": {}, "waited_for": "", "skew_ms": None}]))
     assert row == ("gathering", "1.5", "0.0", "", "")
     assert len(row) == len(page.PHASES)
@@ -100,7 +100,7 @@ def test_a_mission_that_never_began_has_a_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["mission", "kind", "leader", "result", "reason", "thing"])
-def test_what_robots_say_is_no_markup(tmp_path: Path, key: str) -> None:
+def test_text_of_robots_is_escaped(tmp_path: Path, key: str) -> None:
     evil = "'><script>alert(1)</script>"
     plain = Seen(page.write(report(), tmp_path).read_text())
     seen = Seen(page.write(report(**{key: evil}), tmp_path).read_text())

@@ -1,4 +1,4 @@
-"""When a body that is carried is where."""
+"""Trajectories of a carried body."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ limits = st.tuples(st.floats(0.05, 1.0), st.floats(0.1, 1.0), st.floats(0.1, 1.0
 
 @settings(max_examples=20, deadline=None)
 @given(poses, limits)
-def test_no_carrier_goes_or_turns_or_accelerates_too_much(
-    way: list[tuple[float, float, float]], limits: tuple[float, float, float]
+def test_no_carrier_exceeds_the_limits(
+    path: list[tuple[float, float, float]], limits: tuple[float, float, float]
 ) -> None:
     speed, turn_speed, acceleration = limits
-    trajectory = Trajectory(way, PLACES, speed, turn_speed, acceleration)
+    trajectory = Trajectory(path, PLACES, speed, turn_speed, acceleration)
     times = np.linspace(0.0, trajectory.duration, 400)
     step = 1e-4
     for place in (*PLACES, (0.0, 0.0, 0.0)):
@@ -38,8 +38,8 @@ def test_no_carrier_goes_or_turns_or_accelerates_too_much(
 
 @settings(max_examples=20, deadline=None)
 @given(poses)
-def test_velocities_are_those_of_the_poses(way: list[tuple[float, float, float]]) -> None:
-    trajectory = Trajectory(way, PLACES)
+def test_velocities_are_the_derivatives_of_poses(path: list[tuple[float, float, float]]) -> None:
+    trajectory = Trajectory(path, PLACES)
     step = 1e-5
     for t in np.linspace(0.0, trajectory.duration, 100)[1:-1]:
         before, _ = trajectory.carrier(t - step, PLACES[2])
@@ -50,8 +50,8 @@ def test_velocities_are_those_of_the_poses(way: list[tuple[float, float, float]]
 
 @settings(max_examples=20, deadline=None)
 @given(poses)
-def test_it_is_the_same_for_every_robot(way: list[tuple[float, float, float]]) -> None:
-    trajectory = Trajectory(way, PLACES)
+def test_a_transmitted_trajectory_is_identical(path: list[tuple[float, float, float]]) -> None:
+    trajectory = Trajectory(path, PLACES)
     received = Trajectory.from_rows(msgpack.unpackb(msgpack.packb(trajectory.to_rows())))
     assert received.to_rows() == trajectory.to_rows()
     assert received.duration == trajectory.duration
@@ -61,11 +61,11 @@ def test_it_is_the_same_for_every_robot(way: list[tuple[float, float, float]]) -
 
 @settings(max_examples=20, deadline=None)
 @given(poses)
-def test_it_rests_at_each_pose(way: list[tuple[float, float, float]]) -> None:
-    trajectory = Trajectory(way, PLACES)
+def test_the_body_stops_at_each_pose(path: list[tuple[float, float, float]]) -> None:
+    trajectory = Trajectory(path, PLACES)
     assert trajectory.at(-1.0)[0] == trajectory.start
-    assert trajectory.start == pytest.approx(way[0], abs=1e-6)
-    assert trajectory.at(trajectory.duration) == (way[-1], (0.0, 0.0, 0.0))
+    assert trajectory.start == pytest.approx(path[0], abs=1e-6)
+    assert trajectory.at(trajectory.duration) == (path[-1], (0.0, 0.0, 0.0))
     for begins, x, y, heading, _ in trajectory.to_rows():
         pose, velocity = trajectory.at(begins)
         assert pose == pytest.approx((x, y, heading), abs=1e-9)
@@ -87,7 +87,7 @@ def test_carriers_of_a_body_that_turns_on_the_spot() -> None:
     assert velocity == (0.0, 0.0, 0.0)
 
 
-def test_a_body_that_stays() -> None:
+def test_equal_poses_take_no_time() -> None:
     trajectory = Trajectory([(1, 2, 3), (1, 2, 3)], PLACES)
     assert trajectory.duration == 0.0
     assert trajectory.at(5.0) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
@@ -104,13 +104,13 @@ def test_a_body_that_stays() -> None:
         [(0.0, 0.0, 0.0, 0.0, 1.5), (2.0, 1.0, 0.0, 0.0, 0.0)],
     ],
 )
-def test_rows_that_are_no_trajectory_are_refused(rows: list[tuple[float, ...]]) -> None:
+def test_invalid_rows_are_refused(rows: list[tuple[float, ...]]) -> None:
     with pytest.raises(InvalidPlan):
         Trajectory.from_rows(rows)
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, math.inf, math.nan])
-def test_limits_that_are_none_are_refused(limit: float) -> None:
+def test_invalid_limits_are_refused(limit: float) -> None:
     with pytest.raises(InvalidPlan):
         Trajectory([(0, 0, 0), (1, 0, 0)], speed=limit)
     with pytest.raises(InvalidPlan):

@@ -1,4 +1,4 @@
-"""What a leader knows of a building that is only a map."""
+"""A World that consists of a map only."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import msgspec
 
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle, object_geometry
-from robocorba.maps.model import BoxShape, Building, Elevator, ElevatorDoor, Floor, MapObject, Side
-from robocorba.maps.movable import movables, outline
+from robocorba.maps.model import BoxShape, Building, CabinSide, Elevator, ElevatorDoor, Floor, MapObject
+from robocorba.maps.movable import movables, object_outline
 from robocorba.maps.topology import topological_map
 from robocorba.missions.world import MovableObject
 from robocorba.planning.planner import PathPlanner
@@ -19,7 +19,7 @@ from robocorba.testing.buildings import with_all
 
 
 class MapWorld:
-    """Everything is where the map has it, and weighs as much as in the simulated building."""
+    """Objects are at their places on the map; each has the same mass."""
 
     def __init__(self, building: Building, mass_kg: float = 2.0) -> None:
         self._building, self._mass_kg = building, mass_kg
@@ -33,7 +33,7 @@ class MapWorld:
         if name not in known:
             raise MissionFailed(f"there is no object {name!r}")
         entry, floor = known[name]
-        return MovableObject(name, floor, *entry.at, entry.heading, outline(entry), self._mass_kg, entry.height)
+        return MovableObject(name, floor, *entry.at, entry.heading, object_outline(entry), self._mass_kg, entry.height)
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
         found: dict[str, list[Obstacle]] = {}
@@ -50,7 +50,7 @@ def two_storeys(cabin_m: float = 3.0, speed: float = 1.0) -> Building:
     """Two floors of 12 m by 7 m with an elevator between them, and a box that two robots carry on the lower one."""
     outline = ((0.0, 0.0), (12.0, 0.0), (12.0, 7.0), (0.0, 7.0))
     width = cabin_m - 0.6
-    doors = tuple(ElevatorDoor(floor=name, side=Side.FRONT, width=width) for name in ("L1", "L2"))
+    doors = tuple(ElevatorDoor(floor=name, side=CabinSide.FRONT, width=width) for name in ("L1", "L2"))
     east = 8.0 + cabin_m / 2, 3.5
     elevator = Elevator("E1", east, (cabin_m, cabin_m), doors, heading=-math.pi / 2, speed=speed, door_time=2.0)
     shape = BoxShape(size=(0.6, 0.4))

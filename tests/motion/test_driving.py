@@ -1,4 +1,4 @@
-"""The base drives by its motions: a base that speeds up no faster than it can, without an ORB, without waiting."""
+"""Motions of the base, with an ideal base that keeps its acceleration limits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as some
+from hypothesis import strategies as st
 
 from robocorba.errors.robots import MotionFailed
 from robocorba.motion.driving import ARRIVED_M, ARRIVED_RAD, CORNER_TOLERANCE_M, Drive, DriveAt, DriveBy
@@ -28,11 +28,11 @@ class Base:
         self._wall_x, self._moving = wall_x, (0.0, 0.0)
 
     def run(self, motion: Motion, limit_s: float = 200.0) -> float:
-        """Seconds that it took."""
+        """Run the motion to its end; returns its duration [s]."""
         begin = self.state.time
-        while (wish := motion.wish(self.state, self.state.time - begin)) is not None:
+        while (command := motion.command(self.state, self.state.time - begin)) is not None:
             assert self.state.time < begin + limit_s
-            self._step(wish.velocity)
+            self._step(command.velocity)
         return self.state.time - begin
 
     def _step(self, wanted: tuple[float, float, float]) -> None:
@@ -52,12 +52,12 @@ class Base:
         self.fastest = max(self.fastest, math.hypot(*velocity[:2]))
 
 
-POINTS = some.tuples(some.floats(-8, 8), some.floats(-8, 8))
+POINTS = st.tuples(st.floats(-8, 8), st.floats(-8, 8))
 
 
 @settings(deadline=None, max_examples=60)
-@given(some.lists(POINTS, min_size=1, max_size=5), some.floats(-7, 7), some.floats(0.1, 1.0))
-def test_a_drive_ends_exactly_where_it_shall(points: list[tuple[float, float]], heading: float, speed: float) -> None:
+@given(st.lists(POINTS, min_size=1, max_size=5), st.floats(-7, 7), st.floats(0.1, 1.0))
+def test_a_drive_ends_exactly_at_its_goal(points: list[tuple[float, float]], heading: float, speed: float) -> None:
     base = Base()
     base.run(Drive(points, heading, speed, LIMITS), 2000.0)
     state = base.state
@@ -75,7 +75,7 @@ def test_corners_are_cut_no_more_than_allowed() -> None:
     assert max(off) < 2 * CORNER_TOLERANCE_M
 
 
-def test_slow_stretches_are_driven_slowly() -> None:
+def test_speed_limits_of_segments_are_kept() -> None:
     base = Base()
     base.run(Drive([(2.0, 0.0), (4.0, 0.0), (6.0, 0.0)], None, 1.0, LIMITS, [1.0, 0.3, 1.0]))
     steps = [(x, (after - x) / TICK_S) for (x, _), (after, _) in zip(base.track, base.track[1:], strict=False)]
@@ -84,7 +84,7 @@ def test_slow_stretches_are_driven_slowly() -> None:
     assert max(speed for x, speed in steps if x > 4.0) > 0.8
 
 
-def test_it_faces_where_it_goes_and_keeps_that() -> None:
+def test_it_turns_to_its_direction_of_travel_and_keeps_that_heading() -> None:
     base = Base()
     base.run(Drive([(4.0, 4.0)], None, 0.5, LIMITS))
     assert base.state.heading == pytest.approx(math.pi / 4, abs=0.02)
@@ -104,7 +104,7 @@ def test_a_velocity_holds_for_its_time() -> None:
     assert base.state.x == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_robot_that_is_stuck_says_so() -> None:
+def test_a_stuck_robot_is_reported() -> None:
     base = Base(wall_x=1.0)
     with pytest.raises(MotionFailed, match=r"stuck at \(1\.00, 0\.00\), 2\.00 m before \(3\.00, 0\.00\)"):
         base.run(Drive([(3.0, 0.0)], None, 0.5, LIMITS))

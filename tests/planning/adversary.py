@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.model import Building
 from robocorba.planning.request import Place
+from robocorba.spatial.grids import segments_of
 from robocorba.spatial.pose import XY
 
 #: Shares of queries whose ends are equal, nearly equal, or on both sides of a wall in line with it.
@@ -40,20 +40,20 @@ class Adversary:
         self._floors = list(building.floors)
         self._boxes = {floor: bounds(building, floor, 0.0) for floor in self._floors}
         self._lines = {floor: _segments(building, floor) for floor in self._floors}
-        self._kinds: dict[str, Callable[[str], XY | None]] = {
-            "free": self._anywhere,
-            "node": self._node,
-            "edge": self._edge,
-            "cabin": self._cabin,
-            "corner": self._corner,
-            "beside": self._beside,
-            "beyond": self._beyond,
-            "grid": self._grid,
-            "end": self._end,
+        #: How to make a place of each kind, and its relative frequency.
+        self._kinds: dict[str, tuple[Callable[[str], XY | None], float]] = {
+            "free": (self._anywhere, 8.0),
+            "node": (self._node, 3.0),
+            "edge": (self._edge, 3.0),
+            "cabin": (self._cabin, 2.0),
+            "corner": (self._corner, 3.0),
+            "beside": (self._beside, 3.0),
+            "beyond": (self._beyond, 3.0),
+            "grid": (self._grid, 2.0),
+            "end": (self._end, 0.5),
         }
-        #: Relative frequency of each kind.
-        self._weights = np.array([8, 3, 3, 2, 3, 3, 3, 2, 0.5])
-        self._weights /= self._weights.sum()
+        weights = np.array([weight for _, weight in self._kinds.values()])
+        self._shares = weights / weights.sum()
 
     def queries(self, count: int) -> Iterator[Query]:
         """This number of queries."""
@@ -78,11 +78,11 @@ class Adversary:
 
     def _place(self) -> tuple[str, Place]:
         """A place of a random kind. It is free, except for kinds that never are, or after TRIES attempts."""
-        kind = str(self._rng.choice(list(self._kinds), p=self._weights))
+        kind = str(self._rng.choice(list(self._kinds), p=self._shares))
         place = None
         for _ in range(TRIES):
             floor = self._floors[int(self._rng.integers(len(self._floors)))]
-            at = self._kinds[kind](floor)
+            at = self._kinds[kind][0](floor)
             if at is None:
                 kind = "free"
                 continue
@@ -171,15 +171,9 @@ class Adversary:
 
 
 def _segments(building: Building, floor: str) -> np.ndarray:
-    """(n, 2, 2): the lines of everything that blocks on a floor."""
-    found = [np.empty((0, 2, 2))]
-    for item in obstacles(building, floor):
-        for part in shapely.get_parts(
-            item.geometry.boundary if item.geometry.geom_type == "Polygon" else item.geometry
-        ):
-            at = shapely.get_coordinates(part)
-            found.append(np.stack([at[:-1], at[1:]], axis=1))
-    lines = np.concatenate(found)
+    """(n, 2, 2): the lines of all obstacles of a floor."""
+    shapes = np.array([item.geometry for item in obstacles(building, floor)], object)
+    lines = segments_of(shapes)[0].reshape(-1, 2, 2)
     return lines[np.hypot(*(lines[:, 1] - lines[:, 0]).T) > 1e-6]
 
 

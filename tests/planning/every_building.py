@@ -1,8 +1,8 @@
-"""The buildings of the planner tests: drawn, generated and imported ones."""
+"""The buildings of the planner tests, drawn, generated and imported, and the judge's verdicts on queries in them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -10,14 +10,22 @@ from typing import NamedTuple
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import Building
 from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import PathRequest, RouteMode
 from robocorba.testing.grid_maps import KINDS, building_of
+from tests.planning.adversary import Query
 from tests.planning.generated import isolated_node, one_way_hall, random_building, two_halls, with_random_roads
+from tests.planning.judge import Judge, Verdict
 from tests.planning.scenes import random_room, tower, two_rooms
 
 #: Folder of real buildings, tested if present.
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
 #: Side of a cell of the generated grid maps [m].
 GRID_CELL_M = 0.5
+#: A geometric path may be longer than the shortest by this factor: arcs become tangent lines outside of them.
+MAX_RATIO = 1.01
+#: Shorter paths are not compared, because the tangent lines of one arc count for more [m].
+SHORT_M = 0.5
 #: Kinds of grid maps, and their number of random nodes.
 GRID_KINDS = (("rooms of 8", 0), ("maze of 4", 30), ("cave", 30), ("city", 0), ("laser", 30))
 
@@ -73,3 +81,20 @@ def buildings_at_random(seeds: range) -> dict[str, Case]:
         f"random building {seed}": Case(partial(random_building, seed), 0.4 if seed % 3 == 0 else 0.25)
         for seed in seeds
     }
+
+
+def judged(
+    case: Case, planner: PathPlanner, judge: Judge, mode: RouteMode, queries: Iterable[Query], max_on_grid: int
+) -> Iterator[tuple[Query, Verdict, float | None]]:
+    """The verdict on each query, and the length of the path as a multiple of the shortest; None if not compared.
+
+    Lengths on large buildings, by fine grids, take a tenth of a second each: at most `max_on_grid` are compared."""
+    compared = 0
+    for query in queries:
+        request = PathRequest(query.start, query.goal, radius=case.radius_m, mode=mode)
+        verdict, ratio = judge.verdict(planner, request), None
+        if mode is not RouteMode.TOPOLOGICAL and verdict.length_m > SHORT_M and verdict.is_right:
+            compared += 1
+            if case.is_small or (mode is RouteMode.GEOMETRIC and compared <= max_on_grid):
+                ratio = verdict.length_m / judge.shortest_length(request, case.is_small)
+        yield query, verdict, ratio

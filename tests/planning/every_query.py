@@ -15,10 +15,19 @@ from matplotlib.axes import Axes
 from rich.progress import track
 
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import PathRequest, RouteMode
+from robocorba.planning.request import RouteMode
 from robocorba.testing.report import PROGRESS, RESULTS, Mark, at_least, at_most, summarize
 from tests.planning.adversary import Adversary, Query
-from tests.planning.every_building import DRAWN, IMPORTED, Case, buildings_at_random, grids, rooms_at_random
+from tests.planning.every_building import (
+    DRAWN,
+    IMPORTED,
+    MAX_RATIO,
+    Case,
+    buildings_at_random,
+    grids,
+    judged,
+    rooms_at_random,
+)
 from tests.planning.judge import Judge, Verdict
 
 #: Queries in each mode, spread evenly over all buildings.
@@ -27,12 +36,8 @@ QUERIES = 10_000
 LIMIT_S = 60.0
 #: Side of the grid maps [cells].
 GRID_SIZE = 96
-#: A geometric path may be longer than the shortest by this factor: arcs become tangent lines outside of them.
-MAX_RATIO = 1.01
-#: Shorter paths are not compared, because the tangent lines of one arc count for more [m].
-SHORT_M = 0.5
-#: Number of paths on a large building that are compared to its fine grid, which takes a tenth of a second each.
-COMPARED_ON_GRID = 60
+#: Number of paths in a large building that are compared to its fine grid.
+MAX_COMPARED_ON_GRID = 60
 #: Number of wrong answers that are written for each building and mode.
 EXAMPLES = 5
 
@@ -96,18 +101,10 @@ def try_building(name: str, case: Case, count: int, tallies: dict[RouteMode, Tal
     queries = list(Adversary(building, case.radius_m, judge.point_is_free).queries(count))
     for mode, tally in tallies.items():
         deadline = time.monotonic() + LIMIT_S
-        compared = 0
-        for query in queries:
+        for answer in judged(case, planner, judge, mode, queries, MAX_COMPARED_ON_GRID):
+            tally.add(name, *answer)
             if time.monotonic() > deadline:
                 break
-            request = PathRequest(query.start, query.goal, radius=case.radius_m, mode=mode)
-            verdict = judge.verdict(planner, request)
-            ratio = None
-            if mode is not RouteMode.TOPOLOGICAL and verdict.length_m > SHORT_M and verdict.is_right:
-                compared += 1
-                if case.is_small or (mode is RouteMode.GEOMETRIC and compared <= COMPARED_ON_GRID):
-                    ratio = verdict.length_m / judge.shortest_length(request, case.is_small)
-            tally.add(name, query, verdict, ratio)
 
 
 def show(tallies: Sequence[Tally]) -> bool:
@@ -121,7 +118,7 @@ def show(tallies: Sequence[Tally]) -> bool:
         at_least("queries in each mode", fewest, QUERIES),
         at_most("paths that touch something", total["touched"], 0),
         at_most("paths with other faults", total["other faults"], 0),
-        at_most("ways refused wrongly", total["refused wrongly"], 0),
+        at_most("paths refused wrongly", total["refused wrongly"], 0),
         at_most("longest geometric path to the shortest", max(geometric, default=1.0), MAX_RATIO),
     ]
 

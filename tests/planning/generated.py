@@ -12,6 +12,7 @@ from robocorba.maps.geometry import bounds, obstacles, shaft_polygon
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
     Element,
@@ -24,7 +25,6 @@ from robocorba.maps.model import (
     PolygonShape,
     SegmentShape,
     Shape,
-    Side,
     Wall,
 )
 from robocorba.maps.validation import problems
@@ -33,7 +33,7 @@ from tests.planning.scenes import edge, node, room, wall
 
 #: Clearance of nodes from obstacles [m]: far less than a robot needs.
 NODE_CLEARANCE_M = 0.02
-#: Greatest distance of connected nodes [m], with few exceptions.
+#: Maximum distance of connected nodes [m], with few exceptions.
 MAX_EDGE_M = 7.0
 
 
@@ -99,7 +99,7 @@ def _outline(width: float, depth: float, rng: np.random.Generator) -> tuple[XY, 
 
 def _elevator(name: str, at: XY, floors: list[str], rng: np.random.Generator) -> Elevator:
     served = floors if rng.random() < 0.6 else [floors[i] for i in sorted(rng.choice(len(floors), 2, replace=False))]
-    sides = list(Side)
+    sides = list(CabinSide)
     doors = tuple(
         ElevatorDoor(floor=floor, side=sides[int(rng.integers(4))], width=float(rng.choice([0.9, 1.2, 1.6])))
         for floor in served

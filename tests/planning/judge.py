@@ -1,4 +1,4 @@
-"""Judges the planner's answers by shapely and numpy alone, without the planner's kernels.
+"""Judges the planner's answers by shapely, numpy and networkx, without the planner's kernels.
 
 A path must keep the robot's radius from every obstacle. A refusal must be justified: the judge searches a path on a
 fine grid. The grid contains only paths that certainly exist, so the judge never rejects a correct answer; it may
@@ -8,7 +8,8 @@ miss a path that is narrower than radius + GRID_MARGIN_M.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from functools import lru_cache
+from itertools import combinations, pairwise, permutations
 from typing import NamedTuple, TypeAlias
 
 import networkx as nx
@@ -20,17 +21,16 @@ from shapely import LineString, Point
 from robocorba.errors.paths import NoPath, NotFree
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building
+from robocorba.planning.elevators import ride
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import Criterion, Path, PathPoint, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.search import CONNECTION_REACH_M, MAX_CONNECTIONS, ON_NODE_M
 from robocorba.spatial.pose import XY
-from robocorba.testing.fine_grid import FORGIVEN_M, SPARE_M, FineGrid, FloorGeometry
+from robocorba.testing.fine_grid import SPARE_M, TOLERANCE_M, FineGrid, FloorGeometry
 from robocorba.testing.grid_maps import Cell
 from tests.planning.visibility import VisibilityGraph, cabin_place
 
 Array: TypeAlias = NDArray[np.float64]
-
-#: A place nearer to a node than this is on the node [m].
-ON_NODE_M = 0.01
 
 
 class Verdict(NamedTuple):
@@ -59,10 +59,10 @@ class Judge:
         self.floors = {name: FloorGeometry(building, name) for name in building.floors}
         self._grids: dict[tuple[str, float, bool], FineGrid] = {}
         self._components: dict[tuple[float, bool], dict[tuple[str, int], int]] = {}
-        self._cabin_lengths: dict[tuple[str, str, float], Array] = {}
-        self._start_lengths: dict[tuple[str, Cell, float], Array] = {}
         self._exact: dict[float, VisibilityGraph] = {}
-        self._roads: dict[float, nx.DiGraph] = {}
+        self._roads: dict[tuple[float, float | None, float], nx.DiGraph] = {}
+        #: Lengths from a cell to all others of its grid; the last few, as each has a million of them.
+        self._lengths_from = lru_cache(maxsize=24)(self._compute_lengths_from)
 
     def verdict(self, planner: PathPlanner, request: PathRequest) -> Verdict:
         """Query the planner and judge its answer."""
@@ -70,9 +70,9 @@ class Judge:
             path = planner.paths(request)[0]
         except NotFree as refusal:
             place = request.start if refusal.which == "start" else request.goal
-            return Verdict("NotFree", is_refused_wrongly=self.point_is_free(place, request.radius, FORGIVEN_M))
+            return Verdict("NotFree", is_refused_wrongly=self.point_is_free(place, request.radius, TOLERANCE_M))
         except NoPath:
-            return Verdict("NoPath", is_refused_wrongly=self.has_way(request))
+            return Verdict("NoPath", is_refused_wrongly=self.path_exists(request))
         except Exception as error:  # the planner must not raise any other exception
             return Verdict(type(error).__name__, faults=(repr(error)[:200],))
         touches, faults = self.touches(path, request.radius), self.faults(path, request)
@@ -85,7 +85,7 @@ class Judge:
     # Paths.
 
     def touches(self, path: Path, radius_m: float) -> list[str]:
-        """Where the path comes nearer than the radius to an obstacle or leaves the outline, a sentence each."""
+        """Where the path comes nearer than the radius to an obstacle or leaves the outline, one sentence for each."""
         drives: dict[str, list[tuple[XY, XY]]] = {}
         for a, b in pairwise(path.points):
             if a.kind is not PointKind.ELEVATOR_ENTRY and a.floor == b.floor:
@@ -116,7 +116,8 @@ class Judge:
                 found.append(f"{where}: changes the floor without an elevator")
             else:
                 driven += math.dist((a.x, a.y), (b.x, b.y))
-                if request.mode is not RouteMode.GEOMETRIC and self._is_wrong_way(a, b, request.radius):
+                is_against = self._is_against_lane(a.floor, (a.x, a.y), (b.x, b.y), request.radius)
+                if request.mode is not RouteMode.GEOMETRIC and is_against and not self._is_along_edge(a, b):
                     found.append(f"{where}: against a one-way edge")
             if b.distance < a.distance or b.time < a.time:
                 found.append(f"{where}: distance or time falls")
@@ -136,7 +137,7 @@ class Judge:
         if not {a.floor, b.floor} <= set(elevator.floors()):
             found.append(f"elevator {a.elevator} does not serve both floors")
         shaft = shaft_polygon(elevator)
-        if any(shaft.distance(Point(point.x, point.y)) > FORGIVEN_M for point in (a, b)):
+        if any(shaft.distance(Point(point.x, point.y)) > TOLERANCE_M for point in (a, b)):
             found.append(f"the ride begins or ends outside the shaft of {a.elevator}")
         return found
 
@@ -148,19 +149,15 @@ class Judge:
             return [f"{point.node} is not at {point.floor}:{point.x},{point.y}"]
         return []
 
-    def _is_wrong_way(self, a: PathPoint, b: PathPoint, radius_m: float) -> bool:
+    def _is_against_lane(self, floor: str, a: XY, b: XY, radius_m: float) -> bool:
         """Whether a drive goes back beside a one-way edge for more than the robot's diameter."""
-        if not self.floors[a.floor].lanes or self._is_along_edge(a, b):
-            return False
-        drive = np.array([b.x - a.x, b.y - a.y])
-        line = LineString([(a.x, a.y), (b.x, b.y)])
-        for lane in self.floors[a.floor].lanes:
-            ahead = np.diff(shapely.get_coordinates(lane), axis=0)[0]
-            if drive @ ahead >= 0.0:
+        drive, line = np.subtract(b, a), LineString([a, b])
+        for lane in self.floors[floor].lanes:
+            if drive @ np.diff(shapely.get_coordinates(lane), axis=0)[0] >= 0.0:
                 continue
-            shared = shapely.get_coordinates(line.intersection(lane.buffer(radius_m - FORGIVEN_M, cap_style="flat")))
+            shared = shapely.get_coordinates(line.intersection(lane.buffer(radius_m - TOLERANCE_M, cap_style="flat")))
             along = [lane.project(Point(point)) for point in shared]
-            if along and max(along) - min(along) > 2 * radius_m + FORGIVEN_M:
+            if along and max(along) - min(along) > 2 * radius_m + TOLERANCE_M:
                 return True
         return False
 
@@ -172,16 +169,16 @@ class Judge:
             if edge.one_way and (b.x - a.x) * (last - first)[0] + (b.y - a.y) * (last - first)[1] < 0.0:
                 continue
             line = LineString([first, last])
-            if all(line.distance(Point(point.x, point.y)) <= FORGIVEN_M for point in (a, b)):
+            if all(line.distance(Point(point.x, point.y)) <= TOLERANCE_M for point in (a, b)):
                 return True
         return False
 
     # Refusals.
 
-    def has_way(self, request: PathRequest) -> bool:
+    def path_exists(self, request: PathRequest) -> bool:
         """Whether a path that the mode allows certainly exists, although the planner found none."""
         if request.mode is RouteMode.TOPOLOGICAL:
-            return self._has_way_along_the_map(request)
+            return self._path_exists_on_roads(request)
         without_lanes = request.mode is RouteMode.SMOOTHED
         starts = self._parts(request.start, request.radius, without_lanes)
         goals = self._parts(request.goal, request.radius, without_lanes)
@@ -193,8 +190,7 @@ class Judge:
         if start.floor != goal.floor:
             return False
         floor = self.floors[start.floor]
-        line = LineString([start[1:], goal[1:]])
-        if without_lanes and any(line.distance(lane) <= request.radius for lane in floor.lanes):
+        if without_lanes and floor.is_near_lane(start[1:], goal[1:], request.radius):
             return False
         needed = min(floor.clearance(start[1:]), floor.clearance(goal[1:]), request.radius + SPARE_M)
         return needed >= request.radius and not floor.touching([(start[1:], goal[1:])], needed)
@@ -229,28 +225,27 @@ class Judge:
         parts = nx.connected_components(graph)
         return {node: i for i, part in enumerate(parts) for node in part}
 
-    def _has_way_along_the_map(self, request: PathRequest) -> bool:
+    def _path_exists_on_roads(self, request: PathRequest) -> bool:
         """Whether networkx finds a route on the roadmap between the nodes in sight, else those around corners."""
-        graph = self.roads(request.radius)
-        starts = self._ties(request.start, request.radius, outbound=True)
-        goals = self._ties(request.goal, request.radius, outbound=False)
-        reached = set(starts)
+        graph = self.roads(request.radius, spare_m=TOLERANCE_M)
+        reached = starts = set(self._certain_nodes(request.start, request.radius))
         for node in starts:
-            reached |= nx.descendants(graph, node)
-        return not reached.isdisjoint(goals)
+            reached = reached | nx.descendants(graph, node)
+        return not reached.isdisjoint(self._certain_nodes(request.goal, request.radius))
 
-    def _ties(self, place: Place, radius_m: float, outbound: bool) -> list[tuple[str, str]]:
+    def _certain_nodes(self, place: Place, radius_m: float) -> list[tuple[str, str]]:
+        """The nodes to and from which a robot can certainly drive."""
         floor = self.floors[place.floor]
         nodes = list(self.building.floors[place.floor].topological.nodes.values())
         on = [node for node in nodes if math.dist(node.at, place[1:]) < ON_NODE_M]
         if on:
             nodes = on[:1]
         lines = [(place[1:], node.at) for node in nodes]
-        touching = floor.touching(lines, radius_m + FORGIVEN_M)
+        touching = floor.touching(lines, radius_m + TOLERANCE_M)
         in_sight = [
             node
             for i, node in enumerate(nodes)
-            if i not in touching and not (floor.lanes and self._beside_lane(floor, place[1:], node.at, radius_m))
+            if i not in touching and not floor.is_near_lane(place[1:], node.at, radius_m)
         ]
         if not in_sight and not floor.lanes:
             grid = self.grid(place.floor, radius_m)
@@ -258,40 +253,77 @@ class Judge:
             in_sight = [node for node in nodes if parts & grid.parts(node.at)]
         return [(place.floor, node.name) for node in in_sight]
 
-    def _beside_lane(self, floor: FloorGeometry, a: XY, b: XY, radius_m: float) -> bool:
-        """Whether a one-way edge might forbid the drive."""
-        line = LineString([a, b])
-        return any(line.distance(lane) <= radius_m for lane in floor.lanes)
-
-    def roads(self, radius_m: float) -> nx.DiGraph:
-        """The roadmap that a robot can use: clear edges, and rides."""
-        if radius_m in self._roads:
-            return self._roads[radius_m]
+    def roads(self, radius_m: float, speed: float | None = None, spare_m: float = 0.0) -> nx.DiGraph:
+        """The roadmap that a robot can use: edges with `spare_m` of additional clearance, and rides. Weights are
+        seconds at `speed` [m/s], metres without."""
+        key = (radius_m, speed, spare_m)
+        if key in self._roads:
+            return self._roads[key]
         graph: nx.DiGraph = nx.DiGraph()
-        cabins: dict[str, list[tuple[str, str]]] = {}
+        stops: dict[str, list[tuple[str, str]]] = {}
         for name, entry in self.building.floors.items():
-            nodes = entry.topological.nodes
-            edges = list(entry.topological.edges.values())
-            graph.add_nodes_from((name, node) for node in nodes)
+            nodes, edges = entry.topological.nodes, list(entry.topological.edges.values())
             for node in nodes.values():
-                if node.elevator:
-                    cabins.setdefault(node.elevator, []).append((name, node.name))
-            lines = [(nodes[edge.a].at, nodes[edge.b].at) for edge in edges]
-            touching = self.floors[name].touching(lines, radius_m + FORGIVEN_M)
+                graph.add_node((name, node.name))
+                if node.elevator and name in self.building.elevators[node.elevator].floors():
+                    stops.setdefault(node.elevator, []).append((name, node.name))
+            touching = self.floors[name].touching(
+                [(nodes[edge.a].at, nodes[edge.b].at) for edge in edges], radius_m + spare_m
+            )
             for i, edge in enumerate(edges):
                 if i in touching or 0.0 < edge.clearance < radius_m:
                     continue
-                graph.add_edge((name, edge.a), (name, edge.b))
+                length = math.dist(nodes[edge.a].at, nodes[edge.b].at)
+                cost = length / min(speed, edge.speed_limit or speed) if speed else length
+                graph.add_edge((name, edge.a), (name, edge.b), weight=cost)
                 if not edge.one_way:
-                    graph.add_edge((name, edge.b), (name, edge.a))
-        for elevator, places in cabins.items():
-            served = set(self.building.elevators[elevator].floors())
-            stops = [place for place in places if place[0] in served]
-            graph.add_edges_from((a, b) for a in stops for b in stops if a[0] != b[0])
-        self._roads[radius_m] = graph
+                    graph.add_edge((name, edge.b), (name, edge.a), weight=cost)
+        for elevator, places in stops.items():
+            for a, b in permutations(places, 2):
+                if a[0] != b[0]:
+                    wait, travel, climb = ride(self.building, self.building.elevators[elevator], a[0], b[0])
+                    cost = wait + travel if speed else climb
+                    known = graph.get_edge_data(a, b, {"weight": math.inf})["weight"]
+                    graph.add_edge(a, b, weight=min(cost, known))
+        self._roads[key] = graph
         return graph
 
-    # Lengths.
+    # Costs and lengths.
+
+    def roadmap_cost(self, request: PathRequest) -> float | None:
+        """Cost of the cheapest route along the topological map [m or s]; infinite if there is none, None if an end
+        sees no node."""
+        speed = request.speed if request.best is Criterion.SHORTEST_TIME else None
+        starts = self._nodes_in_sight(request.start, request.radius, outbound=True)
+        goals = self._nodes_in_sight(request.goal, request.radius, outbound=False)
+        if not starts or not goals:
+            return None
+        graph = self.roads(request.radius, speed)
+        graph.add_weighted_edges_from(("start", node, length / (speed or 1.0)) for node, length in starts)
+        graph.add_weighted_edges_from((node, "goal", length / (speed or 1.0)) for node, length in goals)
+        try:
+            return float(nx.dijkstra_path_length(graph, "start", "goal"))
+        except nx.NetworkXNoPath:
+            return math.inf
+        finally:
+            graph.remove_nodes_from(["start", "goal"])
+
+    def _nodes_in_sight(self, place: Place, radius_m: float, outbound: bool) -> list[tuple[tuple[str, str], float]]:
+        """The nearest nodes that the planner connects a place to by a straight drive, and their distances [m]."""
+        nodes = sorted(
+            (math.dist(place[1:], node.at), node.name, node.at)
+            for node in self.building.floors[place.floor].topological.nodes.values()
+        )
+        touching = self.floors[place.floor].touching([(place[1:], at) for _, _, at in nodes], radius_m)
+        found = [
+            ((place.floor, name), length)
+            for i, (length, name, at) in enumerate(nodes)
+            if i not in touching
+            and not self._is_against_lane(place.floor, *((place[1:], at) if outbound else (at, place[1:])), radius_m)
+        ]
+        if found and found[0][1] < ON_NODE_M:
+            return found[:1]
+        return [each for each in found if each[1] <= found[0][1] + CONNECTION_REACH_M][:MAX_CONNECTIONS]
 
     def shortest_length(self, request: PathRequest, exact: bool) -> float:
         """Length that a shortest path must not exceed by more than a percent [m]; infinite if none is known.
@@ -313,59 +345,38 @@ class Judge:
         """Length of the shortest path on the fine grids, rides included [m]: no shortest path is longer.
 
         Infinite if the grid has no path. A new start in a million cells takes a tenth of a second."""
-        start, goal, radius = request.start, request.goal, request.radius
-        best = math.inf
-        if start.floor == goal.floor:
-            if self._is_straight(request, without_lanes=False):
-                return math.dist(start[1:], goal[1:])
-            best = self._same_floor(start, goal, radius)
-        stops = [(floor, name) for name, lift in self.building.elevators.items() for floor in lift.floors()]
-        lengths = {stop: self._from_cabin(stop, start, radius) for stop in stops if stop[0] == start.floor}
+        if self._is_straight(request, without_lanes=False):
+            return math.dist(request.start[1:], request.goal[1:])
+        places = {
+            (floor, name): Place(floor, *cabin_place(self.building, name, floor))
+            for name, elevator in self.building.elevators.items()
+            for floor in elevator.floors()
+        }
+        places |= {("", "start"): request.start, ("", "goal"): request.goal}  # last: paths are searched from cabins
         graph: nx.Graph = nx.Graph()
-        graph.add_nodes_from(["start", "goal", *stops])
-        graph.add_weighted_edges_from(("start", stop, length) for stop, length in lengths.items())
-        for stop in stops:
-            if stop[0] == goal.floor:
-                graph.add_edge(stop, "goal", weight=self._from_cabin(stop, goal, radius))
-            for other in stops:
-                if other[1] == stop[1] and other[0] > stop[0]:
-                    graph.add_edge(stop, other, weight=abs(self._height(stop[0]) - self._height(other[0])))
-                elif other[0] == stop[0] and other[1] > stop[1]:
-                    graph.add_edge(
-                        stop,
-                        other,
-                        weight=self._from_cabin(
-                            stop, Place(other[0], *cabin_place(self.building, *other[::-1])), radius
-                        ),
-                    )
-        try:
-            return min(best, nx.dijkstra_path_length(graph, "start", "goal"))
-        except nx.NetworkXNoPath:
-            return best
+        graph.add_nodes_from(places)
+        for (a, origin), (b, target) in combinations(places.items(), 2):
+            if origin.floor == target.floor:
+                graph.add_edge(a, b, weight=self._length_on_grid(origin, target, request.radius))
+            elif a[1] == b[1]:
+                graph.add_edge(a, b, weight=abs(self._height(origin.floor) - self._height(target.floor)))
+        return float(nx.single_source_dijkstra_path_length(graph, ("", "start")).get(("", "goal"), math.inf))
 
-    def _same_floor(self, start: Place, goal: Place, radius_m: float) -> float:
-        grid = self.grid(start.floor, radius_m)
-        starts, goals = grid.links(start[1:]), grid.links(goal[1:])
-        if not starts or not goals:
+    def _length_on_grid(self, origin: Place, target: Place, radius_m: float) -> float:
+        """Length of a path between two places of a floor [m]."""
+        grid = self.grid(origin.floor, radius_m)
+        starts, ends = grid.links(origin[1:]), grid.links(target[1:])
+        if not starts or not ends:
             return math.inf
         cell, first = starts[0]
-        key = (start.floor, cell, radius_m)
-        if key not in self._start_lengths:
-            if len(self._start_lengths) > 8:
-                self._start_lengths.clear()
-            self._start_lengths[key] = grid.octile.lengths_from(cell)
-        return min(first + float(self._start_lengths[key][goal_cell]) + last for goal_cell, last in goals)
+        lengths = self._lengths_from(origin.floor, cell, radius_m)
+        return min(first + float(lengths[end]) + last for end, last in ends)
 
-    def _from_cabin(self, stop: tuple[str, str], place: Place, radius_m: float) -> float:
-        """Length of a path from a cabin to a place on the same floor [m]."""
-        floor, name = stop
-        grid = self.grid(floor, radius_m)
-        links = grid.links(cabin_place(self.building, name, floor))
-        if not links:
-            return math.inf
-        cell, first = links[0]
-        key = (floor, name, radius_m)
-        if key not in self._cabin_lengths:
-            self._cabin_lengths[key] = grid.octile.lengths_from(cell)
-        ends = grid.links(place[1:])
-        return min((first + float(self._cabin_lengths[key][end]) + last for end, last in ends), default=math.inf)
+    def _compute_lengths_from(self, floor: str, cell: Cell, radius_m: float) -> Array:
+        return self.grid(floor, radius_m).octile.lengths_from(cell)
+
+
+def errors(building: Building, path: Path, request: PathRequest) -> list[str]:
+    """Collisions and other errors of a path, one sentence for each."""
+    judge = Judge(building)
+    return judge.touches(path, request.radius) + judge.faults(path, request)

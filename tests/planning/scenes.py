@@ -1,10 +1,11 @@
-"""Small buildings for the planner's tests."""
+"""Small buildings for the planner's tests, and random places in any building."""
 
 from __future__ import annotations
 
 import numpy as np
 import shapely
 
+from robocorba.maps.geometry import free_space
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -18,6 +19,7 @@ from robocorba.maps.model import (
     PathNode,
     Wall,
 )
+from robocorba.planning.request import Place
 
 
 def room(width: float = 10.0, depth: float = 6.0, *elements: Element, name: str = "L1", level: int = 0) -> Building:
@@ -94,3 +96,19 @@ def random_room(seed: int, things: int = 6) -> Building:
         if line.length > 0.2:
             building = building.with_element("L1", wall(f"wall{i}", float(ax), float(ay), float(bx), float(by)))
     return building
+
+
+def random_places(building: Building, radius: float, count: int, seed: int) -> list[Place]:
+    """Free places all over a building."""
+    rng = np.random.default_rng(seed)
+    spaces = {floor: free_space(building, floor, radius) for floor in building.floors}
+    weights = np.array([space.area for space in spaces.values()])
+    names = list(spaces)
+    found: list[Place] = []
+    while len(found) < count:
+        floor = names[rng.choice(len(names), p=weights / weights.sum())]
+        x0, y0, x1, y1 = spaces[floor].bounds
+        points = rng.uniform((x0, y0), (x1, y1), (50, 2))
+        inside = shapely.contains_xy(spaces[floor], points)
+        found += [Place(floor, float(x), float(y)) for x, y in points[inside][:1]]
+    return found

@@ -18,8 +18,6 @@ from robocorba.planning.request import Place
 from robocorba.spatial.pose import XY
 
 Array: TypeAlias = NDArray[np.float64]
-#: Number of sides of a quarter of an arc; grown obstacles are up to 0.5 % of the radius too large.
-ARC_SIDES = 12
 #: Vertices nearer to each other are equal [m].
 SAME_VERTEX_M = 1e-7
 #: Length of an edge between points at the same place [m]: a sparse graph has no edges of length 0.
@@ -33,9 +31,10 @@ def cabin_place(building: Building, elevator: str, floor: str) -> XY:
 
 
 class VisibilityGraph:
-    """Corners that see each other, cabins and rides, for one radius. Takes seconds for 500 corners a floor."""
+    """Corners that see each other, cabins and rides, for one radius. Takes seconds for 500 corners of a floor."""
 
-    def __init__(self, building: Building, radius_m: float) -> None:
+    def __init__(self, building: Building, radius_m: float, arc_sides: int = 12) -> None:
+        """`arc_sides`: sides for a quarter of an arc of the grown obstacles; with 12 they are up to 0.5 % too large."""
         self._spaces: dict[str, shapely.Geometry] = {}
         self._points: dict[str, Array] = {}
         self._first: dict[str, int] = {}
@@ -43,7 +42,7 @@ class VisibilityGraph:
         edges = []
         count = 0
         for floor in building.floors:
-            space = free_space(building, floor, radius_m, ARC_SIDES)
+            space = free_space(building, floor, radius_m, arc_sides)
             self._spaces[floor] = space.buffer(1e-7)
             shapely.prepare(self._spaces[floor])
             served = [name for name, elevator in building.elevators.items() if floor in elevator.floors()]

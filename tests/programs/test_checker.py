@@ -1,4 +1,4 @@
-"""The checker: what it proves of arms and base, what it leaves open and says so."""
+"""The checker: its findings about arms and base, and its notes on what it can't check."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.samples import load_sample
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest, Place
-from robocorba.programs.builder import ProgramBuilder
-from robocorba.programs.checker import MAX_ICONS_CHECKED, UNKNOWN_START, Start, check, require
+from robocorba.programs.checker import MAX_ICONS_CHECKED, UNKNOWN_START, Start, check
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.hands import home
 from robocorba.programs.icons import CloserThan, Destination, FartherThan, Holding, Result
 from robocorba.programs.report import CheckReport
@@ -69,7 +69,7 @@ def test_a_hand_gets_where_it_can(arms: Callable[[Build], CheckReport]) -> None:
         a.gripper("both", "close", force=5).lumbar(0.0, 0.1)
 
     report = arms(build)
-    assert report.is_sound
+    assert report.is_valid
     assert notes(report) == []
 
 
@@ -79,24 +79,24 @@ def test_a_hand_gets_where_it_can(arms: Callable[[Build], CheckReport]) -> None:
         (lambda a: a.mhand_pose("left", 1.4, 0.2, 1.0), "x, y, z", "the left hand"),
         (lambda a: a.mhand_pose("both", 0.4, 1.9, 1.0), "x, y, z", "hand"),
         (lambda a: a.mhand_offset("right", dx=1.0), "dx, dy, dz", "the right hand"),
-        (lambda a: a.mhand_posture("left", "wave"), "posture", "there is no posture 'wave'; there are home"),
-        (lambda a: a.mhand_joints("left", INTO_THE_BODY), "joints", "runs into"),
-        (lambda a: a.mhand_joints("left", THROUGH_THE_BODY), "joints", "on the way"),
-        (lambda a: a.mhand_posture("both", "reach").lumbar(0.0, 2.0), "lower, upper", "runs into"),
+        (lambda a: a.mhand_posture("left", "wave"), "posture", "unknown posture 'wave'; known are home"),
+        (lambda a: a.mhand_joints("left", INTO_THE_BODY), "joints", "collides with"),
+        (lambda a: a.mhand_joints("left", THROUGH_THE_BODY), "joints", "during the motion"),
+        (lambda a: a.mhand_posture("both", "reach").lumbar(0.0, 2.0), "lower, upper", "collides with"),
         (lambda a: a.mhand_pose("left", 0.4, 0.2, 1.0, roll=0.0), "pitch", "is missing"),
-        (lambda a: a.gripper("left", "open", force=5), "force", "is for closing"),
-        (lambda a: a.gripper("left", "open", object="cup"), "object", "is for closing"),
+        (lambda a: a.gripper("left", "open", force=5), "force", "only valid with the action close"),
+        (lambda a: a.gripper("left", "open", object="cup"), "object", "only valid with the action close"),
     ],
 )
 def test_a_hand_that_can_not(build: Build, parameter: str, what: str, arms: Callable[[Build], CheckReport]) -> None:
     report = arms(build)
     last = len(built(build).program().icons) - 1
     assert wrong(report) == [(f"icons[{last}]", parameter)]
-    assert what in report.findings[0].what
+    assert what in report.findings[0].reason
 
 
 def test_a_way_is_judged_from_where_the_program_has_brought_the_arm(arms: Callable[[Build], CheckReport]) -> None:
-    assert not arms(lambda a: a.mhand_joints("left", THROUGH_THE_BODY)).is_sound
+    assert not arms(lambda a: a.mhand_joints("left", THROUGH_THE_BODY)).is_valid
     safely = [0.0, -0.9, *THROUGH_THE_BODY[2:]]
     assert arms(
         lambda a: (
@@ -104,15 +104,15 @@ def test_a_way_is_judged_from_where_the_program_has_brought_the_arm(arms: Callab
             .mhand_joints("left", safely)
             .mhand_joints("left", THROUGH_THE_BODY)
         )
-    ).is_sound
+    ).is_valid
 
 
 def test_a_hand_is_judged_from_the_joints_that_the_robot_has(kinematics: InverseKinematics) -> None:
     joints = home()
     joints[:7] = THROUGH_THE_BODY
     program = built(lambda a: a.mhand_joints("left", THROUGH_THE_BODY)).program()
-    assert check(program, kinematics, start=Start(joints=joints)).is_sound
-    assert not check(program, kinematics).is_sound
+    assert check(program, kinematics, start=Start(joints=joints)).is_valid
+    assert not check(program, kinematics).is_valid
 
 
 def test_after_a_branch_only_what_both_ways_agree_on_is_known(arms: Callable[[Build], CheckReport]) -> None:
@@ -126,7 +126,7 @@ def test_after_a_branch_only_what_both_ways_agree_on_is_known(arms: Callable[[Bu
         a.mhand_offset("left", dz=0.02)  # icons[3]: known again
 
     report = arms(build)
-    assert report.is_sound
+    assert report.is_valid
     assert notes(report) == ["icons[1]", "icons[2]"]
 
     def agreeing(a: ProgramBuilder) -> None:
@@ -147,7 +147,7 @@ def test_a_repeat_that_goes_on_is_followed_twice(arms: Callable[[Build], CheckRe
         a.mhand_offset("left", dx=-0.01)
 
     report = arms(build)
-    assert report.is_sound
+    assert report.is_valid
     assert notes(report) == ["icons[1]", "icons[2]"]
 
     def far(a: ProgramBuilder) -> None:
@@ -166,10 +166,10 @@ def test_a_repeat_that_goes_on_is_followed_twice(arms: Callable[[Build], CheckRe
     assert notes(arms(back_and_forth)) == []
 
 
-def test_without_kinematics_nothing_is_proved_of_arms() -> None:
+def test_without_a_robot_model_the_arms_are_not_checked() -> None:
     report = check(built(lambda a: a.mhand_pose("left", 2, 2, 2)).program())
-    assert report.is_sound
-    assert any("no kinematics" in note.what for note in report.notes)
+    assert report.is_valid
+    assert any("no robot model" in note.what for note in report.notes)
 
 
 def test_a_check_ends_soon_also_where_repeats_are_deep(arms: Callable[[Build], CheckReport]) -> None:
@@ -199,7 +199,7 @@ def test_a_base_gets_where_it_can(base: Callable[..., CheckReport]) -> None:
         a.mbase_path("L1", 17.0, 4.0)
 
     report = base(build)
-    assert report.is_sound
+    assert report.is_valid
     assert notes(report) == []
 
 
@@ -213,15 +213,19 @@ def test_a_base_gets_where_it_can(base: Callable[..., CheckReport]) -> None:
         (lambda a: a.mbase_to(14, 12.2), "x, y", "straight line"),
         (lambda a: a.mbase_by(ahead=900), "ahead, left", "outside"),
         (lambda a: a.mbase_by(left=900), "ahead, left", "outside"),
-        (lambda a: a.mbase_velocity(0.9, 0.9, 0, 1), "ahead, left", "faster than 1 m/s"),
-        (lambda a: a.wait_until(CloserThan("front", 1.5), 1), "condition.distance", "front sees no farther than 1 m"),
-        (lambda a: a.wait_until(FartherThan("proximity", 2), 1), "condition.distance", "no farther than 1 m"),
+        (lambda a: a.mbase_velocity(0.9, 0.9, 0, 1), "ahead, left", "above the limit of 1 m/s"),
+        (lambda a: a.wait_until(CloserThan("front", 1.5), 1), "condition.distance", "beyond the range of front, 1 m"),
+        (
+            lambda a: a.wait_until(FartherThan("proximity", 2), 1),
+            "condition.distance",
+            "the range of proximity",
+        ),
     ],
 )
 def test_a_base_that_can_not(build: Build, parameter: str, what: str, base: Callable[..., CheckReport]) -> None:
     report = base(lambda a: build(a.wait(1)))
     assert wrong(report) == [("icons[1]", parameter)]
-    assert what in report.findings[0].what
+    assert what in report.findings[0].reason
 
 
 def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., CheckReport]) -> None:
@@ -235,7 +239,7 @@ def test_a_sensor_stop_beyond_the_sensor_is_found(base: Callable[..., CheckRepor
 def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(base: Callable[..., CheckReport]) -> None:
     report = base(lambda a: a.mbase_path("L3", 21.25, 5.0), Start(Place("L1", 0.1, 4.0)))
     assert wrong(report) == [("icons[0]", "")]
-    assert "start L1" in report.findings[0].what
+    assert "start L1" in report.findings[0].reason
 
 
 def test_where_nobody_knows_where_a_drive_begins_it_says_so(base: Callable[..., CheckReport]) -> None:
@@ -245,7 +249,7 @@ def test_where_nobody_knows_where_a_drive_begins_it_says_so(base: Callable[..., 
         lambda a: a.hand_over("sheet", "B"),
     ):
         report = base(lambda a, lose=lose: lose(a).mbase_to(17, 4).mbase_path("L3", 21.25, 5).mbase_to(21.25, 4))
-        assert report.is_sound
+        assert report.is_valid
         assert {"icons[1]", "icons[2]"} <= set(notes(report))
         assert "icons[3]" not in notes(report)
     report = base(lambda a: a.mbase_to(17, 4).mbase_path("L3", 8, 0.1).mbase_by(ahead=1), UNKNOWN_START)
@@ -257,8 +261,8 @@ def test_a_relative_drive_needs_a_heading(base: Callable[..., CheckReport]) -> N
     assert notes(base(lambda a: a.mbase_path("L1", 17, 4).mbase_by(ahead=0.5))) == ["icons[1]"]
     assert notes(base(lambda a: a.mbase_path("L1", 17, 4).mbase_by(turn=0.5).mbase_to(17, 3))) == []
     # Turned about, ahead is where it came from.
-    assert base(lambda a: a.mbase_by(turn=math.pi).mbase_by(ahead=4)).is_sound
-    assert not base(lambda a: a.mbase_by(turn=math.pi / 2).mbase_by(ahead=14)).is_sound
+    assert base(lambda a: a.mbase_by(turn=math.pi).mbase_by(ahead=4)).is_valid
+    assert not base(lambda a: a.mbase_by(turn=math.pi / 2).mbase_by(ahead=14)).is_valid
 
 
 def guarded(a: ProgramBuilder, condition: Result) -> None:
@@ -273,7 +277,7 @@ def test_what_a_sensor_may_have_stopped_is_unknown_unless_its_result_is_asked(ba
     assert notes(stopped) == ["icons[1].then[0]"]
     done = base(lambda a: guarded(a, Result("done")))
     assert notes(done) == []
-    assert stopped.is_sound and done.is_sound
+    assert stopped.is_valid and done.is_valid
 
     def not_timed_out(a: ProgramBuilder) -> None:
         guarded(a, Result("timed_out"))
@@ -324,12 +328,7 @@ def test_a_planner_that_finds_no_way() -> None:
     program = built(lambda a: a.mbase_path("L1", 1, 1).mbase_path("L1", 2, 2)).program()
     assert wrong(check(program, None, _NoWay(), LOBBY)) == [("icons[0]", "x, y"), ("icons[1]", "x, y")]
     with pytest.raises(InvalidProgram, match=r"icons\[0\].x, y: nothing leads there"):
-        require(program, None, _NoWay(), LOBBY)
-
-
-def test_require_answers_the_report_of_a_sound_program(kinematics: InverseKinematics) -> None:
-    report = require(built(lambda a: a.mhand_posture("both", "ready")).program(), kinematics)
-    assert report.is_sound and report.notes
+        check(program, None, _NoWay(), LOBBY).require_valid()
 
 
 # ---- any program ----
@@ -394,10 +393,10 @@ def test_malformed_programs_that_only_a_check_can_tell(
             return f"{here}.{fill(inside[1:], inside[0])}"
 
     path = fill(blocks, "icons")
-    found = check(builder.program(), kinematics, planner, LOBBY)
+    found = builder.check(kinematics, planner, LOBBY)
     assert wrong(found) == [(path, fault.parameter)]
     with pytest.raises(InvalidProgram) as refused:
-        require(builder.program(), kinematics, planner, LOBBY)
+        found.require_valid()
     assert (refused.value.icon, refused.value.parameter) == (path, fault.parameter)
 
 

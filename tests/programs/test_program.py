@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from robocorba.errors.robots import InvalidProgram
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import (
     ICONS,
     Branch,
@@ -27,7 +27,7 @@ from robocorba.programs.icons import (
     Wait,
     WaitUntil,
 )
-from robocorba.programs.program import MAX_BYTES, MAX_ICONS, MAX_NESTING, Program, dumps, load, loads, walk
+from robocorba.programs.program import MAX_BYTES, MAX_ICONS, MAX_NESTING, Program, dumps, icons_with_paths, load, loads
 from tests.programs import json_schema
 from tests.programs.plain_programs import PROGRAMS, SCHEMA, Malformed, malformed
 
@@ -41,7 +41,7 @@ def test_what_the_schema_accepts_is_read_and_written_the_same(plain: dict[str, A
     written = dumps(program)
     assert loads(written) == program
     assert json_schema.problems(SCHEMA, json.loads(written)) == []
-    assert len(list(walk(program))) == written.count('"icon":')  # payloads are too short to hold it
+    assert len(list(icons_with_paths(program))) == written.count('"icon":')  # payloads are too short to hold it
 
 
 @settings(UNHURRIED, max_examples=500)
@@ -97,7 +97,7 @@ def one(icon: str) -> str:
 @pytest.mark.parametrize(
     ("icon", "parameter", "reason"),
     [
-        ('{"icon": "fly"}', "icon", "there is no icon 'fly'; there are mbase_path, mbase_to"),
+        ('{"icon": "fly"}', "icon", "unknown icon 'fly'; known are mbase_path, mbase_to"),
         ('{"icon": "wait", "seconds": 1e999}', "seconds", "not a finite number"),
         ('{"icon": "wait", "seconds": %s}' % ("9" * 500_000), "seconds", "too large"),
         ('{"icon": "wait", "seconds": "1"}', "seconds", "expected float, got str"),
@@ -131,13 +131,13 @@ def nested(depth: int) -> str:
 
 
 def test_icons_may_be_nested_so_deep_and_no_deeper() -> None:
-    assert len(list(walk(loads(one(nested(MAX_NESTING - 1)))))) == MAX_NESTING + 1
+    assert len(list(icons_with_paths(loads(one(nested(MAX_NESTING - 1)))))) == MAX_NESTING + 1
     assert refusal(one(nested(MAX_NESTING)))[:2] == ("icons[1]" + ".icons[0]" * (MAX_NESTING - 1), "icons")
 
 
 def test_a_program_may_have_so_many_icons_and_no_more() -> None:
     waits = [{"icon": "wait", "seconds": 1}] * (MAX_ICONS - 1)
-    assert len(list(walk(loads(json.dumps({"name": "a", "icons": [*waits, waits[0]]}))))) == MAX_ICONS
+    assert len(list(icons_with_paths(loads(json.dumps({"name": "a", "icons": [*waits, waits[0]]}))))) == MAX_ICONS
     more = [*waits, {"icon": "repeat", "times": 2, "icons": waits[:1]}]
     assert refusal(json.dumps({"name": "a", "icons": more}))[:2] == ("", "icons")
 
@@ -145,7 +145,7 @@ def test_a_program_may_have_so_many_icons_and_no_more() -> None:
 def test_walk_names_every_icon() -> None:
     wait = Wait(1.0)
     branch = Branch(Result("done"), (wait,), (Repeat(2, (wait,)),))
-    assert [path for path, _ in walk(Program(name="a", icons=(wait, branch)))] == [
+    assert [path for path, _ in icons_with_paths(Program(name="a", icons=(wait, branch)))] == [
         "icons[0]",
         "icons[1]",
         "icons[1].then[0]",

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robocorba.commands.program import app
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Holding
-from robocorba.programs.program import dumps, schema
+from robocorba.programs.program import schema
 
 
 @pytest.fixture(autouse=True)
@@ -22,9 +22,9 @@ def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         fetch.say("got [it]", {"n": 1})
     with fetch.otherwise():
         fetch.wait(1)
-    Path("fetch.json").write_text(dumps(fetch.program()))
+    fetch.write("fetch.json")
     far = ProgramBuilder("far").wait(1).mhand_pose("left", 2, 0, 1).mbase_path("L9", 1, 1)
-    Path("far.json").write_text(dumps(far.program()))
+    far.write("far.json")
     Path("odd.json").write_text('{"name": "odd", "icons": [{"icon": "wait", "seconds": -1}]}')
 
 
@@ -34,14 +34,14 @@ def robocorba_program(*arguments: str, input: str | None = None) -> Result:
     return result
 
 
-def test_a_sound_program_is_told_with_what_was_not_proved() -> None:
+def test_a_valid_program_with_what_was_not_checked() -> None:
     result = robocorba_program("check", "fetch.json")
     assert result.exit_code == 0
-    assert "note: there is no map: nothing is proved of the base" in result.output
-    assert result.output.splitlines()[-1] == "fetch.json is sound: 5 icons"
+    assert "note: no map: the base is not checked" in result.output
+    assert result.output.splitlines()[-1] == "fetch.json is valid: 5 icons"
 
 
-def test_drives_are_proved_on_a_map() -> None:
+def test_drives_are_checked_on_a_map() -> None:
     result = robocorba_program("check", "fetch.json", "--building", "five-floors", "--at", "L1:17,4")
     assert result.exit_code == 0
     assert "no map" not in result.output

@@ -1,4 +1,4 @@
-"""The sample programs: sound on the sample buildings."""
+"""The sample programs are valid on the sample buildings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
 from robocorba.programs.checker import Start, check
 from robocorba.programs.icons import kind
-from robocorba.programs.program import dumps, load, walk
+from robocorba.programs.program import dumps, icons_with_paths, load
 
 SAMPLES = Path(str(files("robocorba") / "samples"))
 
@@ -26,7 +26,7 @@ SAMPLES = Path(str(files("robocorba") / "samples"))
         ("both-floors", "five-floors", Start(Place("L1", 17.0, 7.5), 1.57)),
     ],
 )
-def test_a_sample_is_sound_where_it_belongs(name: str, building: str, start: Start) -> None:
+def test_a_sample_is_valid_in_its_building(name: str, building: str, start: Start) -> None:
     file = SAMPLES / f"{name}.json"
     program = load(file)
     report = check(program, InverseKinematics(), PathPlanner(load_sample(building)), start)
@@ -35,5 +35,5 @@ def test_a_sample_is_sound_where_it_belongs(name: str, building: str, start: Sta
 
 
 def test_fetch_has_what_the_same_program_on_two_robots_shall_show() -> None:
-    kinds = [kind(icon) for _, icon in walk(load(SAMPLES / "fetch.json"))]
+    kinds = [kind(icon) for _, icon in icons_with_paths(load(SAMPLES / "fetch.json"))]
     assert {"mbase_path", "mhand_pose", "mhand_offset", "mhand_joints", "gripper", "stop_if_closer"} <= set(kinds)

@@ -1,4 +1,4 @@
-"""Noise: the distribution it states, and the same one again."""
+"""Noise: distribution and reproducibility."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def test_the_error_has_the_stated_deviation() -> None:
     assert share == pytest.approx(0.6827, abs=0.015)  # as of a normal distribution
 
 
-def test_the_same_seed_robot_and_scan_err_the_same_and_others_do_not() -> None:
+def test_noise_depends_on_seed_robot_and_scan_only() -> None:
     noise = Noise(0.01)
     first = noise.disturb(DISTANCES, 8.0, 7, ROBOTS, 3)
     assert np.array_equal(first, noise.disturb(DISTANCES, 8.0, 7, ROBOTS, 3))
-    assert np.array_equal(first[4:5], noise.disturb(DISTANCES[:1], 8.0, 7, ROBOTS[4:5], 3))  # whoever scans beside it
+    assert np.array_equal(first[4:5], noise.disturb(DISTANCES[:1], 8.0, 7, ROBOTS[4:5], 3))  # whatever the others
     for seed, scan in ((8, 3), (7, 4)):
         other = noise.disturb(DISTANCES, 8.0, seed, ROBOTS, scan)
         assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.05
@@ -45,7 +45,7 @@ def test_lost_echoes_read_the_range_and_nothing_is_read_beyond_it() -> None:
 
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf, 11.0])
 @pytest.mark.parametrize("field", ["sigma", "relative", "lost"])
-def test_a_noise_that_can_not_be_names_the_field(field: str, value: float) -> None:
+def test_an_invalid_noise_names_the_field(field: str, value: float) -> None:
     with pytest.raises(InvalidScan) as refused:
         Noise(**{{"sigma": "sigma_m"}.get(field, field): value})
     assert refused.value.field == field

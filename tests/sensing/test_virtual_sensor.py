@@ -1,4 +1,4 @@
-"""The virtual sensor: what robots see of a building that it follows."""
+"""The virtual sensor: scans of robots in a building that it follows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Following:
         self.world = SimulatedBuilding(tower())
         self.database = OmniDatabase(self.world)
         self.sensor = VirtualSensor(self.clock)
-        self.sensor.know(self.world.building)
+        self.sensor.set_map(self.world.building)
 
     def follow(self) -> None:
         self.world.refresh()
@@ -42,11 +42,11 @@ class Following:
         x: float,
         y: float,
         heading: float,
-        carrier: str | None = None,
+        own_robot: str | None = None,
         floor: str = "L1",
         mount: Mount | None = None,
     ) -> float:
-        seen = self.sensor.scan(floor, np.array([[x, y, heading]]), mount or Mount(), AHEAD, carrier)
+        seen = self.sensor.scan(floor, np.array([[x, y, heading]]), mount or Mount(), AHEAD, own_robot)
         return float(seen.distances[0, 0])
 
 
@@ -61,18 +61,18 @@ def place() -> Following:
 
 def test_a_robot_sees_the_others_and_not_itself(place: Following) -> None:
     assert place.ahead(5.0, 2.0, 0.0, "A") == pytest.approx(1.6)
-    assert place.ahead(5.0, 2.0, 0.0) == pytest.approx(1.6)  # whoever stands there carries the sensor
+    assert place.ahead(5.0, 2.0, 0.0) == pytest.approx(1.6)  # the sensor is on the robot at this pose
     assert place.ahead(5.0, 2.0, 0.0, "C") == 0.0  # a robot that is elsewhere
     assert place.ahead(6.0, 2.0, 0.0) == pytest.approx(0.6)
     assert place.ahead(6.0, 2.0, math.pi) == pytest.approx(0.6)
 
 
-def test_where_the_sensor_sits_counts(place: Following) -> None:
+def test_the_mount_is_taken_into_account(place: Following) -> None:
     mount = Mount(0.2, 0.1, math.pi)
     assert place.ahead(7.0, 2.0, 0.0, "B", mount=mount) == pytest.approx(7.2 - 5.0 - math.sqrt(0.4**2 - 0.1**2))
 
 
-def test_walls_objects_and_doors_that_come_and_go_are_seen(place: Following) -> None:
+def test_changed_walls_objects_and_doors_are_seen(place: Following) -> None:
     assert place.ahead(4.0, 1.0, math.pi) == pytest.approx(1.0)  # the wall W1
     before = place.ahead(0.5, 2.0, 0.0)
     assert before == pytest.approx(1.0, abs=0.2)  # the table
@@ -87,7 +87,7 @@ def test_walls_objects_and_doors_that_come_and_go_are_seen(place: Following) -> 
     place.follow()
     assert place.ahead(5.0, 3.0, math.pi / 2) == pytest.approx(3.0)  # it is open, and the cabin's wall is seen
     assert place.ahead(5.0, 3.0, math.pi / 2, floor="L2") == pytest.approx(1.0)
-    place.sensor.know(place.world.building.with_element("L1", Wall("W2", (4.0, 2.5), (6.0, 2.5))))
+    place.sensor.set_map(place.world.building.with_element("L1", Wall("W2", (4.0, 2.5), (6.0, 2.5))))
     assert place.ahead(5.0, 2.0, math.pi / 2) == pytest.approx(0.5)
 
 
@@ -109,7 +109,7 @@ def test_a_proximity_sensor_measures_from_the_rim(place: Following) -> None:
     assert seen.distances.min() >= 0.0
 
 
-def test_many_places_at_once_see_the_same_as_one_by_one(place: Following) -> None:
+def test_a_scan_at_many_poses_equals_single_scans(place: Following) -> None:
     chance = np.random.default_rng(3)
     robots = np.column_stack([chance.uniform(0.5, 9.5, (50, 2)), chance.uniform(-4, 4, 50)])
     spec = ScanSpec(LASER)
@@ -127,7 +127,7 @@ def test_noise_is_the_same_for_the_same_seed(place: Following) -> None:
     assert read(1) == read(1) != read(2)
 
 
-def test_what_is_too_old_is_not_told(place: Following) -> None:
+def test_scans_of_outdated_floor_data_are_refused(place: Following) -> None:
     place.clock.now += LAG_LIMIT_S - 0.01
     place.ahead(6.0, 2.0, 0.0)
     assert place.sensor.lag_s == pytest.approx(LAG_LIMIT_S - 0.01)
@@ -135,7 +135,7 @@ def test_what_is_too_old_is_not_told(place: Following) -> None:
     with pytest.raises(SensorBehind):
         place.ahead(6.0, 2.0, 0.0)
     fresh = VirtualSensor(place.clock)
-    fresh.know(tower())
+    fresh.set_map(tower())
     with pytest.raises(SensorBehind):
         fresh.scan("L1", np.zeros((1, 3)), Mount(), AHEAD)
     with pytest.raises(UnknownFloor):
@@ -152,20 +152,20 @@ def test_what_is_too_old_is_not_told(place: Following) -> None:
         ([[0.0, 0.0, 0.0]] * (MAX_RAYS_AT_ONCE // LASER.count + 1), Mount()),
     ],
 )
-def test_a_scan_that_can_not_be_made(place: Following, robots: list[list[float]], mount: Mount) -> None:
+def test_an_invalid_scan_is_refused(place: Following, robots: list[list[float]], mount: Mount) -> None:
     with pytest.raises(InvalidScan):
         place.sensor.scan("L1", np.array(robots), mount, ScanSpec(LASER))
 
 
 @pytest.mark.parametrize("rim", [-0.1, math.nan, 101.0])
-def test_a_rim_that_can_not_be(rim: float) -> None:
+def test_an_invalid_rim_is_refused(rim: float) -> None:
     with pytest.raises(InvalidScan):
         ScanSpec(LASER, rim)
     with pytest.raises(InvalidScan):
         ScanSpec(Fan(0.0, 0.1, 1, 1000.0), 1.0)
 
 
-def test_a_process_says_how_busy_it_is_and_what_its_robots_saw(place: Following) -> None:
+def test_reports_hold_the_load_and_the_last_scans(place: Following) -> None:
     cpu = Clock()
     reports = Reports(place.sensor, place.clock, cpu)
     spec = ScanSpec(LASER, 0.2)

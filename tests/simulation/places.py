@@ -1,4 +1,4 @@
-"""A small building for tests, and who enters it."""
+"""A small building and robots for tests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robocorba.spatial.floor_state import Pose
 
 
 class Clock:
-    """Time that passes when a test says so, s."""
+    """Time that a test sets [s]."""
 
     now = 100.0
 

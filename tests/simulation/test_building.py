@@ -1,4 +1,4 @@
-"""The simulated building: logging on, driving, commands that end, rides, what is moved along."""
+"""The simulated building: robots, velocity commands, rides, grips, edits of the map, records."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide,
 from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
-from robocorba.simulation.reservations import wanted_of
+from robocorba.simulation.reservations import area_request
 from robocorba.simulation.world_record import WorldRecord
 from robocorba.spatial.floor_state import Pose
 from tests.simulation.places import robot, tower
@@ -31,7 +31,7 @@ def enter(world: SimulatedBuilding, name: str, floor: str, x: float, y: float, h
 
 
 def run(world: SimulatedBuilding, seconds: float) -> list[SimulationEvent]:
-    return [happening for _ in range(round(seconds / STEP_S)) for happening in world.step()]
+    return [event for _ in range(round(seconds / STEP_S)) for event in world.step()]
 
 
 @pytest.mark.parametrize(
@@ -62,11 +62,11 @@ def test_a_command_that_is_not_renewed_ends(world: SimulatedBuilding) -> None:
             world.robots["A"].command(*wrong)
 
 
-def test_a_collision_is_told(world: SimulatedBuilding) -> None:
+def test_a_collision_is_reported(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 4.0, 1.0, math.pi)
     world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    told = [happening for happening in run(world, 3.0) if happening.kind == "collision"]
-    assert [(happening.floor, happening.who) for happening in told] == [("L1", ("A",))]
+    collisions = [event for event in run(world, 3.0) if event.kind == "collision"]
+    assert [(event.floor, event.who) for event in collisions] == [("L1", ("A",))]
 
 
 def test_closed_landing_doors_stop_a_robot(world: SimulatedBuilding) -> None:
@@ -80,12 +80,12 @@ def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
     enter(world, "A", "L2", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L1")
     ride = world.cabins["E1"].sessions["A"]
-    while ride.phase is Phase.WAITING:
+    while ride.phase is RidePhase.WAITING:
         world.step()
-    while ride.phase is Phase.BOARDING:
+    while ride.phase is RidePhase.BOARDING:
         world.robots["A"].command(0.5, 0.0, 0.0, 0.2)
         world.step()
-    while ride.phase is Phase.RIDING:
+    while ride.phase is RidePhase.RIDING:
         world.robots["A"].command(max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0, 0.2)
         world.step()
     assert world.pose("A").floor == "L1"
@@ -101,7 +101,7 @@ def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
 
 def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
     """Drive a robot that faces the doors of E1 straight in."""
-    while world.rides[name].phase is Phase.WAITING:
+    while world.rides[name].phase is RidePhase.WAITING:
         world.step()
     while world.pose(name).y < y - 0.05:
         world.robots[name].command(max(0.1, min(0.5, y - world.pose(name).y)), 0.0, 0.0, 0.2)
@@ -109,21 +109,21 @@ def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
     world.robots[name].brake()
 
 
-def test_a_party_rides_with_nobody_else(world: SimulatedBuilding) -> None:
+def test_a_party_rides_alone(world: SimulatedBuilding) -> None:
     for name, y in (("A", 3.0), ("B", 2.0), ("X", 1.0)):
         enter(world, name, "L1", 5.0, y, math.pi / 2)
     for name in "AB":
         world.call_elevator(name, "E1", "L2", "table", 2)
     world.call_elevator("X", "E1", "L2")
     into_the_cabin(world, "A", 5.55)
-    assert [world.rides[name].phase for name in "ABX"] == [Phase.RIDING, Phase.BOARDING, Phase.WAITING]
+    assert [world.rides[name].phase for name in "ABX"] == [RidePhase.RIDING, RidePhase.BOARDING, RidePhase.WAITING]
     into_the_cabin(world, "B", 4.5)
     while world.pose("A").floor == "L1":
         world.step()
     assert (world.pose("B").floor, world.pose("X").floor) == ("L2", "L1")
 
 
-def test_a_party_does_not_leave_while_somebody_else_stands_in_the_cabin(world: SimulatedBuilding) -> None:
+def test_a_party_does_not_board_while_another_robot_is_in_the_cabin(world: SimulatedBuilding) -> None:
     enter(world, "X", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("X", "E1", "L2")
     into_the_cabin(world, "X", 5.55)
@@ -132,16 +132,16 @@ def test_a_party_does_not_leave_while_somebody_else_stands_in_the_cabin(world: S
     world.call_elevator("A", "E1", "L2", "table", 1)
     into_the_cabin(world, "A", 4.5)
     run(world, 1.0)
-    assert (world.rides["A"].phase, world.pose("A").y > 4.41) == (Phase.BOARDING, True)
+    assert (world.rides["A"].phase, world.pose("A").y > 4.41) == (RidePhase.BOARDING, True)
     world.remove("X")
     world.step()
-    assert world.rides["A"].phase is Phase.RIDING
+    assert world.rides["A"].phase is RidePhase.RIDING
 
 
-def test_areas_of_who_is_gone_or_late_are_free(world: SimulatedBuilding) -> None:
+def test_areas_of_removed_robots_and_expired_grants_are_free(world: SimulatedBuilding) -> None:
     for number, name in enumerate("ABC"):
         enter(world, name, "L1", 1.0 + 2 * number, 9.0)
-        passage = wanted_of([("L1", ((0, 0), (1, 0), (1, 1)))], 1.0, world.floors)
+        passage = area_request([("L1", ((0, 0), (1, 0), (1, 1)))], 1.0, world.floors)
         world.reserve(name, passage)
     world.remove("A")
     assert world.reservations.find("B", world.time) == (True, 0, 0.0, 1.0)
@@ -149,8 +149,8 @@ def test_areas_of_who_is_gone_or_late_are_free(world: SimulatedBuilding) -> None
     again = SimulatedBuilding(tower())
     again.restore(record, [about.description for about in world.robots.values()])
     assert again.reservations.record() == world.reservations.record()
-    told = run(again, 1.1)
-    assert [(one.kind, one.who, one.floor) for one in told] == [("reservation over", ("B",), "L1")]
+    events = run(again, 1.1)
+    assert [(event.kind, event.who, event.floor) for event in events] == [("reservation over", ("B",), "L1")]
     assert again.reservations.find("C", again.time) == (True, 0, 0.0, pytest.approx(0.9))
 
 
@@ -159,24 +159,24 @@ def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -
     enter(world, "B", "L2", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2")
     run(world, 2.0)
-    assert world.cabins["E1"].sessions["A"].phase is Phase.BOARDING
+    assert world.cabins["E1"].sessions["A"].phase is RidePhase.BOARDING
     world.remove("A")
     world.call_elevator("B", "E1", "L1")
     for _ in range(round(30 / STEP_S)):
         world.step()
-        if world.cabins["E1"].sessions["B"].phase is Phase.BOARDING:
+        if world.cabins["E1"].sessions["B"].phase is RidePhase.BOARDING:
             break
     else:
         pytest.fail("B was never let in")
 
 
-def test_riders_that_hold_something_hold_it_on_the_other_floor() -> None:
+def test_riders_keep_their_grips_on_the_other_floor() -> None:
     building = tower()
     table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
     world = SimulatedBuilding(building.with_element("L1", table))
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2")
-    while world.rides["A"].phase is not Phase.RIDING:
+    while world.rides["A"].phase is not RidePhase.RIDING:
         world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
         world.step()
     world.grip("A", "T2", (5.0, 5.3))
@@ -188,9 +188,9 @@ def test_riders_that_hold_something_hold_it_on_the_other_floor() -> None:
 
 def test_what_can_be_gripped(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 1.0, 2.0)
-    for thing, at in (("T9", (1.5, 2.0)), ("T1", (2.5, 2.0)), ("T1", (1.1, 2.0)), ("T1", (math.nan, 2.0))):
+    for name, at in (("T9", (1.5, 2.0)), ("T1", (2.5, 2.0)), ("T1", (1.1, 2.0)), ("T1", (math.nan, 2.0))):
         with pytest.raises(CannotGrip):
-            world.grip("A", thing, at)
+            world.grip("A", name, at)
     assert world.robots["A"].holding == ""
     world.grip("A", "T1", (1.6, 2.0))
     assert world.robots["A"].holding == "T1"
@@ -237,14 +237,14 @@ def test_objects_of_one_name_on_two_floors_are_two() -> None:
     run(world, 0.1)
 
 
-def test_a_record_goes_on_where_it_ended(world: SimulatedBuilding) -> None:
+def test_a_record_restores_robots_grips_and_rides(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 1.0, 2.0)
     enter(world, "B", "L1", 5.0, 3.0, math.pi / 2)
     enter(world, "C", "L2", 5.0, 3.0, math.pi / 2)
     world.grip("A", "T1", (1.6, 2.0))
     world.robots["A"].command(0.0, 0.3, 0.0, 2.0)
     world.call_elevator("B", "E1", "L2")
-    while world.rides["B"].phase is not Phase.RIDING:
+    while world.rides["B"].phase is not RidePhase.RIDING:
         world.robots["B"].command(max(0.0, min(0.5, 5.0 - world.pose("B").y)), 0.0, 0.0, 0.2)
         world.step()
     world.call_elevator("C", "E1", "L1")
@@ -260,10 +260,10 @@ def test_a_record_goes_on_where_it_ended(world: SimulatedBuilding) -> None:
     assert again.record().objects == world.record().objects
     for _ in range(round(60 / STEP_S)):
         again.step()
-        if again.rides["B"].phase is Phase.ALIGHTING:
+        if again.rides["B"].phase is RidePhase.ALIGHTING:
             break
     assert again.pose("B").floor == "L2"
-    assert again.rides["C"].phase is Phase.WAITING
+    assert again.rides["C"].phase is RidePhase.WAITING
 
 
 def test_the_sample_runs() -> None:

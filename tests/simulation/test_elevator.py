@@ -1,4 +1,4 @@
-"""Elevators: rides from call to the end, times as planned, nobody passed over, whoever dies or dawdles."""
+"""Elevators: rides from call to end, planned times, bounded waits, parties, robots that fail."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
 from robocorba.planning.elevators import ride, travel_time, travelled
-from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_CALLS, Cabin, Phase, fits
+from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_SESSIONS, OPEN_LIMIT_S, Cabin, RidePhase, fits
 from robocorba.spatial.elevator_state import Doors
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
@@ -24,8 +24,8 @@ def cabin() -> Cabin:
     return Cabin(LIFT, dict(HEIGHTS))
 
 
-def until(lift: Cabin, robot: str, phase: Phase, limit_s: float = 300.0) -> float:
-    """Let time pass until the robot's ride has come so far; the time it took."""
+def until(lift: Cabin, robot: str, phase: RidePhase, limit_s: float = 300.0) -> float:
+    """Advance until the robot's ride is in a phase; return the time that it took [s]."""
     began = lift.now
     while lift.sessions[robot].phase is not phase:
         lift.advance(STEP_S)
@@ -33,24 +33,29 @@ def until(lift: Cabin, robot: str, phase: Phase, limit_s: float = 300.0) -> floa
     return lift.now - began
 
 
+def pass_time(lift: Cabin, seconds: float) -> None:
+    end = lift.now + seconds
+    while lift.now < end - 1e-9:
+        lift.advance(STEP_S)
+
+
 def test_a_ride_from_call_to_end() -> None:
     lift = cabin()
     lift.call("A", "L3", "L1", 0.4)
-    until(lift, "A", Phase.BOARDING)
+    until(lift, "A", RidePhase.BOARDING)
     assert (lift.floor, lift.doors) == ("L3", Doors.OPEN)
     lift.enter("A")
     assert lift.state().riders == ("A",)
-    until(lift, "A", Phase.ALIGHTING)
+    until(lift, "A", RidePhase.ALIGHTING)
     assert (lift.floor, lift.doors) == ("L1", Doors.OPEN)
     lift.leave("A")
-    for _ in range(100):
-        lift.advance(STEP_S)
+    pass_time(lift, 10.0)
     assert lift.doors is Doors.CLOSED
     assert not lift.sessions
     assert not lift.ended
 
 
-def test_a_ride_takes_as_long_as_the_planner_says() -> None:
+def test_a_ride_takes_as_long_as_planned() -> None:
     floors = {name: FloorMap(Floor(name, level, HEIGHTS[name])) for level, name in enumerate(HEIGHTS)}
     building = Building("B", floors, {"E1": LIFT})
     planned = ride(building, LIFT, "L2", "L5")
@@ -59,21 +64,20 @@ def test_a_ride_takes_as_long_as_the_planner_says() -> None:
         lift = cabin()
         if start != lift.floor:  # bring it there
             lift.call("X", "L1", start, 0.4)
-            until(lift, "X", Phase.BOARDING)
+            until(lift, "X", RidePhase.BOARDING)
             lift.enter("X")
-            until(lift, "X", Phase.ALIGHTING)
+            until(lift, "X", RidePhase.ALIGHTING)
             lift.leave("X")
-            for _ in range(100):
-                lift.advance(STEP_S)
+            pass_time(lift, 10.0)
         lift.call("A", "L2", "L5", 0.4)
-        waits.append(until(lift, "A", Phase.BOARDING))
+        waits.append(until(lift, "A", RidePhase.BOARDING))
         lift.enter("A")
-        assert until(lift, "A", Phase.ALIGHTING) == pytest.approx(planned.travel, abs=2 * STEP_S)
+        assert until(lift, "A", RidePhase.ALIGHTING) == pytest.approx(planned.travel, abs=2 * STEP_S)
     assert sum(waits) / len(waits) == pytest.approx(planned.wait, abs=2 * STEP_S)
 
 
 @given(st.floats(-60, 60), st.floats(0.1, 3), st.floats(0, 1))
-def test_a_cabin_goes_all_its_way_and_never_faster_than_it_may(climb: float, speed: float, share: float) -> None:
+def test_a_cabin_reaches_its_floor_within_its_speed(climb: float, speed: float, share: float) -> None:
     lift = Elevator("E", (0.0, 0.0), (2.0, 2.0), (), speed=speed)
     total = travel_time(lift, climb)
     assert travelled(lift, climb, 0.0) == 0.0
@@ -86,104 +90,97 @@ def test_a_cabin_goes_all_its_way_and_never_faster_than_it_may(climb: float, spe
     assert gone <= abs(climb) + 1e-9
 
 
-def test_whoever_goes_the_same_way_is_taken_along() -> None:
+def test_the_cabin_stops_for_rides_in_its_direction() -> None:
     lift = cabin()
     lift.call("A", "L1", "L5", 0.4)
-    until(lift, "A", Phase.BOARDING)
+    until(lift, "A", RidePhase.BOARDING)
     lift.enter("A")
     lift.call("B", "L3", "L4", 0.4)
     lift.call("C", "L4", "L2", 0.4)  # the other way
-    until(lift, "B", Phase.BOARDING)
-    assert lift.sessions["A"].phase is Phase.RIDING
+    until(lift, "B", RidePhase.BOARDING)
+    assert lift.sessions["A"].phase is RidePhase.RIDING
     lift.enter("B")
-    until(lift, "B", Phase.ALIGHTING)
-    assert lift.sessions["C"].phase is Phase.WAITING
+    until(lift, "B", RidePhase.ALIGHTING)
+    assert lift.sessions["C"].phase is RidePhase.WAITING
     lift.leave("B")
-    until(lift, "A", Phase.ALIGHTING)
+    until(lift, "A", RidePhase.ALIGHTING)
     lift.leave("A")
-    until(lift, "C", Phase.BOARDING)
+    until(lift, "C", RidePhase.BOARDING)
 
 
-def test_no_more_get_in_than_there_is_room_for() -> None:
+def test_the_number_of_riders_is_limited_by_the_cabin() -> None:
     lift = cabin()
     assert fits(LIFT, [0.4] * 4)
     assert not fits(LIFT, [0.4] * 5)
     for name in "ABCDE":
         lift.call(name, "L1", "L2", 0.4)
-    until(lift, "A", Phase.BOARDING)
-    assert [lift.sessions[name].phase for name in "ABCDE"] == [Phase.BOARDING] * 4 + [Phase.WAITING]
+    until(lift, "A", RidePhase.BOARDING)
+    assert [lift.sessions[name].phase for name in "ABCDE"] == [RidePhase.BOARDING] * 4 + [RidePhase.WAITING]
 
 
-def test_whoever_does_not_come_or_leave_loses_the_ride_and_the_others_go_on() -> None:
+def test_a_robot_that_does_not_board_or_alight_loses_its_ride() -> None:
     lift = cabin()
     lift.call("A", "L1", "L3", 0.4)
     lift.call("B", "L1", "L3", 0.4)
     lift.call("C", "L2", "L1", 0.4)
-    until(lift, "B", Phase.BOARDING)
+    until(lift, "B", RidePhase.BOARDING)
     lift.enter("B")
-    until(lift, "B", Phase.ALIGHTING)
+    until(lift, "B", RidePhase.ALIGHTING)
     assert lift.ended == [("A", f"did not drive in within {BOARDING_LIMIT_S:g} s")]
-    until(lift, "C", Phase.BOARDING)
+    until(lift, "C", RidePhase.BOARDING)
     assert lift.ended[1:] == [("B", f"did not drive out within {BOARDING_LIMIT_S:g} s")]
     lift.cancel("C")
-    for _ in range(100):
-        lift.advance(STEP_S)
+    pass_time(lift, 10.0)
     assert lift.doors is Doors.CLOSED
 
 
 # ---- parties ----
 
 
-def phases(lift: Cabin, robots: str) -> list[Phase]:
+def phases(lift: Cabin, robots: str) -> list[RidePhase]:
     return [lift.sessions[name].phase for name in robots]
 
 
-def pass_time(lift: Cabin, seconds: float) -> None:
-    end = lift.now + seconds
-    while lift.now < end - 1e-9:
-        lift.advance(STEP_S)
-
-
-def test_a_party_has_the_cabin_for_itself() -> None:
+def test_a_party_rides_without_others() -> None:
     lift = cabin()
     lift.call("X", "L1", "L4", 0.4)
     for name in "ABC":
         lift.call(name, "L1", "L3", 0.4, "table", 3)
     lift.call("Y", "L1", "L3", 0.4)
-    until(lift, "X", Phase.BOARDING)
-    assert phases(lift, "ABCY") == [Phase.WAITING] * 3 + [Phase.BOARDING]  # Y goes along with X
+    until(lift, "X", RidePhase.BOARDING)
+    assert phases(lift, "ABCY") == [RidePhase.WAITING] * 3 + [RidePhase.BOARDING]  # Y goes along with X
     lift.enter("X")
     lift.enter("Y")
-    until(lift, "Y", Phase.ALIGHTING)
+    until(lift, "Y", RidePhase.ALIGHTING)
     lift.leave("Y")
-    until(lift, "X", Phase.ALIGHTING)
+    until(lift, "X", RidePhase.ALIGHTING)
     lift.leave("X")
-    until(lift, "A", Phase.BOARDING)
-    assert phases(lift, "ABC") == [Phase.BOARDING] * 3
+    until(lift, "A", RidePhase.BOARDING)
+    assert phases(lift, "ABC") == [RidePhase.BOARDING] * 3
     lift.call("W", "L1", "L3", 0.4)
     for name in "AB":
         lift.enter(name)
     pass_time(lift, 10.0)
     assert (lift.floor, lift.doors) == ("L1", Doors.OPEN)  # for C
     lift.enter("C")
-    until(lift, "C", Phase.ALIGHTING)
+    until(lift, "C", RidePhase.ALIGHTING)
     assert lift.floor == "L3"
-    assert phases(lift, "ABCW") == [Phase.ALIGHTING] * 3 + [Phase.WAITING]
+    assert phases(lift, "ABCW") == [RidePhase.ALIGHTING] * 3 + [RidePhase.WAITING]
     for name in "ABC":
         lift.leave(name)
-    until(lift, "W", Phase.BOARDING)
+    until(lift, "W", RidePhase.BOARDING)
     assert not lift.ended
 
 
-def test_the_doors_are_open_for_who_of_a_party_calls_late_until_the_limit_is_over() -> None:
+def test_doors_stay_open_for_late_members_of_a_party_until_the_limit() -> None:
     lift = cabin()
     lift.call("A", "L1", "L2", 0.4, "table", 3)
-    until(lift, "A", Phase.BOARDING)
+    until(lift, "A", RidePhase.BOARDING)
     opened = lift.now
     lift.enter("A")
     pass_time(lift, 10.0)
     lift.call("B", "L1", "L2", 0.4, "table", 3)
-    assert lift.sessions["B"].phase is Phase.BOARDING
+    assert lift.sessions["B"].phase is RidePhase.BOARDING
     lift.call("X", "L1", "L2", 0.4)
     pass_time(lift, 4.8)
     assert lift.doors is Doors.OPEN
@@ -193,17 +190,17 @@ def test_the_doors_are_open_for_who_of_a_party_calls_late_until_the_limit_is_ove
     with pytest.raises(InvalidRide) as refused:
         lift.call("B", "L1", "L2", 0.4, "table", 3)
     assert refused.value.field == "party"
-    assert phases(lift, "AX") == [Phase.RIDING, Phase.WAITING]
-    until(lift, "A", Phase.ALIGHTING)
+    assert phases(lift, "AX") == [RidePhase.RIDING, RidePhase.WAITING]
+    until(lift, "A", RidePhase.ALIGHTING)
 
 
-def test_one_of_a_party_that_dies_frees_its_place() -> None:
+def test_a_member_that_cancels_frees_its_place_in_the_party() -> None:
     lift = cabin()
     for name in "AB":
         lift.call(name, "L1", "L2", 0.4, "table", 2)
     with pytest.raises(InvalidRide):
         lift.call("C", "L1", "L2", 0.4, "table", 2)
-    until(lift, "B", Phase.BOARDING)
+    until(lift, "B", RidePhase.BOARDING)
     lift.enter("A")
     lift.cancel("B")
     pass_time(lift, 5.0)
@@ -212,32 +209,32 @@ def test_one_of_a_party_that_dies_frees_its_place() -> None:
     lift.advance(STEP_S)
     assert lift.doors is Doors.CLOSING
     lift.cancel("C")
-    until(lift, "A", Phase.ALIGHTING)
+    until(lift, "A", RidePhase.ALIGHTING)
     lift.leave("A")
     lift.call("D", "L2", "L1", 0.4, "table", 1)  # the name is free again
-    until(lift, "D", Phase.BOARDING)
+    until(lift, "D", RidePhase.BOARDING)
 
 
-def test_a_party_that_nobody_is_left_of_holds_nobody_up() -> None:
+def test_a_party_without_members_delays_no_robot() -> None:
     lift = cabin()
     lift.call("A", "L1", "L2", 0.4, "table", 2)
     lift.call("X", "L1", "L2", 0.4)
-    until(lift, "A", Phase.BOARDING)
+    until(lift, "A", RidePhase.BOARDING)
     lift.enter("A")
     lift.cancel("A")
-    assert until(lift, "X", Phase.BOARDING) < 1.0
+    assert until(lift, "X", RidePhase.BOARDING) < 1.0
 
 
-def test_a_party_is_whole_again_after_a_restart() -> None:
+def test_a_party_is_restored_after_a_restart() -> None:
     lift = cabin()
     for name in "AB":
         lift.call(name, "L1", "L2", 0.4, "table", 3)
-    until(lift, "A", Phase.BOARDING)
+    until(lift, "A", RidePhase.BOARDING)
     lift.enter("A")
     again = cabin()
     again.restore(lift.record(), lift.now, {"A", "B"})
-    assert phases(again, "AB") == [Phase.RIDING, Phase.WAITING]
-    until(again, "B", Phase.BOARDING)
+    assert phases(again, "AB") == [RidePhase.RIDING, RidePhase.WAITING]
+    until(again, "B", RidePhase.BOARDING)
     again.call("C", "L1", "L2", 0.4, "table", 3)
     for name in "BC":
         again.enter(name)
@@ -245,11 +242,11 @@ def test_a_party_is_whole_again_after_a_restart() -> None:
     assert again.doors is Doors.CLOSING
     later = cabin()
     later.restore(again.record(), again.now, {"A", "B", "C"})
-    until(later, "C", Phase.ALIGHTING)
+    until(later, "C", RidePhase.ALIGHTING)
     assert (later.floor, later.doors) == ("L2", Doors.OPEN)
 
 
-def test_a_party_that_can_not_be_is_refused_by_name() -> None:
+def test_invalid_calls_of_a_party_name_the_field() -> None:
     lift = cabin()
     lift.call("A", "L1", "L2", 0.4, "table", 2)
     for field, call in (
@@ -268,7 +265,7 @@ def test_a_party_that_can_not_be_is_refused_by_name() -> None:
     assert list(lift.sessions) == ["A"]
 
 
-# ---- whatever robots do ----
+# ---- any behaviour of robots ----
 
 floors = st.sampled_from(list(HEIGHTS))
 behaviours = st.sampled_from(["goes", "no", "stays"])
@@ -290,8 +287,18 @@ calls = st.lists(
 )
 
 
+def longest_wait(lift: Cabin, ahead: int) -> float:
+    """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
+    span = max(HEIGHTS.values()) - min(HEIGHTS.values())
+    stops = len(HEIGHTS) + 1
+    # Robots alight, then board; the last one to start boarding still has its full limit.
+    stop_s = 2 * LIFT.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
+    # Each earlier call may be the oldest one once: a round trip over the full height with a stop at every floor.
+    return (ahead + 1) * 2 * (travel_time(LIFT, span) * stops + stops * stop_s)
+
+
 class Behaving:
-    """Robots that call a lift, and then do what they do, each as it is told; what has to hold is looked at."""
+    """Robots that call a lift and behave as given; `step` checks the invariants."""
 
     def __init__(self, lift: Cabin) -> None:
         self.lift = lift
@@ -301,7 +308,7 @@ class Behaving:
 
     def call(self, does: str, *arguments: Any) -> None:
         name = f"R{len(self.does)}"
-        bound = self.lift.now + self.lift.longest_wait(len(self.lift.sessions))
+        bound = self.lift.now + longest_wait(self.lift, len(self.lift.sessions))
         try:
             self.lift.call(name, *arguments)
         except InvalidRide:  # its party has left
@@ -311,19 +318,19 @@ class Behaving:
     def step(self) -> None:
         lift = self.lift
         lift.advance(STEP_S)
-        inside = [s for s in lift.sessions.values() if s.phase is not Phase.WAITING]
+        inside = [s for s in lift.sessions.values() if s.phase is not RidePhase.WAITING]
         assert not inside or fits(LIFT, [s.radius_m for s in inside])
-        aboard = [s for s in inside if s.phase is not Phase.ALIGHTING]
+        aboard = [s for s in inside if s.phase is not RidePhase.ALIGHTING]
         assert len({s.party for s in aboard}) <= 1, "a party rides alone"
         assert not any(s.party for s in aboard) or len({s.party for s in inside}) == 1
         for session in list(lift.sessions.values()):
             does = self.does[session.robot]
-            if session.phase is Phase.WAITING:
+            if session.phase is RidePhase.WAITING:
                 assert lift.now <= self.bounds[session.robot]
-            elif session.phase is Phase.BOARDING and does != "no":
+            elif session.phase is RidePhase.BOARDING and does != "no":
                 assert (lift.floor, lift.doors) == (session.origin, Doors.OPEN)
                 lift.enter(session.robot)
-            elif session.phase is Phase.ALIGHTING and does == "goes":
+            elif session.phase is RidePhase.ALIGHTING and does == "goes":
                 assert (lift.floor, lift.doors) == (session.destination, Doors.OPEN)
                 lift.leave(session.robot)
                 self.arrived += 1
@@ -331,7 +338,7 @@ class Behaving:
 
 @settings(deadline=None, max_examples=60)
 @given(calls)
-def test_nobody_waits_longer_than_the_bound_whatever_others_do(calls: list) -> None:
+def test_no_robot_waits_longer_than_the_bound(calls: list) -> None:
     robots = Behaving(cabin())
     due = [
         (at + late, does, origin, destination, radius, f"P{number}" if len(who) > 1 else "", len(who) + missing)
@@ -349,7 +356,7 @@ def test_nobody_waits_longer_than_the_bound_whatever_others_do(calls: list) -> N
 
 
 @pytest.mark.parametrize("party", ["", "table"])
-def test_nobody_waits_for_those_who_call_again_and_again_and_never_come(party: str) -> None:
+def test_robots_that_call_repeatedly_but_never_board_delay_no_robot_for_ever(party: str) -> None:
     robots = Behaving(cabin())
     robots.call("goes", "L1", "L3", 0.4)
     robots.call("goes", "L5", "L1", 0.4, party, 2)
@@ -362,7 +369,7 @@ def test_nobody_waits_for_those_who_call_again_and_again_and_never_come(party: s
     assert robots.arrived == 3
 
 
-def test_what_can_not_be_is_refused_by_name() -> None:
+def test_invalid_calls_name_the_field() -> None:
     lift = cabin()
     lift.call("A", "L1", "L2", 0.4)
     for field, call in (
@@ -380,7 +387,7 @@ def test_what_can_not_be_is_refused_by_name() -> None:
     for act in (lambda: lift.enter("A"), lambda: lift.leave("A"), lambda: lift.enter("X"), lambda: lift.cancel("X")):
         with pytest.raises(NoRide):
             act()
-    for number in range(MAX_CALLS - 1):
+    for number in range(MAX_SESSIONS - 1):
         lift.call(f"R{number}", "L1", "L2", 0.4)
     with pytest.raises(ElevatorFull):
         lift.call("last", "L1", "L2", 0.4)

@@ -1,4 +1,4 @@
-"""Which virtual sensor process senses for which robot."""
+"""Assignment of robots to virtual sensor servers."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def busy(share: float) -> Load:
 
 
 def handed(balance: LoadBalance, *robots: str) -> list[str]:
-    return [sensor.name if (sensor := balance.assign(robot)) else "" for robot in robots]
+    return [server.name if (server := balance.assign(robot)) else "" for robot in robots]
 
 
-def test_robots_go_to_the_least_busy_process(balance: LoadBalance) -> None:
+def test_robots_are_assigned_to_the_least_busy_server(balance: LoadBalance) -> None:
     assert handed(balance, "early") == [""]
     for name in ("S1", "S2"):
         balance.report(name, f"reference {name}", busy(0.0))
@@ -38,7 +38,7 @@ def test_robots_go_to_the_least_busy_process(balance: LoadBalance) -> None:
     assert set(handed(balance, *(f"Q{number}" for number in range(5)))) == {"S2"}
 
 
-def test_a_robot_keeps_its_process(balance: LoadBalance) -> None:
+def test_a_robot_keeps_its_server(balance: LoadBalance) -> None:
     balance.report("S1", "", busy(0.1))
     assert handed(balance, "A") == ["S1"]
     balance.report("S2", "", busy(0.0))
@@ -50,7 +50,7 @@ def test_a_robot_keeps_its_process(balance: LoadBalance) -> None:
 
 
 @pytest.mark.parametrize("is_told", [True, False])
-def test_robots_of_a_process_that_died_are_handed_others(balance: LoadBalance, clock: Clock, is_told: bool) -> None:
+def test_robots_of_a_dead_server_are_reassigned(balance: LoadBalance, clock: Clock, is_told: bool) -> None:
     for name in ("S1", "S2", "S3"):
         balance.report(name, "", busy(0.1))
     robots = [f"R{number}" for number in range(30)]
@@ -66,10 +66,10 @@ def test_robots_of_a_process_that_died_are_handed_others(balance: LoadBalance, c
     assert set(after.values()) == {"S1", "S3"}
     assert all(after[robot] == name for robot, name in before.items() if name != "S2")
     assert abs(Counter(after.values())["S1"] - 15) <= 1
-    assert [sensor.name for sensor in balance.sensors] == ["S1", "S3"]
+    assert [server.name for server in balance.servers] == ["S1", "S3"]
 
 
-def test_robots_move_to_a_process_that_has_less_to_do(balance: LoadBalance) -> None:
+def test_robots_move_to_a_less_busy_server(balance: LoadBalance) -> None:
     balance.report("S1", "one", busy(0.8))
     robots = [f"R{number}" for number in range(10)]
     handed(balance, *robots)
@@ -82,7 +82,7 @@ def test_robots_move_to_a_process_that_has_less_to_do(balance: LoadBalance) -> N
     assert balance.report("S2", "two", busy(0.4)) == []
 
 
-def test_one_robot_that_keeps_a_process_busy_does_not_move_to_and_fro(balance: LoadBalance) -> None:
+def test_the_only_robot_of_a_busy_server_is_not_moved(balance: LoadBalance) -> None:
     balance.report("S1", "one", busy(0.0))
     handed(balance, "A")
     balance.report("S1", "one", busy(0.9))

@@ -1,4 +1,4 @@
-"""The communication management agent: logging on, leases, what outlives a kill."""
+"""The communication management agent: log-on, leases, restart after a kill."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from robocorba.errors.simulation import (
 )
 from robocorba.maps.model import ElementKind
 from robocorba.simulation.building import SimulationEvent
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
@@ -42,7 +42,7 @@ def store(tmp_path: Path) -> Iterator[SimulationStore]:
 
 @pytest.fixture
 def agent(store: SimulationStore) -> ManagementAgent:
-    """Its time stands, unless a test steps or starts it."""
+    """An agent whose time a test steps or starts."""
     return ManagementAgent(tower(), 7, store)
 
 
@@ -67,7 +67,7 @@ def test_a_robot_logs_on_drives_and_logs_off(agent: ManagementAgent) -> None:
     agent.register(robot("A"))
 
 
-def test_areas_are_reserved_and_given_back(agent: ManagementAgent) -> None:
+def test_areas_are_reserved_and_released(agent: ManagementAgent) -> None:
     first, second = agent.register(robot("A")), agent.register(robot("B", x=4.0))
     assert first.reservation() is None
     first.release_areas()
@@ -89,10 +89,10 @@ def test_areas_are_reserved_and_given_back(agent: ManagementAgent) -> None:
     with pytest.raises(InvalidReservation):
         first.keep_areas([PASSAGE])
     first.release_areas()
-    assert agent.building.reservations.requests == {}
+    assert agent.simulated.reservations.requests == {}
 
 
-def test_who_may_not_log_on_leaves_nothing_behind(agent: ManagementAgent, store: SimulationStore) -> None:
+def test_a_refused_log_on_leaves_no_record(agent: ManagementAgent, store: SimulationStore) -> None:
     agent.configure(limit=2)
     agent.register(robot("A"))
     refused: list[tuple[type, Callable[[], object]]] = [
@@ -106,18 +106,18 @@ def test_who_may_not_log_on_leaves_nothing_behind(agent: ManagementAgent, store:
     agent.register(robot("B", x=4.0))
     with pytest.raises(ServerFull):
         agent.register(robot("C", x=5.0))
-    assert set(agent.building.robots) == {"A", "B"} == {record.name for record in store.clients()}
+    assert set(agent.simulated.robots) == {"A", "B"} == {record.name for record in store.clients()}
 
 
-def test_what_can_not_be_kept_is_refused(agent: ManagementAgent, store: SimulationStore) -> None:
+def test_a_log_on_that_cannot_be_stored_is_refused(agent: ManagementAgent, store: SimulationStore) -> None:
     store.__exit__(None, None, None)
     with pytest.raises(ServiceError):
         agent.register(robot("A"))
-    assert agent.building.robots == {}
+    assert agent.simulated.robots == {}
     assert agent.state.robots == 0
 
 
-def test_whoever_is_silent_is_gone(store: SimulationStore) -> None:
+def test_a_robot_whose_lease_expires_is_logged_off(store: SimulationStore) -> None:
     gone: list[Session] = []
     agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
     with contextlib.closing(agent):
@@ -141,7 +141,7 @@ def test_whoever_is_silent_is_gone(store: SimulationStore) -> None:
     assert [session.name for session in gone] == ["A", "A"]
 
 
-def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
+def test_accepted_changes_survive_a_kill(store: SimulationStore) -> None:
     killed = ManagementAgent(tower(), 7, store)
     killed.configure(limit=5, pace=2.0)
     killed.start()
@@ -152,14 +152,14 @@ def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
     waiter.reserve([PASSAGE], 200.0)
     # Nothing is closed: its thread goes on, but what it keeps from now on goes into a file of its own.
     kept = store.world()
-    clients, choices = store.clients(), store.choices()
+    clients, settings = store.clients(), store.settings()
     killed.close()
     store.clear()
     for client in clients:
         store.save_client(client)
-    assert kept is not None and choices is not None
+    assert kept is not None and settings is not None
     store.save_world(kept)
-    store.save_choices(choices)
+    store.save_settings(settings)
 
     again = ManagementAgent(tower(), 7, store)
     assert (again.state.limit, again.state.pace) == (5, 2.0)
@@ -168,8 +168,8 @@ def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
     assert session.robot.holding == "T1"
     assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
     ride = again.sessions[waiter.client.key].ride
-    assert ride is not None and ride.phase is Phase.WAITING
-    assert again.building.cabins["E1"].sessions["B"].party == "table"
+    assert ride is not None and ride.phase is RidePhase.WAITING
+    assert again.simulated.cabins["E1"].sessions["B"].party == "table"
     first, second = session.reservation(), again.sessions[waiter.client.key].reservation()
     assert first is not None and first.granted and 99.0 < first.left_s <= 100.0
     assert second == (False, 1, pytest.approx(first.left_s), 200.0)
@@ -177,7 +177,7 @@ def test_what_was_accepted_outlives_a_kill(store: SimulationStore) -> None:
         again.register(robot("A", x=4.0))
 
 
-def test_a_robot_whose_floor_is_gone_after_a_restart_is_not_logged_on(store: SimulationStore) -> None:
+def test_a_robot_on_a_floor_that_the_map_lost_is_not_restored(store: SimulationStore) -> None:
     before = ManagementAgent(tower(), 7, store)
     before.register(robot("A", "L2"))
     before.register(robot("B", "L1"))
@@ -187,7 +187,7 @@ def test_a_robot_whose_floor_is_gone_after_a_restart_is_not_logged_on(store: Sim
     assert [record.name for record in store.clients()] == ["B"]
 
 
-def test_a_robot_does_not_take_over_the_pose_of_who_had_its_name(store: SimulationStore) -> None:
+def test_a_robot_does_not_inherit_the_pose_of_an_earlier_robot_of_its_name(store: SimulationStore) -> None:
     before = ManagementAgent(tower(), 7, store)
     before.register(robot("A", x=4.0)).deregister()
     before.close()
@@ -196,7 +196,7 @@ def test_a_robot_does_not_take_over_the_pose_of_who_had_its_name(store: Simulati
     assert session.state().pose == ("L2", 7.0, 2.0, 0.0)
 
 
-def test_leases_begin_when_calls_are_let_in(store: SimulationStore) -> None:
+def test_leases_begin_when_calls_are_accepted(store: SimulationStore) -> None:
     agent = ManagementAgent(tower(), 7, store)
     agent.registry.lease_s = 0.2
     with contextlib.closing(agent):
@@ -208,14 +208,14 @@ def test_leases_begin_when_calls_are_let_in(store: SimulationStore) -> None:
         eventually(lambda: agent.state.robots == 0)
 
 
-def test_of_two_records_of_one_name_the_later_one_holds(store: SimulationStore) -> None:
+def test_of_two_records_of_a_name_the_later_one_counts(store: SimulationStore) -> None:
     for key in ("old", "new"):
         store.save_client(ClientRecord.of(key, 1.0, robot("A")))
     assert list(ManagementAgent(tower(), 7, store).sessions) == ["new"]
     assert [record.key for record in store.clients()] == ["new"]
 
 
-def test_a_floor_that_is_removed_takes_its_robots_along(store: SimulationStore) -> None:
+def test_robots_on_a_removed_floor_are_logged_off(store: SimulationStore) -> None:
     gone: list[Session] = []
     agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
     upstairs = agent.register(robot("A", "L2"))
@@ -227,18 +227,18 @@ def test_a_floor_that_is_removed_takes_its_robots_along(store: SimulationStore) 
     assert (agent.state.robots, agent.state.map_version) == (1, 8)
 
 
-def test_what_happens_is_announced(store: SimulationStore) -> None:
+def test_events_are_published(store: SimulationStore) -> None:
     events: list[SimulationEvent] = []
     agent = ManagementAgent(tower(), 7, store, events.append)
     session = agent.register(robot("A", x=8.5, heading=0.0))
     session.command(0.5, 0.0, 0.0, 5.0)
     run(agent, 4.0)
-    assert [(happening.kind, happening.who) for happening in events] == [("collision", ("A",))]
+    assert [(event.kind, event.who) for event in events] == [("collision", ("A",))]
     assert (agent.state.collisions, session.robot.collisions, session.robot.touched) == (1, 1, "")
 
 
 @pytest.mark.parametrize("choice", [{"limit": -1}, {"limit": 10_001}, {"pace": -1.0}, {"pace": math.inf}])
-def test_a_choice_that_can_not_be(agent: ManagementAgent, choice: dict) -> None:
+def test_invalid_settings_are_refused(agent: ManagementAgent, choice: dict) -> None:
     with pytest.raises(InvalidChoice):
         agent.configure(**choice)
     assert (agent.state.limit, agent.state.pace) == (300, 1.0)

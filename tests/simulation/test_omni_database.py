@@ -1,4 +1,4 @@
-"""The Omni database, and the copies of those who follow it."""
+"""The Omni database, and copies that follow it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def run(world: SimulatedBuilding, seconds: float) -> None:
 
 
 def same(view: FloorView, world: SimulatedBuilding) -> bool:
-    """Whether a copy is as the building is."""
+    """Whether a copy equals the building."""
     state = world.floors[view.floor].state()
     bodies = {world.bodies[name].number: row for name, row in state.items()}
     assert set(view.bodies) == set(bodies)
@@ -37,7 +37,7 @@ def same(view: FloorView, world: SimulatedBuilding) -> bool:
     return True
 
 
-def test_a_floor_is_told_whole_and_then_by_what_changed() -> None:
+def test_updates_hold_the_whole_floor_then_changes() -> None:
     world = SimulatedBuilding(tower())
     world.add(robot("A"))
     world.refresh()
@@ -65,7 +65,7 @@ def test_a_floor_is_told_whole_and_then_by_what_changed() -> None:
     assert same(view, world)
 
 
-def test_who_is_too_far_behind_or_ahead_gets_the_whole_floor() -> None:
+def test_an_unknown_version_gets_the_whole_floor() -> None:
     world = SimulatedBuilding(tower())
     database = OmniDatabase(world)
     now = database.floor("L1").version
@@ -85,7 +85,7 @@ def test_a_later_process_has_later_versions() -> None:
     assert OmniDatabase(world).changes("L1", before).since == WHOLE
 
 
-def test_elevators_are_told_when_they_change() -> None:
+def test_updates_hold_changed_elevators() -> None:
     world = SimulatedBuilding(tower())
     world.add(robot("A", "L2", 5.0, 3.0))
     world.refresh()
@@ -116,7 +116,7 @@ acts = st.lists(
 
 @hypothesis.settings(max_examples=60, deadline=None)
 @hypothesis.given(acts)
-def test_whoever_follows_knows_how_it_is(acts: list[tuple[str, str, int]]) -> None:
+def test_copies_that_follow_equal_the_building(acts: list[tuple[str, str, int]]) -> None:
     world = SimulatedBuilding(tower())
     database = OmniDatabase(world)
     often, seldom = FloorView("L1"), FloorView("L1")

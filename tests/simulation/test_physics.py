@@ -1,4 +1,4 @@
-"""One floor's physics: limits, walls, pushing, and the same again."""
+"""Physics of one floor: limits, walls, pushing, carrying, reproducibility."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_commands_are_in_the_frame_of_the_robot() -> None:
     assert y > 2.0
 
 
-def test_a_wall_stops_a_robot_and_says_so_once() -> None:
+def test_a_wall_stops_a_robot_and_the_contact_is_reported_once() -> None:
     floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
     robot(floor, "A", 0.0, 0.0)
     floor.command("A", 1.0, 0.0, 0.0)
@@ -85,7 +85,7 @@ def test_a_robot_pushes_a_table_which_stops_without_it() -> None:
     assert vx == pytest.approx(0.0, abs=1e-6)
 
 
-def test_two_robots_do_not_go_through_each_other() -> None:
+def test_two_robots_do_not_pass_through_each_other() -> None:
     floor = FloorPhysics()
     robot(floor, "A", 0.0, 0.0)
     robot(floor, "B", 3.0, 0.0, math.pi)
@@ -96,7 +96,7 @@ def test_two_robots_do_not_go_through_each_other() -> None:
     assert state["B"][0] - state["A"][0] > 2 * RADIUS_M - 0.02
 
 
-def test_whoever_is_removed_is_gone_and_the_others_keep_their_commands() -> None:
+def test_the_other_robots_keep_their_commands_after_a_removal() -> None:
     floor = FloorPhysics()
     for number in range(5):
         robot(floor, f"R{number}", 0.0, 3.0 * number)
@@ -114,7 +114,7 @@ def test_whoever_is_removed_is_gone_and_the_others_keep_their_commands() -> None
         robot(floor, "R1", 0.0, 0.0)
 
 
-def test_of_two_orders_the_last_one_holds_for_whoever_comes_between_steps() -> None:
+def test_the_last_command_before_a_step_counts() -> None:
     floor = FloorPhysics()
     for number in range(40):
         robot(floor, f"R{number}", 0.0, 3.0 * number)
@@ -126,7 +126,7 @@ def test_of_two_orders_the_last_one_holds_for_whoever_comes_between_steps() -> N
     assert [row[3] for row in floor.state().values()] == pytest.approx([0.3] * 40)
 
 
-def test_what_stands_can_change_while_it_runs() -> None:
+def test_static_obstacles_can_change_while_time_runs() -> None:
     floor = FloorPhysics([LineString([(2, -5), (2, 5)])])
     robot(floor, "A", 0.0, 0.0)
     floor.command("A", 1.0, 0.0, 0.0)
@@ -136,7 +136,7 @@ def test_what_stands_can_change_while_it_runs() -> None:
     assert floor.state()["A"][0] == pytest.approx(4 - RADIUS_M, abs=0.01)
 
 
-def test_polygons_that_stand_are_solid() -> None:
+def test_static_polygons_are_solid() -> None:
     corner = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
     floor = FloorPhysics([corner, Polygon(), MultiPolygon([box(9, 0, 12, 3), Point(10, 8).buffer(1)])])
     assert floor.touching(0.5, 3.0, 0.1) == floor.touching(10.5, 1.5, 0.1) == floor.touching(10, 8, 0.1) == ""
@@ -159,7 +159,7 @@ def carriers(force_n: float = 300.0, payload_kg: float = 4.0) -> FloorPhysics:
 
 
 def drive(floor: FloorPhysics, vx: float, vy: float) -> None:
-    """All three the same way in the world."""
+    """Command all three the same velocity [m/s] on the floor."""
     for name in "ABC":
         heading = floor.state()[name][2]
         ahead = vx * math.cos(heading) + vy * math.sin(heading)
@@ -183,7 +183,7 @@ def test_three_robots_carry_a_table_that_one_could_not() -> None:
         assert heading == pytest.approx({"A": math.pi, "B": 0.0, "C": math.pi / 2}[name], abs=0.02)
 
 
-def test_a_grip_slips_where_its_force_does_not_do() -> None:
+def test_a_grip_slips_if_its_force_is_too_small() -> None:
     floor = carriers(force_n=5.0)
     lost: set[str] = set()
     floor.command("A", -1.0, 0.0, 0.0)  # away from the others
@@ -196,7 +196,7 @@ def test_a_grip_slips_where_its_force_does_not_do() -> None:
     floor.grip("B", "T1", (-0.5, 0.0), 300.0, 4.0)
 
 
-def test_a_table_that_was_let_go_stands() -> None:
+def test_a_released_table_stops() -> None:
     floor = carriers()
     for _ in range(100):
         drive(floor, 0.5, 0.0)
@@ -211,7 +211,7 @@ def test_a_table_that_was_let_go_stands() -> None:
     assert after[3:] == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
 
 
-def test_what_is_held_can_be_removed_and_so_can_whoever_holds_it() -> None:
+def test_held_objects_and_their_holders_can_be_removed() -> None:
     floor = carriers()
     floor.remove("A")
     run(floor, 0.5)
@@ -225,7 +225,7 @@ def test_what_is_held_can_be_removed_and_so_can_whoever_holds_it() -> None:
 
 
 def trajectory(seed: int) -> str:
-    """A hash of everything that happens among 30 robots and 5 tables in 10 s."""
+    """A hash of the states and contacts of 30 robots and 5 tables in 10 s."""
     chance = np.random.default_rng(seed)
     floor = FloorPhysics([shapely.box(0, 0, 15, 15).exterior, LineString([(5, 5), (10, 6)])])
     for number in range(30):
@@ -237,7 +237,7 @@ def trajectory(seed: int) -> str:
         if step % 50 == 0:
             for number in range(30):
                 floor.command(f"R{number}", *chance.uniform(-1, 1, 3))
-        digest.update(repr([set(contact) for contact in floor.step().contacts].__len__()).encode())
+        digest.update(str(len(floor.step().contacts)).encode())
         digest.update(np.array(list(floor.state().values())).tobytes())
     return digest.hexdigest()
 
@@ -246,6 +246,8 @@ def test_the_same_commands_give_the_same_trajectory_bit_for_bit_in_any_process()
     here = trajectory(3)
     assert here == trajectory(3)
     assert here != trajectory(4)
-    say = "from tests.simulation.test_physics import trajectory; print(trajectory(3))"
-    there = subprocess.run([sys.executable, "-c", say], cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    program = "from tests.simulation.test_physics import trajectory; print(trajectory(3))"
+    there = subprocess.run(
+        [sys.executable, "-c", program], cwd=Path(__file__).parents[2], capture_output=True, text=True
+    )
     assert there.stdout.strip() == here

@@ -1,4 +1,4 @@
-"""The 2D simulator's pictures: the right colour at the right place, now and not before, whatever is in a view."""
+"""Pictures of the 2D simulator: colours at points of the floor, caching of layers, any content of a view."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from PIL import Image, ImageColor
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture
 from robocorba.maps import drawing
-from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL, to_pixel
+from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -39,6 +39,7 @@ from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPai
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.spatial.pose import XY
+from tests.maps.pixels import to_pixel
 
 WIDTH = 800
 SQUARE = ((-1.0, -0.25), (1.0, -0.25), (1.0, 0.25), (-1.0, 0.25))
@@ -105,6 +106,10 @@ def fan(x: float, y: float, heading: float, reach: float = 3.0, count: int = 181
     return ScanFan(x, y, heading, -math.pi / 2, math.pi / 180, np.full(count, reach))
 
 
+#: Draws the scene; caches its layers.
+PAINTER = FloorPainter(scene())
+
+
 class Shown:
     """What a painter draws of a scene."""
 
@@ -114,10 +119,10 @@ class Shown:
         fans: Sequence[ScanFan] = (),
         width: int = WIDTH,
         caption: str = "",
-        painter: FloorPainter | None = None,
+        painter: FloorPainter = PAINTER,
     ) -> None:
         self.floor = view.floor
-        self.png = (painter or FloorPainter(scene())).png(view, fans, width, caption)
+        self.png = painter.png(view, fans, width, caption)
         self.image = Image.open(io.BytesIO(self.png))
         self.image.load()
         self.rgb = np.asarray(self.image.convert("RGB")).astype(int)
@@ -128,18 +133,13 @@ class Shown:
         return tuple(self.rgb[row, column].tolist())
 
     def is_about(self, x: float, y: float, colour: str | Sequence[float]) -> bool:
-        """What stands has its colour but for a few steps."""
+        """Whether the colour is the given one within a few steps, as in the quantized static layer."""
         wanted = ImageColor.getrgb(colour) if isinstance(colour, str) else colour
         return bool(np.abs(np.subtract(self.at(x, y), wanted)).max() <= 8)
 
     def count(self, colour: str, rows: slice = slice(0, -FOOT_PX)) -> int:
-        """Pixels of just this colour; by default in all rows but the legend's."""
+        """Number of pixels of exactly this colour; by default without the legend's rows."""
         return int((self.rgb[rows] == ImageColor.getrgb(colour)).all(axis=2).sum())
-
-
-@pytest.fixture(scope="module")
-def painter() -> FloorPainter:
-    return FloorPainter(scene())
 
 
 @pytest.fixture
@@ -156,12 +156,12 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, int]]]:
     yield found
 
 
-# ---- what stands ----
+# ---- static parts ----
 
 
 @pytest.mark.parametrize("width", [200, 801, 1200])
-def test_what_stands_is_where_the_map_says(width: int, painter: FloorPainter) -> None:
-    shown = Shown(view_of(E1=standing("L1")), width=width, painter=painter)
+def test_static_parts_are_where_the_map_has_them(width: int) -> None:
+    shown = Shown(view_of(E1=standing("L1")), width=width)
     assert (shown.image.format, shown.image.mode) == ("PNG", "P")
     assert shown.image.size == drawing.draw_floor(scene(), "L1", width_px=width).size
     assert shown.is_about(2.2, 1.7, FIXED)
@@ -173,22 +173,22 @@ def test_what_stands_is_where_the_map_says(width: int, painter: FloorPainter) ->
     assert np.abs(around - ImageColor.getrgb(WALL)).max(axis=1).min() <= 12
 
 
-def test_roads_are_left_out(painter: FloorPainter) -> None:
-    shown = Shown(view_of(), painter=painter)
+def test_roads_are_left_out() -> None:
+    shown = Shown(view_of())
     assert shown.is_about(6.0, 6.0, GROUND)
     assert shown.is_about(3.0, 6.0, GROUND)
 
 
-def test_a_movable_line_stands(painter: FloorPainter) -> None:
+def test_a_movable_line_is_drawn_as_static() -> None:
     """It has no mass: the simulation does not move it."""
-    assert Shown(view_of(), painter=painter).is_about(9.1, 2.0, MOVABLE)
+    assert Shown(view_of()).is_about(9.1, 2.0, MOVABLE)
 
 
 # ---- objects ----
 
 
-def test_an_object_is_where_it_is_now(painter: FloorPainter) -> None:
-    nowhere, moved = Shown(view_of(), painter=painter), Shown(view_of(cart(10.0, 5.0)), painter=painter)
+def test_an_object_is_drawn_at_its_current_pose() -> None:
+    nowhere, moved = Shown(view_of()), Shown(view_of(cart(10.0, 5.0)))
     assert nowhere.is_about(6.8, 2.0, GROUND)
     assert nowhere.is_about(10.8, 5.0, GROUND)
     assert moved.is_about(6.8, 2.0, GROUND)
@@ -196,39 +196,36 @@ def test_an_object_is_where_it_is_now(painter: FloorPainter) -> None:
     assert moved.is_about(10.0, 5.6, GROUND)
 
 
-def test_an_object_is_turned_counter_clockwise(painter: FloorPainter) -> None:
-    shown = Shown(view_of(cart(10.0, 5.0, math.radians(30))), painter=painter)
+def test_an_object_is_turned_counter_clockwise() -> None:
+    shown = Shown(view_of(cart(10.0, 5.0, math.radians(30))))
     along = (0.85 * math.cos(math.radians(30)), 0.85 * math.sin(math.radians(30)))
     assert shown.at(10.0 + along[0], 5.0 + along[1]) == ImageColor.getrgb(MOVABLE)
     assert shown.is_about(10.0 + along[0], 5.0 - along[1], GROUND)
 
 
-def test_an_object_has_its_name_where_there_is_room(painter: FloorPainter) -> None:
-    bare = Shown(view_of(cart(10.0, 5.0)), painter=painter).rgb
+def test_an_object_has_its_name_where_there_is_room() -> None:
+    bare = Shown(view_of(cart(10.0, 5.0))).rgb
     small = tuple((x / 8, y / 2) for x, y in SQUARE)
     big = tuple((2 * x, 4 * y) for x, y in SQUARE)
-    assert Shown(view_of(cart(10.0, 5.0, outline=small)), painter=painter).at(10.0, 5.0) == ImageColor.getrgb(MOVABLE)
-    named = Shown(view_of(cart(10.0, 5.0, outline=big)), painter=painter)
+    assert Shown(view_of(cart(10.0, 5.0, outline=small))).at(10.0, 5.0) == ImageColor.getrgb(MOVABLE)
+    named = Shown(view_of(cart(10.0, 5.0, outline=big)))
     column, row = to_pixel(scene(), "L1", (10.0, 5.0), WIDTH)
     name = named.rgb[row - 8 : row + 9, column - 20 : column + 21]
     assert (name == ImageColor.getrgb(GROUND)).all(axis=2).any(), "the halo of its letters"
     assert bare.shape == named.rgb.shape
 
 
-def test_an_object_without_a_shape_is_not_drawn(painter: FloorPainter) -> None:
+def test_an_object_without_a_shape_is_not_drawn() -> None:
     for outline in ((), ((0.0, 0.0),), ((0.0, 0.0), (1.0, 1.0))):
-        assert (
-            Shown(view_of(cart(10.0, 5.0, outline=outline)), painter=painter).png
-            == Shown(view_of(), painter=painter).png
-        )
+        assert Shown(view_of(cart(10.0, 5.0, outline=outline))).png == Shown(view_of()).png
 
 
 # ---- robots ----
 
 
-def test_a_robot_is_a_disc_that_looks_ahead(painter: FloorPainter) -> None:
+def test_a_robot_is_a_disc_that_looks_ahead() -> None:
     for heading in (0.0, 1.0, -2.5, 100.0):
-        shown = Shown(view_of(robot(8.0, 5.0, heading)), painter=painter)
+        shown = Shown(view_of(robot(8.0, 5.0, heading)))
         dx, dy = 0.3 * math.cos(heading), 0.3 * math.sin(heading)
         assert shown.at(8.0 - dx, 5.0 - dy) == shown.at(8.0 - dy, 5.0 + dx) == ImageColor.getrgb(ROBOT)
         assert shown.at(8.0 + dx, 5.0 + dy) == ImageColor.getrgb(GROUND), "the mark"
@@ -236,21 +233,21 @@ def test_a_robot_is_a_disc_that_looks_ahead(painter: FloorPainter) -> None:
     assert shown.is_about(8.0, 5.65, GROUND)
 
 
-def test_a_small_robot_can_be_seen(painter: FloorPainter) -> None:
-    assert Shown(view_of(robot(8.0, 5.0, radius=0.01)), width=200, painter=painter).count(ROBOT) > 12
+def test_a_small_robot_can_be_seen() -> None:
+    assert Shown(view_of(robot(8.0, 5.0, radius=0.01)), width=200).count(ROBOT) > 12
 
 
-def test_a_robot_that_drives_has_an_arrow(painter: FloorPainter) -> None:
-    driving = Shown(view_of(robot(8.0, 5.0, velocity=(0.0, 1.0))), painter=painter)
+def test_a_robot_that_drives_has_an_arrow() -> None:
+    driving = Shown(view_of(robot(8.0, 5.0, velocity=(0.0, 1.0))))
     assert driving.at(8.0, 6.0) == ImageColor.getrgb(VELOCITY)
     assert driving.is_about(8.0, 6.6, GROUND)
-    assert Shown(view_of(robot(8.0, 5.0, radius=0.1)), width=200, painter=painter).count(VELOCITY) == 0
+    assert Shown(view_of(robot(8.0, 5.0, radius=0.1)), width=200).count(VELOCITY) == 0
     for velocity in ((0.0, 0.0), (0.01, 0.0), (math.nan, 0.0), (math.inf, 1.0)):
-        assert Shown(view_of(robot(8.0, 5.0, velocity=velocity)), painter=painter).count(VELOCITY) == 0
+        assert Shown(view_of(robot(8.0, 5.0, velocity=velocity))).count(VELOCITY) == 0
 
 
-def test_a_robot_covers_an_object(painter: FloorPainter) -> None:
-    shown = Shown(view_of(robot(10.0, 5.0), cart(10.0, 5.0)), painter=painter)
+def test_a_robot_covers_an_object() -> None:
+    shown = Shown(view_of(robot(10.0, 5.0), cart(10.0, 5.0)))
     assert shown.at(9.7, 5.0) == ImageColor.getrgb(ROBOT)
     assert shown.at(9.1, 5.0) == ImageColor.getrgb(MOVABLE)
     column, row = to_pixel(scene(), "L1", (9.5, 5.0), WIDTH)
@@ -259,9 +256,9 @@ def test_a_robot_covers_an_object(painter: FloorPainter) -> None:
     )
 
 
-def test_names_stand_below_robots(painter: FloorPainter) -> None:
-    named = Shown(view_of(robot(8.0, 5.0, name="HHHH")), painter=painter)
-    bare = Shown(view_of(robot(8.0, 5.0, name="")), painter=painter)
+def test_names_are_below_robots() -> None:
+    named = Shown(view_of(robot(8.0, 5.0, name="HHHH")))
+    bare = Shown(view_of(robot(8.0, 5.0, name="")))
     rows, columns = np.nonzero((named.rgb != bare.rgb).any(axis=2))
     column, row = to_pixel(scene(), "L1", (8.0, 5.0), WIDTH)
     assert abs((columns.min() + columns.max()) / 2 - column) <= 2
@@ -270,10 +267,10 @@ def test_names_stand_below_robots(painter: FloorPainter) -> None:
 
 
 @pytest.mark.parametrize("place", [(-0.2, 5.0), (20.2, 5.0), (10.0, -0.3), (10.0, -1.1), (10.0, 12.9)])
-def test_names_stay_in_the_picture(place: XY, painter: FloorPainter) -> None:
+def test_names_stay_in_the_picture(place: XY) -> None:
     def letters(x: float, y: float) -> int:
         """Pixels of a name's letters."""
-        named, bare = (Shown(view_of(robot(x, y, name=name)), painter=painter) for name in ("robot-with-a-name", ""))
+        named, bare = (Shown(view_of(robot(x, y, name=name))) for name in ("robot-with-a-name", ""))
         return int(((named.rgb != bare.rgb).any(axis=2) & (named.rgb == ImageColor.getrgb(INK)).all(axis=2)).sum())
 
     assert letters(*place) >= 0.7 * letters(9.0, 5.0) > 50
@@ -282,9 +279,9 @@ def test_names_stay_in_the_picture(place: XY, painter: FloorPainter) -> None:
 @pytest.mark.parametrize(
     "name", ["Zürich ❄", "第一層", "$x^2$", "a\nb", "\0", "\ud800", "_" * 5000, "%s {0}", "‏עברית", "é" * 40]
 )
-def test_any_name_can_be_written(name: str, painter: FloorPainter, recwarn: pytest.WarningsRecorder) -> None:
-    shown = Shown(view_of(robot(8.0, 5.0, name=name)), caption=name, painter=painter)
-    bare = Shown(view_of(robot(8.0, 5.0, name="")), painter=painter)
+def test_any_name_can_be_written(name: str, recwarn: pytest.WarningsRecorder) -> None:
+    shown = Shown(view_of(robot(8.0, 5.0, name=name)), caption=name)
+    bare = Shown(view_of(robot(8.0, 5.0, name="")))
     changed = (shown.rgb != bare.rgb).any(axis=2)
     assert changed[:HEAD_PX].any(), "the caption"
     assert changed[HEAD_PX:].any(), "the name"
@@ -292,19 +289,19 @@ def test_any_name_can_be_written(name: str, painter: FloorPainter, recwarn: pyte
 
 
 @pytest.mark.parametrize(("name", "shown"), [("a\nb", "a□b"), ("_" * 29, "_" * 26 + "…"), ("é" * 5000, "é" * 26 + "…")])
-def test_names_are_one_short_line(name: str, shown: str, painter: FloorPainter) -> None:
-    written, wanted = (Shown(view_of(robot(8.0, 5.0, name=text)), painter=painter) for text in (name, shown))
+def test_names_are_one_short_line(name: str, shown: str) -> None:
+    written, wanted = (Shown(view_of(robot(8.0, 5.0, name=text))) for text in (name, shown))
     assert written.png == wanted.png
 
 
-def test_the_caption_is_above_the_floor(painter: FloorPainter) -> None:
+def test_the_caption_is_above_the_floor() -> None:
     without, captioned = (
-        Shown(view_of(), painter=painter),
-        Shown(view_of(), caption="scene · L1   2.5 s", painter=painter),
+        Shown(view_of()),
+        Shown(view_of(), caption="scene · L1   2.5 s"),
     )
     assert without.count(INK, slice(0, HEAD_PX)) == 0
     assert captioned.count(INK, slice(0, HEAD_PX)) > 50
-    cut, long = (Shown(view_of(), width=4096, caption="x" * letters, painter=painter) for letters in (200, 10_000))
+    cut, long = (Shown(view_of(), width=4096, caption="x" * letters) for letters in (200, 10_000))
     assert cut.png == long.png
     assert (captioned.rgb[HEAD_PX:] == without.rgb[HEAD_PX:]).all()
 
@@ -312,11 +309,11 @@ def test_the_caption_is_above_the_floor(painter: FloorPainter) -> None:
 # ---- lasers ----
 
 
-def test_a_fan_lights_the_ground(painter: FloorPainter) -> None:
+def test_a_fan_lights_the_ground() -> None:
     def lit(colour: str) -> list[float]:
         return [a + LIGHT * (b - a) for a, b in zip(ImageColor.getrgb(colour), ImageColor.getrgb(LASER), strict=True)]
 
-    shown = Shown(view_of(), [fan(8.0, 6.0, math.pi / 2, 4.0)], painter=painter)
+    shown = Shown(view_of(), [fan(8.0, 6.0, math.pi / 2, 4.0)])
     assert shown.is_about(8.0, 7.0, lit(GROUND))
     assert shown.is_about(6.5, 6.3, lit(GROUND))
     assert shown.is_about(7.0, 9.6, lit(drawing.TINTS[0])), "an area keeps its tint"
@@ -325,30 +322,30 @@ def test_a_fan_lights_the_ground(painter: FloorPainter) -> None:
     assert shown.at(8.0, 9.99) == ImageColor.getrgb(LASER) or shown.at(8.0, 10.0) == ImageColor.getrgb(LASER)
 
 
-def test_a_fan_ends_where_its_rays_do(painter: FloorPainter) -> None:
+def test_a_fan_ends_where_its_rays_do() -> None:
     distances = np.where(np.arange(181) < 90, 1.0, 4.0)
-    shown = Shown(view_of(), [fan(8.0, 5.0, 0.0)._replace(distances=distances)], painter=painter)
+    shown = Shown(view_of(), [fan(8.0, 5.0, 0.0)._replace(distances=distances)])
     ground = shown.at(4.0, 5.0)
     assert shown.at(9.8, 3.2) == ground, "the first rays are to the right, and short"
     assert shown.at(9.8, 6.8) != ground
 
 
-def test_fans_over_one_another_light_once(painter: FloorPainter) -> None:
+def test_fans_over_one_another_light_once() -> None:
     one = fan(8.0, 5.0, math.pi / 2)
-    two = Shown(view_of(), [one, one._replace(heading=0.0)], painter=painter)
+    two = Shown(view_of(), [one, one._replace(heading=0.0)])
     assert two.at(9.0, 6.5) == two.at(7.0, 6.5) == two.at(9.0, 4.0) != two.at(7.0, 4.0)
 
 
-def test_what_moves_is_not_lit(painter: FloorPainter) -> None:
+def test_moving_parts_are_not_lit() -> None:
     lasers = [fan(9.0, 4.0, math.pi / 2), fan(15.0, 3.0, 0.0)]
-    shown = Shown(view_of(cart(10.0, 6.0), robot(8.0, 6.0)), lasers, painter=painter)
+    shown = Shown(view_of(cart(10.0, 6.0), robot(8.0, 6.0)), lasers)
     assert shown.at(16.3, 2.3) == ImageColor.getrgb(CLOSED_SHAFT)
     assert shown.at(10.8, 6.0) == ImageColor.getrgb(MOVABLE)
     assert shown.at(7.8, 6.0) == ImageColor.getrgb(ROBOT)
 
 
-def test_fans_that_show_nothing(painter: FloorPainter) -> None:
-    nothing = Shown(view_of(), painter=painter)
+def test_fans_that_show_nothing() -> None:
+    nothing = Shown(view_of())
     fans = [
         fan(8.0, 5.0, 0.0, count=0),
         fan(8.0, 5.0, 0.0, count=1),
@@ -358,33 +355,33 @@ def test_fans_that_show_nothing(painter: FloorPainter) -> None:
         fan(1e7, 5.0, 0.0),
         fan(1e300, 5.0, 0.0),
     ]
-    assert Shown(view_of(), fans, painter=painter).png == nothing.png
+    assert Shown(view_of(), fans).png == nothing.png
 
 
-def test_rays_without_an_end(painter: FloorPainter, recwarn: pytest.WarningsRecorder) -> None:
+def test_rays_without_an_end(recwarn: pytest.WarningsRecorder) -> None:
     distances = np.full(181, 2.0)
     distances[:60], distances[60:90], distances[90:120] = np.inf, np.nan, -1.0
-    shown = Shown(view_of(), [fan(8.0, 6.0, math.pi / 2)._replace(distances=distances)], painter=painter)
+    shown = Shown(view_of(), [fan(8.0, 6.0, math.pi / 2)._replace(distances=distances)])
     assert not shown.is_about(12.0, 7.0, GROUND), "inf: as far as the picture goes"
     assert shown.is_about(7.98, 6.5, GROUND), "neither NaN nor less than nothing is a way"
     assert not shown.is_about(6.7, 6.5, GROUND)
     assert not recwarn.list
 
 
-def test_a_fan_of_many_rays_is_thinned_out(painter: FloorPainter) -> None:
+def test_a_fan_of_many_rays_is_thinned_out() -> None:
     rays = np.linspace(2.0, 4.0, 8192)
     whole = ScanFan(8.0, 5.0, 0.0, 0.0, math.pi / 8191, rays)
     thin = whole._replace(step_rad=math.pi * 12 / 8191, distances=rays[::12])
-    shown, wanted = (Shown(view_of(), [one], painter=painter) for one in (whole, thin))
+    shown, wanted = (Shown(view_of(), [one]) for one in (whole, thin))
     assert shown.png == wanted.png
     few = fan(8.0, 5.0, 0.0, count=719)._replace(step_rad=math.pi / 718)
     few.distances[::2] = 1.0
-    assert Shown(view_of(), [few], painter=painter).count(LASER) > 700, "every ray of these"
+    assert Shown(view_of(), [few]).count(LASER) > 700, "every ray of these"
 
 
-def test_a_ray_without_an_end_keeps_its_way(painter: FloorPainter) -> None:
+def test_a_ray_without_an_end_keeps_its_way() -> None:
     rays = ScanFan(2.0, 2.0, 0.0, math.radians(20), math.radians(20), np.array([np.inf, np.inf]))
-    shown = Shown(view_of(), [rays], painter=painter)
+    shown = Shown(view_of(), [rays])
     lit = {
         angle: not shown.is_about(2 + 6 * math.cos(angle), 2 + 6 * math.sin(angle), GROUND)
         for angle in (0.3, 0.4, 0.6, 0.8)
@@ -395,31 +392,29 @@ def test_a_ray_without_an_end_keeps_its_way(painter: FloorPainter) -> None:
 # ---- elevators ----
 
 
-def test_a_cabin_stands_out_where_it_is(painter: FloorPainter) -> None:
+def test_a_cabin_has_its_own_colour() -> None:
     corner = (16.3, 2.3)
-    assert Shown(view_of(E1=standing("L1")), painter=painter).is_about(*corner, CABIN)
+    assert Shown(view_of(E1=standing("L1"))).is_about(*corner, CABIN)
     for elsewhere in (standing("L2"), ElevatorState(5.0, "", Doors.CLOSED, 0.0, (), ())):
-        assert Shown(view_of(E1=elsewhere), painter=painter).at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
-    unknown = Shown(view_of(), painter=painter)
+        assert Shown(view_of(E1=elsewhere)).at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
+    unknown = Shown(view_of())
     assert unknown.at(*corner) == ImageColor.getrgb(CLOSED_SHAFT)
-    assert Shown(view_of(E1=standing("L1"), E9=standing("L1")), painter=painter).is_about(*corner, CABIN)
+    assert Shown(view_of(E1=standing("L1"), E9=standing("L1"))).is_about(*corner, CABIN)
 
 
-def test_a_shaft_says_where_its_cabin_is(painter: FloorPainter) -> None:
+def test_a_shaft_shows_where_its_cabin_is() -> None:
     moments = [
         standing("L2"),
         ElevatorState(8.0, "", Doors.CLOSED, 0.0, (), ()),
         ElevatorState(2.0, "", Doors.CLOSED, 0.0, (), ()),
         ElevatorState(0.0, "L0", Doors.CLOSED, 0.0, (), ()),
     ]
-    pictures = {Shown(view_of(E1=moment), painter=painter).png for moment in moments}
+    pictures = {Shown(view_of(E1=moment)).png for moment in moments}
     assert len(pictures) == len(moments)
 
 
-def test_an_arrow_points_to_the_cabin(painter: FloorPainter) -> None:
-    above, below = (
-        Shown(view_of(E1=ElevatorState(z, "", Doors.CLOSED, 0.0, (), ())), painter=painter) for z in (6.0, 2.0)
-    )
+def test_an_arrow_points_to_the_cabin() -> None:
+    above, below = (Shown(view_of(E1=ElevatorState(z, "", Doors.CLOSED, 0.0, (), ()))) for z in (6.0, 2.0))
     differs = (above.rgb != below.rgb).any(axis=2)
     rows = [
         np.nonzero(differs & (shown.rgb == ImageColor.getrgb(INK)).all(axis=2))[0].mean() for shown in (above, below)
@@ -427,14 +422,14 @@ def test_an_arrow_points_to_the_cabin(painter: FloorPainter) -> None:
     assert rows[0] > rows[1] + 1, "a triangle is wide at its lower end where it points up"
 
 
-def test_an_elevator_that_does_not_stop_here_has_its_name(painter: FloorPainter) -> None:
-    shown = Shown(view_of(), painter=painter)
+def test_an_elevator_that_does_not_stop_here_has_its_name() -> None:
+    shown = Shown(view_of())
     (left, low), (right, top) = (to_pixel(scene(), "L1", corner, WIDTH) for corner in ((16.2, 8.2), (17.8, 9.8)))
     assert shown.rgb[top:low, left:right].min(axis=2).max() > 240, "the halo of its letters"
 
 
-def test_doors_open_from_the_middle(painter: FloorPainter) -> None:
-    shut, half, wide = (Shown(view_of(E1=standing("L1", share)), painter=painter) for share in (0.0, 0.5, 1.0))
+def test_doors_open_from_the_middle() -> None:
+    shut, half, wide = (Shown(view_of(E1=standing("L1", share))) for share in (0.0, 0.5, 1.0))
     middle, side = (17.0, 2.0), (17.45, 2.0)
     assert shut.is_about(*middle, DOOR)
     assert shut.is_about(*side, DOOR)
@@ -442,52 +437,52 @@ def test_doors_open_from_the_middle(painter: FloorPainter) -> None:
     assert half.at(17.35, 2.0) == half.at(16.65, 2.0) == ImageColor.getrgb(DOOR)
     assert half.at(17.25, 2.0) == half.at(16.75, 2.0) == ImageColor.getrgb(GROUND)
     assert wide.at(*middle) == wide.at(*side) == ImageColor.getrgb(GROUND)
-    elsewhere = Shown(view_of(E1=standing("L2", 1.0)), painter=painter)
+    elsewhere = Shown(view_of(E1=standing("L2", 1.0)))
     assert elsewhere.is_about(*middle, DOOR), "its doors are open on another floor"
 
 
-def test_a_share_that_cannot_be(painter: FloorPainter) -> None:
-    shut, wide = (Shown(view_of(E1=standing("L1", share)), painter=painter).png for share in (0.0, 1.0))
-    assert Shown(view_of(E1=standing("L1", math.nan)), painter=painter).png == shut
-    assert Shown(view_of(E1=standing("L1", -3.0)), painter=painter).png == shut
-    assert Shown(view_of(E1=standing("L1", 7.0)), painter=painter).png == wide
+def test_an_opening_outside_0_to_1_is_limited() -> None:
+    shut, wide = (Shown(view_of(E1=standing("L1", share))).png for share in (0.0, 1.0))
+    assert Shown(view_of(E1=standing("L1", math.nan))).png == shut
+    assert Shown(view_of(E1=standing("L1", -3.0))).png == shut
+    assert Shown(view_of(E1=standing("L1", 7.0))).png == wide
 
 
-# ---- what is not there ----
+# ---- nothing to draw, and invalid requests ----
 
 
-def test_a_floor_with_nobody_on_it(painter: FloorPainter) -> None:
-    shown = Shown(view_of(floor="L2"), painter=painter)
+def test_an_empty_floor() -> None:
+    shown = Shown(view_of(floor="L2"))
     assert shown.count(ROBOT) == 0
     assert shown.is_about(8.0, 5.0, GROUND)
     assert shown.is_about(3.2, 3.2, FIXED), "only the one on L1 can be moved"
 
 
-def test_what_is_far_away_or_nowhere_is_not_drawn(painter: FloorPainter, recwarn: pytest.WarningsRecorder) -> None:
-    nobody = Shown(view_of(), painter=painter).png
+def test_bodies_far_away_or_without_a_pose_are_not_drawn(recwarn: pytest.WarningsRecorder) -> None:
+    nobody = Shown(view_of()).png
     places = [(-50.0, 5.0), (8.0, 500.0), (1e6, 1e6), (-1e308, 1e308), (math.nan, 5.0), (8.0, math.inf)]
     for x, y in places:
-        assert Shown(view_of(robot(x, y, velocity=(0.1, 0.0)), cart(x, y)), painter=painter).png == nobody
-    assert Shown(view_of(robot(8.0, 5.0, math.nan), cart(8.0, 5.0, math.inf)), painter=painter).png == nobody
+        assert Shown(view_of(robot(x, y, velocity=(0.1, 0.0)), cart(x, y))).png == nobody
+    assert Shown(view_of(robot(8.0, 5.0, math.nan), cart(8.0, 5.0, math.inf))).png == nobody
     assert not recwarn.list
 
 
-def test_a_robot_at_the_edge_is_drawn_as_far_as_it_is_in(painter: FloorPainter) -> None:
-    shown = Shown(view_of(robot(-0.7, 5.0)), painter=painter)
-    assert 0 < shown.count(ROBOT) < Shown(view_of(robot(8.0, 5.0)), painter=painter).count(ROBOT)
+def test_a_robot_at_the_edge_is_drawn_as_far_as_it_is_in() -> None:
+    shown = Shown(view_of(robot(-0.7, 5.0)))
+    assert 0 < shown.count(ROBOT) < Shown(view_of(robot(8.0, 5.0))).count(ROBOT)
 
 
-def test_what_cannot_be_drawn(painter: FloorPainter) -> None:
+def test_invalid_requests_are_refused() -> None:
     with pytest.raises(UnknownFloor, match="L1, L2"):
-        painter.png(view_of(floor="L9"), (), WIDTH)
+        PAINTER.png(view_of(floor="L9"), (), WIDTH)
     for width in (-1, 0, 199, 4097, 2**32 - 1):
         with pytest.raises(InvalidPicture, match="width"):
-            painter.png(view_of(), (), width)
-    assert Shown(view_of(), width=200, painter=painter).image.width == 200
-    assert Shown(view_of(), width=4096, painter=painter).image.width == 4096
+            PAINTER.png(view_of(), (), width)
+    assert Shown(view_of(), width=200).image.width == 200
+    assert Shown(view_of(), width=4096).image.width == 4096
 
 
-def test_a_building_without_anything() -> None:
+def test_an_empty_building() -> None:
     empty = Building("empty", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
     png = FloorPainter(empty).png(view_of(robot(0.0, 0.0, radius=5.0)), [fan(0.0, 0.0, 0.0)], 300, "empty")
     assert Image.open(io.BytesIO(png)).width == 300
@@ -508,22 +503,20 @@ def test_a_layer_is_drawn_once_and_stays_clean(drawn: list[tuple[str, int]]) -> 
     assert drawn[1:] == [("L2", WIDTH), ("L1", 400)]
 
 
-def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]], monkeypatch: pytest.MonkeyPatch) -> None:
-    painter = FloorPainter(scene())
+def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]]) -> None:
     sizes = {
         width: math.prod(Shown(view_of(), width=width, painter=FloorPainter(scene())).image.size)
         for width in (300, 301, 302)
     }
-    monkeypatch.setattr(picture, "MAX_CACHED_PX", sum(sizes.values()) - 1)
+    painter = FloorPainter(scene(), max_cached_px=sum(sizes.values()) - 1)
     drawn.clear()
     for width in (300, 301, 300, 302, 300, 302, 301):
         Shown(view_of(), width=width, painter=painter)
     assert [width for _, width in drawn] == [300, 301, 302, 301]
 
 
-def test_a_layer_that_is_larger_than_all_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "MAX_CACHED_PX", 1)
-    painter = FloorPainter(scene())
+def test_a_layer_larger_than_the_cache_is_drawn() -> None:
+    painter = FloorPainter(scene(), max_cached_px=1)
     assert Shown(view_of(), painter=painter).png == Shown(view_of(), painter=painter).png
 
 
@@ -544,7 +537,7 @@ def test_threads_draw_at_the_same_time(drawn: list[tuple[str, int]]) -> None:
     assert pictures == [draw(which) for which in asked]
 
 
-# ---- anything ----
+# ---- any view ----
 
 finite = st.one_of(st.floats(-30.0, 30.0), st.floats(allow_nan=False, allow_infinity=False))
 single = st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -588,9 +581,6 @@ WIDTHS = (200, 333, 640)
 def test_any_view_gives_a_picture(
     floor: str, placed: list[Placed], seen: list[ScanFan], moment: ElevatorState, width: int, caption: str
 ) -> None:
-    shown = Shown(view_of(*placed, floor=floor, E1=moment), seen, width, caption, ANY)
+    shown = Shown(view_of(*placed, floor=floor, E1=moment), seen, width, caption)
     assert shown.image.size == (width, drawing.Frame(scene(), floor, width, True).height)
     assert shown.image.format == "PNG"
-
-
-ANY = FloorPainter(scene())

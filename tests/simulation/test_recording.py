@@ -1,4 +1,4 @@
-"""Recordings: what was written is read again, also when the recorder was killed or the file is damaged."""
+"""Recordings: written updates are read again, also after a kill of the recorder or damage to the file."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import StateDamaged
+from robocorba.errors.simulation import InvalidRecording
 from robocorba.maps.model import Building, Floor, FloorMap
-from robocorba.simulation.recording import CHUNK_S, MAP, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
+from robocorba.simulation.recording import CHUNK_S, MAP_ATTACHMENT, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.testing.buildings import two_floors
@@ -58,14 +58,14 @@ def same(one: FloorUpdate, other: FloorUpdate) -> bool:
 
 
 def moved(floor: str, version: int, x: float) -> FloorUpdate:
-    """An update by which the robot A of a floor comes, version 1, or moves."""
+    """An update that adds (version 1) or moves the robot A of a floor."""
     came = [Body(1, BodyKind.ROBOT, "A", 0.4, (), 127.0)] if version == 1 else []
     rows = np.array([(1, 1.0, 0.0, 0.0, x, 2.0, 0.0)], MOTION)
     return FloorUpdate(floor, version - 1, version, 0.05 * version, 1, came, [], rows, {})
 
 
 def record(path: Path, count: int = 100, building: Building | None = None, every_s: float = 0.05) -> list[FloorUpdate]:
-    """A robot moves on each floor."""
+    """Record a robot that moves on each floor; return the updates."""
     building = building or two_floors()
     written = [moved(floor, version, 0.1 * version) for version in range(1, count + 1) for floor in building.floors]
     with Recorder(path, building) as recorder:
@@ -75,9 +75,9 @@ def record(path: Path, count: int = 100, building: Building | None = None, every
 
 
 def assert_prefix(path: Path, written: Sequence[FloorUpdate]) -> Recording:
-    """It holds what was written, in order, perhaps without the last ones."""
+    """Check that a file holds the written updates in order, perhaps without the last ones."""
     found = Recording(path)
-    read = [update for _, update in found]
+    read = [update for _, update in found.updates()]
     assert len(read) == found.count <= len(written)
     assert all(map(same, read, written))
     return found
@@ -104,7 +104,7 @@ def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple
     assert found.is_complete
     assert found.building == two_floors()
     assert found.floors == list(dict.fromkeys(update.floor for update, _ in steps))
-    read = list(found)
+    read = list(found.updates())
     assert len(read) == found.count == len(steps)
     assert all(same(update, written) for (_, update), (written, _) in zip(read, steps, strict=True))
     assert [at for at, _ in read] == pytest.approx([at - found.began for at in times], abs=1e-6)
@@ -118,7 +118,7 @@ def test_any_mcap_tool_can_read_it(tmp_path: Path) -> None:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == PROFILE
         (attachment,) = reader.iter_attachments()
-        assert (attachment.name, attachment.media_type) == (MAP, "application/gzip")
+        assert (attachment.name, attachment.media_type) == (MAP_ATTACHMENT, "application/gzip")
         messages = list(reader.iter_messages(topics=["floor/L2"]))
     assert len(messages) == 40
     schema, channel, message = messages[1]
@@ -145,7 +145,7 @@ def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
     found = Recording(tmp_path / "a.mcap")
     assert {update.floor for _, update in found.updates(["L2"])} == {"L2"}
     times = []
-    for at_s, views in found.moments(0.5):
+    for at_s, views in found.sampled(0.5):
         times.append(at_s)
         for view in views.values():
             assert view.motion(1)["x"] == pytest.approx(0.1 * view.version)
@@ -158,22 +158,25 @@ def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
         next(found.updates(["L1", "L3"]))
 
 
-def test_what_is_there_stays(tmp_path: Path) -> None:
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     written = record(tmp_path / "a.mcap", 3)
-    with pytest.raises(StateDamaged, match="File exists"):
+    with pytest.raises(InvalidRecording, match="File exists"):
         Recorder(tmp_path / "a.mcap", two_floors())
     assert_prefix(tmp_path / "a.mcap", written)
 
 
-def test_where_nothing_can_be_written(tmp_path: Path) -> None:
-    with pytest.raises(StateDamaged, match="No such file"):
+def test_unusable_paths_are_reported(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRecording, match="No such file"):
         Recorder(tmp_path / "no" / "a.mcap", two_floors())
-    with pytest.raises(StateDamaged, match="Is a directory"):
+    with pytest.raises(InvalidRecording, match="Is a directory"):
         Recorder(tmp_path, two_floors(), overwrite=True)
 
 
-def test_a_full_disk_is_told_and_keeps_what_is_there() -> None:
-    with pytest.raises(StateDamaged, match="No space left"), Recorder(Path("/dev/full"), Building("b"), overwrite=True):
+def test_a_full_disk_is_reported() -> None:
+    with (
+        pytest.raises(InvalidRecording, match="No space left"),
+        Recorder(Path("/dev/full"), Building("b"), overwrite=True),
+    ):
         pass
 
 
@@ -187,11 +190,11 @@ def test_it_can_be_read_while_it_is_recorded(tmp_path: Path) -> None:
         assert 100 - CHUNK_S / 0.05 <= found.count <= 100
         recorder.write(moved("L1", 101, 0.0), BEGAN + 6.0)
         recorder.flush()
-        assert len(list(found)) == found.count
+        assert len(list(found.updates())) == found.count
         assert Recording(tmp_path / "a.mcap").count == 101
 
 
-def test_what_a_killed_recorder_wrote_can_be_read(tmp_path: Path) -> None:
+def test_the_file_of_a_killed_recorder_can_be_read(tmp_path: Path) -> None:
     program = """
 import os, sys
 from pathlib import Path
@@ -228,7 +231,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Floo
     return path.read_bytes(), written
 
 
-def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path) -> None:
+def test_a_truncated_file_is_read_up_to_its_end(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path) -> None:
     data, written = recorded
     file = tmp_path / "a.mcap"
     file.write_bytes(data)
@@ -237,20 +240,22 @@ def test_cut_off_anywhere_it_reads_what_is_before(recorded: tuple[bytes, list[Fl
         os.truncate(file, length)
         try:
             counts.append(assert_prefix(file, written).count)
-        except StateDamaged:
+        except InvalidRecording:
             break
     assert counts == sorted(counts, reverse=True)
     assert len(set(counts)) >= 4
     assert (counts[0], counts[-1]) == (12, 0)
     for shorter in range(length):
         os.truncate(file, shorter)
-        with pytest.raises(StateDamaged):
+        with pytest.raises(InvalidRecording):
             Recording(file)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=300)
 @given(draw=st.data())
-def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject) -> None:
+def test_a_damaged_byte_is_reported(
+    recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject
+) -> None:
     data, written = recorded
     damaged = bytearray(data)
     for place in draw.draw(st.lists(st.integers(0, len(data) - 1), min_size=1, max_size=3)):
@@ -259,8 +264,8 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
     try:
         found = Recording(tmp_path / "a.mcap")
         read = list(found.updates())
-        views = list(found.moments(0.05))
-    except StateDamaged:
+        views = list(found.sampled(0.05))
+    except InvalidRecording:
         return
     assert found.building == SMALL
     assert views
@@ -269,37 +274,37 @@ def test_a_damaged_byte_is_told(recorded: tuple[bytes, list[FloorUpdate]], tmp_p
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.binary())
-def test_any_other_file_is_told(tmp_path: Path, data: bytes) -> None:
+def test_any_other_file_is_refused(tmp_path: Path, data: bytes) -> None:
     for content in (data, b"\x89MCAP0\r\n" + data):
         (tmp_path / "a.mcap").write_bytes(content)
-        with pytest.raises(StateDamaged):
+        with pytest.raises(InvalidRecording):
             Recording(tmp_path / "a.mcap")
 
 
-def test_other_files_are_told_apart(tmp_path: Path) -> None:
+def test_the_error_names_the_kind_of_file(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
-    with pytest.raises(StateDamaged, match="No such file"):
+    with pytest.raises(InvalidRecording, match="No such file"):
         Recording(file)
-    with pytest.raises(StateDamaged, match="Is a directory"):
+    with pytest.raises(InvalidRecording, match="Is a directory"):
         Recording(tmp_path)
     file.write_text("robocorba: 1")
-    with pytest.raises(StateDamaged, match="not an MCAP file"):
+    with pytest.raises(InvalidRecording, match="not an MCAP file"):
         Recording(file)
     writer = Writer(str(file))
     writer.start("ros2")
     writer.finish()
-    with pytest.raises(StateDamaged, match="not a recording"):
+    with pytest.raises(InvalidRecording, match="not a recording"):
         Recording(file)
     writer = Writer(str(file))
     writer.start(PROFILE)
     writer.finish()
-    with pytest.raises(StateDamaged, match="no map"):
+    with pytest.raises(InvalidRecording, match="no map"):
         Recording(file)
 
 
-def test_what_can_not_be_followed_is_told(tmp_path: Path) -> None:
+def test_updates_that_do_not_fit_are_reported(tmp_path: Path) -> None:
     for strange in (moved("L1", 3, 1.0), moved("L1", 2, 1.0)._replace(since=0)):
         with Recorder(tmp_path / "a.mcap", two_floors(), overwrite=True) as recorder:
             recorder.write(strange, BEGAN)
-        with pytest.raises(StateDamaged, match="damaged"):
+        with pytest.raises(InvalidRecording, match="damaged"):
             Recording(tmp_path / "a.mcap").at(0.0)

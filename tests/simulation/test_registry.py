@@ -29,7 +29,7 @@ def test_each_robot_has_a_secret_of_its_own(registry: Registry) -> None:
     assert all(len(key) >= 32 for key in keys)
 
 
-def test_a_name_and_a_slot_are_taken_until_they_are_free(registry: Registry, clock: Clock) -> None:
+def test_a_name_and_a_slot_are_taken_until_the_log_off(registry: Registry, clock: Clock) -> None:
     clients = [registry.register(robot(name)) for name in "ABC"]
     with pytest.raises(NameTaken):
         registry.register(robot("B"))
@@ -54,7 +54,7 @@ def test_a_name_and_a_slot_are_taken_until_they_are_free(registry: Registry, clo
         registry.register(robot("E"))
 
 
-def test_whoever_is_not_heard_of_is_found(registry: Registry, clock: Clock) -> None:
+def test_a_robot_that_does_not_call_is_found(registry: Registry, clock: Clock) -> None:
     alive, dead = registry.register(robot("A")), registry.register(robot("B"))
     for _ in range(5):
         clock.now += 1.0
@@ -94,7 +94,7 @@ def test_a_session_outlives_the_server(clock: Clock) -> None:
         ("acceleration", {"limits": Limits(acceleration=0.0)}),
     ],
 )
-def test_a_description_that_can_not_be_names_the_field(field: str, changed: dict) -> None:
+def test_an_invalid_description_names_the_field(field: str, changed: dict) -> None:
     with pytest.raises(InvalidDescription) as refused:
         Description(**{"name": "A", "pose": Pose("L1", 0.0, 0.0), **changed})
     assert refused.value.field == field

@@ -1,4 +1,4 @@
-"""Areas that robots reserve: all or none, who asked first goes first, nobody waits longer than was said."""
+"""Areas that robots reserve: all or none, first come first served, bounded waits."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidReservation, ReservationsFull
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation import reservations
-from robocorba.simulation.reservations import Reservations, Wanted, wanted_of
+from robocorba.simulation.reservations import AreaRequest, Reservations, area_request
 from robocorba.simulation.world_record import ReservationRecord
 from robocorba.spatial.pose import XY
 
@@ -26,15 +25,21 @@ def box(x: float, y: float, width: float = 1.0, height: float = 1.0, floor: str 
     return floor, ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
 
 
-def wanted(*areas: FloorArea, limit_s: float = 60.0) -> Wanted:
-    return wanted_of(areas, limit_s, FLOORS)
+def wanted(*areas: FloorArea, limit_s: float = 60.0) -> AreaRequest:
+    return area_request(areas, limit_s, FLOORS)
 
 
 def granted(kept: Reservations) -> set[str]:
     return {request.owner for request in kept.requests.values() if request.granted_at is not None}
 
 
-def test_who_asked_first_goes_first() -> None:
+def longest_wait(kept: Reservations, owner: str) -> float:
+    status = kept.find(owner, kept.now)
+    assert status
+    return status.longest_wait_s
+
+
+def test_requests_are_granted_in_their_order() -> None:
     kept = Reservations()
     kept.reserve("A", wanted(box(0, 0, 3)))
     kept.reserve("B", wanted(box(2, 0, 3)))
@@ -71,7 +76,7 @@ def test_neighbours_share_an_edge() -> None:
     assert granted(kept) == {"A", "B", "C"}
 
 
-def test_what_lies_behind_is_given_back() -> None:
+def test_areas_are_released_one_by_one() -> None:
     kept = Reservations()
     legs = [box(0, 0), box(1, 0), box(2, 0)]
     kept.reserve("A", wanted(*legs))
@@ -91,12 +96,12 @@ def test_what_lies_behind_is_given_back() -> None:
         kept.keep("A", ())
 
 
-def test_a_grant_ends_when_its_limit_is_over() -> None:
+def test_a_grant_ends_at_its_limit() -> None:
     kept = Reservations(now=5.0)
     kept.reserve("A", wanted(box(0, 0), limit_s=10.0))
     kept.reserve("B", wanted(box(0, 0), limit_s=20.0))
     kept.reserve("C", wanted(box(0, 0), limit_s=30.0))
-    assert [kept.longest_wait(owner) for owner in "ABC"] == [0.0, 10.0, 30.0]
+    assert [longest_wait(kept, owner) for owner in "ABC"] == [0.0, 10.0, 30.0]
     assert kept.advance(14.9) == []
     assert kept.find("A", 14.9) == (True, 0, 0.0, pytest.approx(0.1))
     # A long step: B's grant began when A's ended, not when somebody looked.
@@ -106,7 +111,7 @@ def test_a_grant_ends_when_its_limit_is_over() -> None:
     assert not kept.requests
 
 
-def test_all_goes_on_after_a_restart() -> None:
+def test_requests_are_restored_after_a_restart() -> None:
     kept = Reservations()
     kept.reserve("A", wanted(box(0, 0), box(3, 3), limit_s=10.0))
     kept.reserve("gone", wanted(box(5, 0)))
@@ -118,7 +123,7 @@ def test_all_goes_on_after_a_restart() -> None:
     again = Reservations()
     again.restore(msgspec.msgpack.decode(data, type=list[ReservationRecord]), 3.9, {"A", "B", "C", "D"})
     assert granted(again) == {"A", "D"}  # D: who was before it is not there any more
-    assert (again.longest_wait("B"), again.longest_wait("C")) == (pytest.approx(6.1), pytest.approx(66.1))
+    assert (longest_wait(again, "B"), longest_wait(again, "C")) == (pytest.approx(6.1), pytest.approx(66.1))
     again.keep("A", wanted(box(3, 3)).areas)
     assert granted(again) == {"A", "B", "D"}
 
@@ -141,18 +146,17 @@ def test_all_goes_on_after_a_restart() -> None:
         ("areas[0].polygon", [box(0, 0, 5.0, 0.001)], 1.0),
     ],
 )
-def test_what_can_not_be_is_refused_by_name(field: str, areas: Sequence[FloorArea], limit_s: float) -> None:
+def test_invalid_requests_name_the_field(field: str, areas: Sequence[FloorArea], limit_s: float) -> None:
     with pytest.raises(InvalidReservation) as refused:
-        wanted_of(areas, limit_s, FLOORS)
+        area_request(areas, limit_s, FLOORS)
     assert refused.value.field == field
 
 
-def test_a_robot_has_one_request_and_a_building_some(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_number_of_requests_is_limited() -> None:
     with pytest.raises(UnknownFloor) as unknown:
         wanted(box(0, 0), box(0, 0, floor="L9" * 999))
     assert (unknown.value.which, len(unknown.value.floor)) == ("areas[1]", 200)
-    monkeypatch.setattr(reservations, "MAX_REQUESTS", 2)
-    kept = Reservations()
+    kept = Reservations(max_requests=2)
     kept.reserve("A", wanted(box(0, 0)))
     with pytest.raises(InvalidReservation) as refused:
         kept.reserve("A", wanted(box(5, 0)))
@@ -163,13 +167,13 @@ def test_a_robot_has_one_request_and_a_building_some(monkeypatch: pytest.MonkeyP
     assert list(kept.requests) == ["A", "B"]
 
 
-# ---- whatever robots do ----
+# ---- any actions of robots ----
 
 #: Corners on a grid: two boxes overlap as sets of its squares, without any geometry.
 boxes = st.tuples(st.integers(0, 5), st.integers(0, 5), st.integers(1, 3), st.integers(1, 3), st.sampled_from(FLOORS))
 requests = st.tuples(st.just("reserve"), st.lists(boxes, min_size=1, max_size=3), st.sampled_from([1.0, 7.5, 60.0]))
 owners = st.integers(0, 5)
-deeds = st.lists(
+actions = st.lists(
     st.tuples(
         st.sampled_from([0.0, 0.5, 3.0, 20.0]),
         owners,
@@ -190,8 +194,8 @@ def squares_of(areas: Sequence[tuple[str, tuple[XY, ...]]]) -> Squares:
 
 
 @settings(deadline=None, max_examples=150)
-@given(deeds)
-def test_grants_never_overlap_and_nobody_waits_longer_than_was_said(deeds: list) -> None:
+@given(actions)
+def test_grants_never_overlap_and_no_request_waits_longer_than_its_bound(actions: list) -> None:
     kept, now = Reservations(), 0.0
     bounds: dict[str, float] = {}
     was_granted: dict[str, float] = {}
@@ -210,7 +214,7 @@ def test_grants_never_overlap_and_nobody_waits_longer_than_was_said(deeds: list)
                 assert at is not None and at <= bounds[owner] + 1e-9
                 assert was_granted.setdefault(owner, at) == at, "a grant is not taken back"
             else:
-                assert now + kept.longest_wait(owner) <= bounds[owner] + 1e-9, "a bound only gets less"
+                assert now + longest_wait(kept, owner) <= bounds[owner] + 1e-9, "a bound only gets less"
                 assert now <= bounds[owner] + 1e-9
 
     def forget(owner: str) -> None:
@@ -223,25 +227,25 @@ def test_grants_never_overlap_and_nobody_waits_longer_than_was_said(deeds: list)
             assert at is not None and at + over.limit_s <= until and at <= bounds[over.owner] + 1e-9
             forget(over.owner)
 
-    for seconds, number, (deed, what, limit_s) in deeds:
+    for seconds, number, (action, what, limit_s) in actions:
         now += seconds
         pass_time(now)
         look()
         owner = f"R{number}"
-        if deed == "reserve" and owner not in kept.requests:
+        if action == "reserve" and owner not in kept.requests:
             areas = [box(x, y, width, height, floor) for x, y, width, height, floor in what]
             kept.reserve(owner, wanted(*areas, limit_s=limit_s))
-            asked[owner], bounds[owner] = next(numbers), now + kept.longest_wait(owner)
+            asked[owner], bounds[owner] = next(numbers), now + longest_wait(kept, owner)
             ahead_s = sum(request.limit_s for other, request in kept.requests.items() if other != owner)
             assert bounds[owner] <= now + ahead_s + 1e-9
-        elif deed == "release":
+        elif action == "release":
             kept.release(owner)
             forget(owner)
-        elif deed == "keep" and owner in kept.requests:
+        elif action == "keep" and owner in kept.requests:
             kept.keep(owner, kept.requests[owner].areas[1:])
             if owner not in kept.requests:
                 forget(owner)
-        elif deed == "kill":  # of the server: what it knows is what it wrote
+        elif action == "kill":  # of the server: what it knows is what it wrote
             records = msgspec.msgpack.decode(msgspec.msgpack.encode(kept.record()), type=list[ReservationRecord])
             kept = Reservations()
             kept.restore(records, now, {record.owner for record in records})

@@ -15,7 +15,7 @@ from robocorba.simulation.simulation_loop import SimulationLoop
 
 
 class Counter:
-    """Steps that were made, and how often there was time in between."""
+    """Counts steps and runs of the housekeeping."""
 
     def __init__(self) -> None:
         self.steps = self.between = 0
@@ -36,20 +36,20 @@ def counter() -> Iterator[Counter]:
 
 
 def passed(counter: Counter, seconds: float) -> float:
-    """Simulated seconds in so many real ones, a second."""
+    """Simulated seconds per second, measured over real seconds."""
     before, began = counter.steps, time.monotonic()
     time.sleep(seconds)
     return (counter.steps - before) * STEP_S / (time.monotonic() - began)
 
 
 @pytest.mark.parametrize("pace", [1.0, 10.0])
-def test_time_passes_as_fast_as_asked(counter: Counter, pace: float) -> None:
+def test_time_passes_at_the_requested_pace(counter: Counter, pace: float) -> None:
     counter.loop.configure(pace, False)
     counter.loop.start()
     assert passed(counter, 0.6) == pytest.approx(pace, rel=0.3)
 
 
-def test_time_passes_as_fast_as_possible_and_calls_have_their_turn(counter: Counter) -> None:
+def test_calls_are_executed_at_full_pace(counter: Counter) -> None:
     counter.loop.configure(0.0, False)
     counter.loop.start()
     assert passed(counter, 0.2) > 20.0
@@ -58,7 +58,7 @@ def test_time_passes_as_fast_as_possible_and_calls_have_their_turn(counter: Coun
     assert counter.between > before
 
 
-def test_a_new_pace_holds_at_once(counter: Counter) -> None:
+def test_a_new_pace_applies_immediately(counter: Counter) -> None:
     counter.loop.configure(0.001, False)
     counter.loop.start()
     time.sleep(0.1)
@@ -66,7 +66,7 @@ def test_a_new_pace_holds_at_once(counter: Counter) -> None:
     assert passed(counter, 0.4) > 5.0
 
 
-def test_paused_time_stands_and_can_be_stepped(counter: Counter) -> None:
+def test_paused_time_can_be_stepped(counter: Counter) -> None:
     counter.loop.configure(1.0, True)
     counter.loop.start()
     with pytest.raises(InvalidChoice):
@@ -84,7 +84,7 @@ def test_paused_time_stands_and_can_be_stepped(counter: Counter) -> None:
         counter.loop.step(1)
 
 
-def test_what_a_call_raises_reaches_who_made_it(counter: Counter) -> None:
+def test_the_error_of_a_call_reaches_its_caller(counter: Counter) -> None:
     counter.loop.start()
     with pytest.raises(ZeroDivisionError):
         counter.loop.do(lambda: 1 // 0)
@@ -107,7 +107,7 @@ def test_a_fault_in_a_step_does_not_stop_time() -> None:
     assert len(steps) >= 3
 
 
-def test_whoever_waits_when_time_ends_is_told(counter: Counter) -> None:
+def test_a_pending_call_ends_when_the_loop_closes(counter: Counter) -> None:
     counter.loop.start()
     holding, results = threading.Event(), []
     first = threading.Thread(target=lambda: counter.loop.do(lambda: holding.wait(2.0)))
@@ -130,6 +130,6 @@ def test_whoever_waits_when_time_ends_is_told(counter: Counter) -> None:
 
 
 @pytest.mark.parametrize("pace", [-1.0, float("nan"), 1001.0])
-def test_a_pace_that_can_not_be(counter: Counter, pace: float) -> None:
+def test_an_invalid_pace_is_refused(counter: Counter, pace: float) -> None:
     with pytest.raises(InvalidChoice):
         counter.loop.configure(pace, False)

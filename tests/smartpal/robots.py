@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from robocorba.smartpal.codes import Answer
-from robocorba.smartpal.dynamics import STEP_S
-from robocorba.smartpal.robot import SmartPal
-from robocorba.smartpal.unit import SERVO_ON_S
+from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.dynamics import STEP_S
+from robocorba.smartpal_stand_in.robot import SmartPal
+from robocorba.smartpal_stand_in.unit import SERVO_ON_S
 
 
 def run(robot: SmartPal, seconds: float) -> None:

@@ -12,7 +12,7 @@ import pytest
 from robocorba.control import smartpal_adaptor
 from robocorba.control.smartpal_adaptor import SmartPalAdaptor
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
-from robocorba.kinematics.smartpal import JOINTS, SPEED, Side
+from robocorba.kinematics.smartpal import JOINT_SPEED, JOINTS, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.spatial.grids import Floats
 
@@ -50,7 +50,7 @@ class Units:
             raise AdaptorFailed(f"{unit} does not answer")
         self.calls.append(("stop", unit))
 
-    def place(self) -> tuple[float, float, float]:
+    def pose(self) -> tuple[float, float, float]:
         time.sleep(self.delay_s)
         return self.odometry
 
@@ -111,7 +111,7 @@ def test_arms_get_what_is_wanted_and_what_takes_back_the_error(units: Units, ada
     assert adaptor.write(ActorCommand(joints=joints, joint_velocities=moving))
     left, right = (order[2] for order in orders(units, "jog_arm"))
     assert left == pytest.approx([0.3 + smartpal_adaptor.GAIN * 0.05, *[smartpal_adaptor.GAIN * 0.05] * 6])
-    assert right == pytest.approx([SPEED[7], *[0.0] * 6])
+    assert right == pytest.approx([JOINT_SPEED[7], *[0.0] * 6])
 
 
 def test_what_stands_is_neither_told_so_again_nor_asked_for_each_time(units: Units, adaptor: SmartPalAdaptor) -> None:
@@ -189,10 +189,9 @@ def test_a_stop_names_who_did_not_and_stops_the_others(units: Units, adaptor: Sm
     assert not adaptor.stop()
 
 
-def test_a_robot_that_does_not_get_ready(units: Units, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(smartpal_adaptor, "START_LIMIT_S", 0.2)
+def test_a_robot_that_does_not_get_ready(units: Units) -> None:
     units.never_ready = {"Lumbar"}
-    adaptor = SmartPalAdaptor(lambda naming: units)
+    adaptor = SmartPalAdaptor(lambda naming: units, start_limit_s=0.2)
     with pytest.raises(UnitFailed, match="fever"):
         adaptor.start(ARGUMENTS)
     assert not adaptor.read(RobotState())
@@ -201,7 +200,7 @@ def test_a_robot_that_does_not_get_ready(units: Units, monkeypatch: pytest.Monke
 
 
 def places(units: Units) -> list[tuple[Any, ...]]:
-    return [order[1:] for order in orders(units, "set_place")]
+    return [order[1:] for order in orders(units, "set_pose")]
 
 
 def test_a_robot_is_told_where_it_stands_when_it_is_started_first(units: Units) -> None:

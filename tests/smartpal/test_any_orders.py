@@ -9,9 +9,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from robocorba.kinematics.smartpal import LOWER, SPEED, UPPER, Side
-from robocorba.smartpal.codes import Alarm, AlarmType, Answer, AxesState
-from robocorba.smartpal.robot import SmartPal
+from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, Side
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready
 
 UNITS = ("Mobility", "Lumbar", "MnpL", "MnpR", "GripperL", "GripperR")
@@ -86,9 +86,9 @@ class AnyOrders(RuleBasedStateMachine):
     @invariant()
     def limits_are_kept(self) -> None:
         dynamics = self.robot.dynamics
-        assert np.all(dynamics.joints >= LOWER - 1e-6)
-        assert np.all(dynamics.joints <= UPPER + 1e-6)
-        assert np.all(np.abs(dynamics.joint_velocities) <= SPEED + 1e-6)
+        assert np.all(dynamics.joints >= JOINT_LOWER - 1e-6)
+        assert np.all(dynamics.joints <= JOINT_UPPER + 1e-6)
+        assert np.all(np.abs(dynamics.joint_velocities) <= JOINT_SPEED + 1e-6)
         assert math.hypot(*dynamics.base_velocity[:2]) <= 1.2
         assert np.all(np.isfinite(dynamics.state.true_joints))
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, LOWER, UPPER, Side
-from robocorba.smartpal.arm import MAX_MOTIONS, Arm
-from robocorba.smartpal.codes import Answer, AxesState
-from robocorba.smartpal.robot import SmartPal
+from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, Side
+from robocorba.smartpal_stand_in.arm import MAX_MOTIONS, Arm
+from robocorba.smartpal_stand_in.codes import Answer, AxesState
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (
@@ -226,8 +226,8 @@ def test_jogs_halt_at_limits() -> None:
     for _ in range(250):
         assert arm.jog_joints([0.0, -60.0, 0.0, -60.0, 0.0, 60.0, -60.0]) is OK
         run(robot, 0.02)
-        assert np.all(robot.dynamics.state.true_joints[ARM[Side.LEFT]] <= UPPER[ARM[Side.LEFT]] + 0.003)
-        assert np.all(robot.dynamics.state.true_joints[ARM[Side.LEFT]] >= LOWER[ARM[Side.LEFT]] - 0.003)
+        assert np.all(robot.dynamics.state.true_joints[ARM[Side.LEFT]] <= JOINT_UPPER[ARM[Side.LEFT]] + 0.003)
+        assert np.all(robot.dynamics.state.true_joints[ARM[Side.LEFT]] >= JOINT_LOWER[ARM[Side.LEFT]] - 0.003)
     assert arm.feedback == pytest.approx([0.0, -109.5, 0.0, -1.5, 0.0, 44.0, -89.5], abs=0.1)
 
 

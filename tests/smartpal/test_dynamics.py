@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from robocorba.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
-from robocorba.smartpal.dynamics import BASE, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
-from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal_stand_in.dynamics import BASE_AXES, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, speed
 
 
@@ -58,7 +58,7 @@ def test_the_same_seed_and_orders_give_the_same_run() -> None:
 
 def test_a_jammed_axis_does_not_move() -> None:
     dynamics = Dynamics()
-    first = len(BASE)
+    first = len(BASE_AXES)
     dynamics.jam(slice(first, first + 1), True)
     dynamics.joints[:2] = 0.3, -0.3
     steps(dynamics, 0.5)

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import pytest
 
 from robocorba.kinematics.smartpal import Side
-from robocorba.smartpal.codes import Answer, AxesState
-from robocorba.smartpal.lumbar import Lumbar
-from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal_stand_in.codes import Answer, AxesState
+from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, until_stopped
 
 OK, WRONG, RANGE, FAST = Answer.OK, Answer.WRONG_STATE, Answer.OUT_OF_RANGE, Answer.TOO_FAST

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from robocorba.smartpal.codes import Alarm, AlarmType, Answer, MobilityState
-from robocorba.smartpal.mobility import Mobility
-from robocorba.smartpal.robot import SmartPal
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer, MobilityState
+from robocorba.smartpal_stand_in.mobility import Mobility
+from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, speed, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from robocorba.settings import InvalidSetting, SmartPalSettings
-from robocorba.smartpal.dynamics import STEP_S
-from robocorba.smartpal.robot import RealTime
+from robocorba.smartpal_stand_in.dynamics import STEP_S
+from robocorba.smartpal_stand_in.robot import RealTime
 from robocorba.testing.processes import eventually
 
 COMMON = ["--endpoint", "127.0.0.1:2", "--naming", "127.0.0.1:1"]

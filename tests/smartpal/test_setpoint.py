@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.smartpal.dynamics import STEP_S
-from robocorba.smartpal.setpoint import Setpoint
+from robocorba.smartpal_stand_in.dynamics import STEP_S
+from robocorba.smartpal_stand_in.setpoint import Setpoint
 
 
 @settings(max_examples=60, deadline=None)

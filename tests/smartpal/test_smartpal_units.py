@@ -11,7 +11,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.remote import smartpal_units
-from robocorba.corba.remote.smartpal_units import CALL_LIMIT_S, RemoteSmartPalUnits, units_at
+from robocorba.corba.remote.smartpal_units import CALL_TIMEOUT_S, RemoteSmartPalUnits, units_at
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import Side
@@ -63,7 +63,7 @@ def units(notes: Notes) -> RemoteSmartPalUnits:
 
 
 def test_what_is_told_is_in_millimetres_and_degrees(notes: Notes, units: RemoteSmartPalUnits) -> None:
-    units.set_place(1.5, -2.0, math.pi / 2)
+    units.set_pose(1.5, -2.0, math.pi / 2)
     units.set_base_limits(1.0, math.radians(100), 0.5, math.radians(50))
     units.jog_base(0.3, -0.1, math.radians(20))
     units.jog_arm(Side.RIGHT, np.radians([1.0, 2, 3, 4, 5, 6, 7]))
@@ -95,7 +95,7 @@ def test_what_is_read_is_in_metres_and_radians(notes: Notes, units: RemoteSmartP
         ("Lumbar", "getFeedback"): (True, -9.0, 18.0),
         ("GripperR", "getFeedback"): (True, -36.0),
     }
-    assert units.place() == pytest.approx((1.5, -0.25, math.pi))
+    assert units.pose() == pytest.approx((1.5, -0.25, math.pi))
     assert units.arm(Side.LEFT) == pytest.approx([math.pi / 2, 0, 0, 0, 0, 0, -math.pi / 2])
     assert units.lumbar() == pytest.approx([-math.pi / 20, math.pi / 10])
     assert units.grip(Side.RIGHT) == pytest.approx(-math.pi / 5)
@@ -145,7 +145,7 @@ def test_a_call_is_repeated_only_after_a_short_pause_of_this_process(
     monkeypatch.setattr(smartpal_units, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
     def answer() -> Any:
-        now[0] += CALL_LIMIT_S + paused_s
+        now[0] += CALL_TIMEOUT_S + paused_s
         return CORBA.TIMEOUT() if len(notes.calls) == 1 else (True, 90.0)
 
     notes.answers = {("GripperL", "getFeedback"): answer}

@@ -10,8 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robocorba.supervision import launch
-from robocorba.supervision.launch import ChildProcess
+from robocorba.supervision.launch import LoggedProcess
 from robocorba.testing.processes import eventually, is_running
 
 ECHO = "import sys\nfor line in sys.stdin: print(line, end='', flush=True)"
@@ -21,15 +20,15 @@ STUBBORN = (
 PARENT = """
 import sys
 from pathlib import Path
-from robocorba.supervision.launch import ChildProcess
-child = ChildProcess(Path(sys.argv[1]), "sleep", "60")
+from robocorba.supervision.launch import LoggedProcess
+child = LoggedProcess(Path(sys.argv[1]), "sleep", "60")
 print(child.pid, flush=True)
 sys.stdin.read()
 """
 
 
 def test_lines(tmp_path: Path) -> None:
-    with ChildProcess(tmp_path / "log", sys.executable, "-c", ECHO, has_stdin=True) as child:
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", ECHO, stdin=subprocess.PIPE) as child:
         child.write_line("one")
         assert child.read_line(20.0) == "one\n"
         with pytest.raises(TimeoutError):
@@ -43,7 +42,7 @@ def test_environment_folder_cores_and_log(tmp_path: Path) -> None:
     code = "import os, sys; print(os.sched_getaffinity(0), os.getcwd(), dict(os.environ)); sys.exit('out of order')"
     core = max(os.sched_getaffinity(0))
     command = (sys.executable, "-c", code)
-    with ChildProcess(tmp_path / "log", *command, cwd=tmp_path, environment={"A": "b"}, cores=(core,)) as child:
+    with LoggedProcess(tmp_path / "log", *command, cwd=tmp_path, env={"A": "b"}, cores=(core,)) as child:
         printed = child.read_line(20.0)
     assert printed.startswith(f"{{{core}}} {tmp_path} ")
     assert "'A': 'b'" in printed
@@ -51,9 +50,8 @@ def test_environment_folder_cores_and_log(tmp_path: Path) -> None:
     assert child.log_tail(6) == "order\n"
 
 
-def test_a_child_that_ignores_sigterm_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(launch, "END_LIMIT_S", 0.2)
-    with ChildProcess(tmp_path / "log", sys.executable, "-c", STUBBORN) as child:
+def test_a_child_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", STUBBORN, grace_period_s=0.2) as child:
         assert child.read_line(20.0) == "ready\n"
     assert not child.is_running
 

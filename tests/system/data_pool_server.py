@@ -40,7 +40,7 @@ def main(naming: str, floor: str, robot: str) -> None:
 
         def obey() -> None:
             for line in sys.stdin:
-                print(follower.pool.go_to(line.strip()), flush=True)
+                print(follower.pool.change_floor(line.strip()), flush=True)
             orb.stop()
 
         threading.Thread(target=obey, daemon=True).start()

@@ -19,7 +19,7 @@ from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import Launcher, claimed_ports, eventually
 
 #: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
@@ -44,9 +44,7 @@ class Place:
     def __init__(self, launch: Launcher, port: int, orb: Orb) -> None:
         self.launch, self.port, self.orb = launch, port, orb
         self._offsets: dict[str, int] = {}
-        endpoint = ("-ORBendPoint", f"giop:tcp:127.0.0.1:{port}")
-        where = ("-start", str(port), "-always", "-nohostname", "-datadir", str(launch.folder))
-        launch(find_omninames(), *where, *endpoint)
+        launch(*naming_service_command(Address("127.0.0.1", port), launch.folder))
 
     def start(self, name: str, server: str = "robocorba.servers.event_channel") -> Popen[str]:
         """Start channel `name`, or start it again; waits until it answers."""

@@ -16,7 +16,7 @@ import pytest
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.remote.data_pool import PoolFollower, RemotePool
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import UnknownPlan
@@ -84,11 +84,13 @@ def test_the_pool_follows_a_robot_that_drives(place: Place) -> None:
     with following(place, "L1", "me") as pool:
         drive_to(me, (HALL[0] + 2.0, HALL[1]))
         at = eventually(lambda: me.state().moving.ahead == 0.0 and me.state().at)
-        seen = eventually(lambda: (one := pool.robot("me")) and math.dist((one.x, one.y), (at.x, at.y)) < 1e-9 and one)
+        seen = eventually(
+            lambda: (one := pool.snapshot().robot("me")) and math.dist((one.x, one.y), (at.x, at.y)) < 1e-9 and one
+        )
         assert (pool.problem, pool.floor, seen.radius_m) == ("", "L1", pytest.approx(0.3))
         eventually(lambda: known(pool) == bodies(place, "L1"), what="it is as the database says")
-        assert [near.robot.name for near in pool.robots_near(*HALL, 3.0)] == ["other"]
-        near = pool.nearest_obstacle(-0.5, 12.0)
+        assert [near.robot.name for near in pool.snapshot().robots_near(*HALL, 3.0)] == ["other"]
+        near = pool.snapshot().nearest_non_robot(-0.5, 12.0)
         assert near and near[:3] == (0.5, 0.0, 12.0)
         assert near.name in ("wall-west", "L1")  # the wall runs along the floor's bounds
         assert 0.0 <= pool.lag_s < 2.0
@@ -98,39 +100,39 @@ def test_another_floor_with_the_walls_of_that_one(place: Place) -> None:
     place.log_on("below", *HALL)
     place.log_on("above", *HALL, floor="L3")
     with following(place, "L1") as pool:
-        assert pool.go_to("L3")
+        assert pool.change_floor("L3")
         assert known(pool) == bodies(place, "L3")
-        assert pool.robot("above")
-        assert not pool.robot("below")
+        assert pool.snapshot().robot("above")
+        assert not pool.snapshot().robot("below")
         walls = pool.snapshot().walls
         assert walls and walls.floor == "L3"
         with pytest.raises(UnknownFloor, match="L9"):
-            pool.go_to("L9")
+            pool.change_floor("L9")
         assert pool.floor == "L3"
 
 
 def test_edits_of_the_map_are_followed(place: Place) -> None:
     with following(place, "L1") as pool:
-        before = pool.nearest_obstacle(1.2, 11.1)
+        before = pool.snapshot().nearest_non_robot(1.2, 11.1)
         place.editor.create("L2", maps.element(Wall("new", (1.0, 11.0), (1.4, 11.0))))
         place.editor.create("L1", maps.element(Wall("newer", (1.0, 13.0), (1.4, 13.0))))
-        eventually(lambda: pool.nearest_obstacle(1.2, 13.1) == (pytest.approx(0.1), 1.2, 13.0, "newer"))
-        assert pool.nearest_obstacle(1.2, 11.1) == before  # L2 is another floor
+        eventually(lambda: pool.snapshot().nearest_non_robot(1.2, 13.1) == (pytest.approx(0.1), 1.2, 13.0, "newer"))
+        assert pool.snapshot().nearest_non_robot(1.2, 11.1) == before  # L2 is another floor
 
 
 def test_the_pool_survives_a_kill_of_the_simulation_server(place: Place) -> None:
     me = place.log_on("me", *HALL)
     with following(place, "L1", "me") as pool:
-        eventually(lambda: pool.robot("me"))
+        eventually(lambda: pool.snapshot().robot("me"))
         pid = place.kill("simulation")
         eventually(lambda: pool.problem, what="the pool notices")
         lag_s = pool.lag_s
-        assert pool.robot("me")  # what was known stays
+        assert pool.snapshot().robot("me")  # what was known stays
         eventually(lambda: pool.lag_s > lag_s or not pool.problem)
         eventually(lambda: place.is_again("simulation", pid), BACK_LIMIT_S)
         eventually(lambda: not pool.problem and pool.lag_s < 1.0, BACK_LIMIT_S, "the pool follows again")
         drive_to(me, (HALL[0] + 1.0, HALL[1]))
-        eventually(lambda: abs((pool.robot("me") or me.state().at).x - HALL[0] - 1.0) < 0.1)
+        eventually(lambda: abs((pool.snapshot().robot("me") or me.state().at).x - HALL[0] - 1.0) < 0.1)
         eventually(lambda: known(pool) == bodies(place, "L1"))
 
 

@@ -17,9 +17,10 @@ from omniORB import CORBA
 
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
+from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import eventually
 
 OMNIEVENTS, EVENTC = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin"), shutil.which("eventc")
@@ -69,8 +70,7 @@ class Place:
         self._launch, self._folder = launch, folder
         naming = ("-ORBInitRef", f"NameService=corbaloc::127.0.0.1:{port}/NameService")
         self._naming = naming
-        endpoint = ("-ORBendPoint", f"giop:tcp:127.0.0.1:{port}")
-        launch(find_omninames(), "-start", str(port), "-always", "-datadir", str(folder), *endpoint)
+        launch(*naming_service_command(Address("127.0.0.1", port), folder))
         (folder / "foreign").mkdir()
         self.omnievents = self.start_omnievents()
         factory = f"corbaloc::127.0.0.1:{port + 5}/omniEvents"

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from robocorba.clients import hand_over
-from robocorba.clients.hand_over import BASE_BACK_M, BUILDING, CHANNEL, GIVER, PLACES, STARTS, TAKER
+from robocorba.clients.hand_over import BASE_RETREAT_M, BUILDING, CHANNEL, GIVER, MEETING_POSES, START_POSES, TAKER
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
 from robocorba.kinematics import tasks
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD, Side
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))
 #: From hand to hand along the sheet, and what they may be off, m.
-APART_M, NEAR_M = SHEET_M - 2 * GRIP_DEPTH_M, 0.005
+HAND_DISTANCE_M, NEAR_M = SHEET_M - 2 * GRIP_DEPTH_M, 0.005
 FLOOR = "L1"
 #: On a loaded machine processes take long to start, s.
 LIMIT_S = 380.0
@@ -57,7 +57,7 @@ def test_the_samples_are_what_is_computed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("robot", [GIVER, TAKER])
 def test_the_programs_are_sound(robot: str) -> None:
-    x, y, heading = STARTS[robot]
+    x, y, heading = START_POSES[robot]
     planner = PathPlanner(load_sample(BUILDING))
     report = check(hand_over.programs()[robot], InverseKinematics(), planner, Start(Place(FLOOR, x, y), heading))
     assert report.findings == ()
@@ -76,8 +76,8 @@ class Play:
 
     def __init__(self, kinematics: InverseKinematics) -> None:
         self._kinematics = kinematics
-        between_m = math.dist(PLACES[GIVER][:2], PLACES[TAKER][:2])
-        self._ends = tasks.hand_over(between_m, hand_over.SHEET_HEIGHT_M, hand_over.SHEET_ASIDE_M)
+        between_m = math.dist(MEETING_POSES[GIVER][:2], MEETING_POSES[TAKER][:2])
+        self._ends = tasks.hand_over(between_m, hand_over.SHEET_HEIGHT_M, hand_over.SHEET_LEFT_M)
         self.moments: list[Moment] = []
 
     def add(self, giver_shut: bool, taker_shut: bool, back_m: float = 0.0, **off: float) -> Play:
@@ -90,20 +90,20 @@ class Play:
         )
         return self
 
-    def _state(self, robot: str, side: Side, hand: HandPose, is_shut: bool, off_m: float = 0.0) -> RobotState:
-        joints = self._kinematics.solve(side, hand, np.zeros(len(JOINTS)))
+    def _state(self, robot: str, side: Side, hand: HandPose, is_shut: bool, offset_m: float = 0.0) -> RobotState:
+        joints = self._kinematics.solve({side: hand}, np.zeros(len(JOINTS)))
         joints[GRIP[side]] = SHUT_RAD if is_shut else OPEN_RAD
-        x, y, heading = PLACES[robot]
-        return RobotState(0.0, x + off_m, y, heading, joints=joints)
+        x, y, heading = MEETING_POSES[robot]
+        return RobotState(0.0, x + offset_m, y, heading, joints=joints)
 
 
 def test_a_hand_over_as_it_should_be(kinematics: InverseKinematics) -> None:
     play = Play(kinematics).add(False, False, 0.1).add(True, False).add(True, True).add(True, True)
     play.add(False, True).add(False, True, 0.1)
     seen = facts(play.moments)
-    assert (seen.gripped_s, seen.let_go_s, seen.is_taken) == (1.0, 2.0, True)
-    assert (seen.off_m, seen.uneven_m, seen.crooked_rad) == pytest.approx((0, 0, 0), abs=1e-4)
-    assert seen.end_apart_m == pytest.approx(APART_M + 0.2, abs=1e-4)
+    assert (seen.gripped_s, seen.released_s, seen.is_taken) == (1.0, 2.0, True)
+    assert (seen.distance_error_m, seen.height_error_m, seen.angle_error_rad) == pytest.approx((0, 0, 0), abs=1e-4)
+    assert seen.end_distance_m == pytest.approx(HAND_DISTANCE_M + 0.2, abs=1e-4)
     assert faults(seen) == []
 
 
@@ -113,7 +113,7 @@ def test_a_hand_over_as_it_should_be(kinematics: InverseKinematics) -> None:
         ({"x": 0.008}, "the hands were 8.0 mm from where the sheet's ends are"),
         ({"x": -0.008}, "the hands were 8.0 mm from where the sheet's ends are"),
         ({"z": 0.007}, "one hand was 7.0 mm over the other"),
-        ({"yaw": math.radians(5)}, "the hands were 5.0 deg askew"),
+        ({"yaw": math.radians(5)}, "the hands were 5.0 deg misaligned"),
     ],
 )
 def test_hands_that_do_not_hold_one_sheet(kinematics: InverseKinematics, off: dict[str, float], fault: str) -> None:
@@ -185,10 +185,10 @@ def check_joints(file: Path) -> None:
     assert changes == [(False, False), (True, False), (True, True), (False, True)]
     for (_, giver, taker), both in zip(moments, shut, strict=True):
         if both == (True, True):
-            assert math.dist(giver.hand(), taker.hand()) == pytest.approx(APART_M, abs=NEAR_M)
+            assert math.dist(giver.hand(), taker.hand()) == pytest.approx(HAND_DISTANCE_M, abs=NEAR_M)
             assert giver.hand()[2] == pytest.approx(taker.hand()[2], abs=NEAR_M)
     _, giver, taker = moments[-1]
-    assert math.dist(giver.hand(), taker.hand()) > APART_M + 2 * BASE_BACK_M
+    assert math.dist(giver.hand(), taker.hand()) > HAND_DISTANCE_M + 2 * BASE_RETREAT_M
 
 
 class Arm:
@@ -203,7 +203,7 @@ class Arm:
 
     def hand(self) -> tuple[float, float, float]:
         """In the building's frame, m."""
-        hand, (x, y, heading) = Body().hand(self._side, self._joints), self._at
+        hand, (x, y, heading) = SmartPalBody().hand(self._side, self._joints), self._at
         c, s = math.cos(heading), math.sin(heading)
         return x + c * hand.x - s * hand.y, y + s * hand.x + c * hand.y, hand.z
 
@@ -213,16 +213,16 @@ def check_recording(file: Path) -> None:
     recording = Recording(file)
     assert recording.is_complete and recording.floors == [FLOOR]
     seen: dict[str, list[tuple[float, float]]] = {GIVER: [], TAKER: []}
-    for _, views in recording.moments(0.1):
+    for _, views in recording.sampled(0.1):
         view = views[FLOOR]
         for number, body in view.bodies.items():
             if body.name in seen:
                 motion = view.motion(number)
                 seen[body.name].append((motion["x"], motion["y"]))
     for robot, places in seen.items():
-        x, y, heading = PLACES[robot]
-        assert math.dist(places[0], STARTS[robot][:2]) < 0.02
-        end = x - BASE_BACK_M * math.cos(heading), y - BASE_BACK_M * math.sin(heading)
+        x, y, heading = MEETING_POSES[robot]
+        assert math.dist(places[0], START_POSES[robot][:2]) < 0.02
+        end = x - BASE_RETREAT_M * math.cos(heading), y - BASE_RETREAT_M * math.sin(heading)
         assert math.dist(places[-1], end) < 0.03
 
 

@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import pytest
 
-from robocorba.control.agent import Condition
+from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
-from robocorba.corba.remote.floors import RemoteDatabase
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.missions.formation import HAND_M
@@ -108,7 +108,7 @@ def test_two_robots_carry_a_box_up_one_floor(system: Running, launch: Launcher, 
         watch.look()
         for name in ("A", "B"):
             state = RemoteAgent(orb, name).state()
-            assert (state.at.floor, state.condition) == ("L2", Condition.IDLE)
+            assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
             assert [body.name for body in RemotePool.of_robot(orb, name).content().came if body.name == "box"]
     check_box(watch.seen)
     check_report(tmp_path / "robots")

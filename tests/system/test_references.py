@@ -17,7 +17,7 @@ from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.system import find_omninames
+from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import eventually, hang
 
 pytestmark = pytest.mark.system
@@ -28,8 +28,7 @@ Launch = Callable[..., subprocess.Popen[str]]
 @pytest.fixture
 def names(launch: Launch, tmp_path: Path, naming_port: int, client: Orb) -> subprocess.Popen[str]:
     """A naming service that answers."""
-    endpoint = ("-ORBendPoint", f"giop:tcp:127.0.0.1:{naming_port}")
-    process = launch(find_omninames(), "-start", str(naming_port), "-always", "-datadir", str(tmp_path), *endpoint)
+    process = launch(*naming_service_command(Address("127.0.0.1", naming_port), tmp_path))
     eventually(lambda: is_there(client), what="a naming service")
     return process
 

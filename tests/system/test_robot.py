@@ -13,14 +13,14 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.control.agent import AgentState, Condition
-from robocorba.control.runner import Result
+from robocorba.control.agent import AgentCondition, AgentState
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
 from robocorba.errors.services import NotReachable
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
@@ -69,7 +69,9 @@ def run(agent: RemoteAgent, program: Program) -> AgentState:
 
 
 def ended(agent: RemoteAgent) -> AgentState:
-    eventually(lambda: agent.state().program.result is not Result.NO_RESULT, PATIENCE_S, "the end of the program")
+    eventually(
+        lambda: agent.state().program.result is not ProgramResult.NO_RESULT, PATIENCE_S, "the end of the program"
+    )
     return agent.state()
 
 
@@ -114,7 +116,7 @@ def test_what_an_agent_refuses(start: Start, system_orb: Orb) -> None:
     with pytest.raises(AdaptorFailed, match="Adaptors/B is not reachable"):
         agent.switch("corba", [])
     assert agent.state().adaptor == "simulated"
-    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is Result.DONE
+    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is ProgramResult.DONE
 
 
 def test_two_robots_wait_for_each_other(start: Start, system_orb: Orb) -> None:
@@ -129,7 +131,7 @@ def test_two_robots_wait_for_each_other(start: Start, system_orb: Orb) -> None:
         agent.load(dumps(program))
     for agent in reversed(agents):
         agent.run()
-    assert [ended(agent).program.result for agent in agents] == [Result.DONE, Result.DONE]
+    assert [ended(agent).program.result for agent in agents] == [ProgramResult.DONE, ProgramResult.DONE]
 
 
 def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocorba: Start) -> None:
@@ -143,9 +145,9 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
     assert "E\tstopped" in out.splitlines()
     state = ended(agent)
     assert (state.condition, state.reason, state.program.result) == (
-        Condition.STOPPED,
+        AgentCondition.STOPPED,
         "emergency stop",
-        Result.ABORTED,
+        ProgramResult.ABORTED,
     )
     time.sleep(0.1)
     before = session_state(system_orb, "E")
@@ -154,7 +156,7 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
     assert refusal(robocorba("stop", "nobody")).startswith("nobody\tRoboCorba/Robots/nobody is not reachable")
     process = robocorba("stop", "E", "--reset")
     assert process.communicate(timeout=PATIENCE_S)[0] == "E\tmay move again\n"
-    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is Result.DONE
+    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is ProgramResult.DONE
 
 
 def session_state(orb: Orb, name: str) -> tuple[float, float]:
@@ -188,12 +190,12 @@ def test_the_simulation_server_is_killed(start: Start, system: Running, system_o
     moving(agent)
     os.kill(system.pid("simulation"), signal.SIGKILL)
     state = ended(agent)
-    assert state.program.result is Result.FAILED
+    assert state.program.result is ProgramResult.FAILED
     assert "simulation server" in state.program.reason
-    eventually(lambda: agent.state().condition is Condition.IDLE, PATIENCE_S, "back")
+    eventually(lambda: agent.state().condition is AgentCondition.IDLE, PATIENCE_S, "back")
     x = agent.state().at.x
     assert x > 3.0
-    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.2).program()).program.result is Result.DONE
+    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.2).program()).program.result is ProgramResult.DONE
     assert agent.state().at.x == pytest.approx(x + 0.2, abs=0.01)
 
 
@@ -205,7 +207,7 @@ def test_pause_step_and_end_by_the_command(start: Start, system_orb: Orb, roboco
         program.mbase_by(turn=0.3)
     (tmp_path / "turns.json").write_text(dumps(program.program()))
     process = robocorba("program", "run", "turns.json", "--robot", "H", "--step")
-    eventually(lambda: agent.state().condition is Condition.PAUSED, PATIENCE_S, "before the first icon")
+    eventually(lambda: agent.state().condition is AgentCondition.PAUSED, PATIENCE_S, "before the first icon")
     assert robocorba("program", "step", "H").communicate(timeout=PATIENCE_S)[1] == ""
     eventually(lambda: agent.state().program.icon == "icons[0].icons[0]", PATIENCE_S, "the second")
     assert robocorba("program", "resume", "H").communicate(timeout=PATIENCE_S)[1] == ""

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from robocorba.control.agent import AgentState, Condition
-from robocorba.control.runner import Result
+from robocorba.control.agent import AgentCondition, AgentState
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.agents import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import IllegalOrder
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 from robocorba.supervision.launch import module_command
@@ -51,13 +51,15 @@ class Robot:
 
         def is_so() -> bool:
             state = self.agent.state()
-            return state.condition is Condition.STOPPED and state.program.result is not Result.NO_RESULT
+            return state.condition is AgentCondition.STOPPED and state.program.result is not ProgramResult.NO_RESULT
 
         eventually(is_so, PATIENCE_S, "stopped")
         return self.agent.state()
 
     def failed(self) -> AgentState:
-        eventually(lambda: self.agent.state().program.result is not Result.NO_RESULT, PATIENCE_S, "the program's end")
+        eventually(
+            lambda: self.agent.state().program.result is not ProgramResult.NO_RESULT, PATIENCE_S, "the program's end"
+        )
         return self.agent.state()
 
     def stands(self) -> bool:
@@ -77,7 +79,7 @@ class Robot:
             return False
 
         eventually(runs, PATIENCE_S, "that it may run a program")
-        return self.failed().program.result is Result.DONE
+        return self.failed().program.result is ProgramResult.DONE
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +136,7 @@ def test_an_actual_robot_that_fails(
     happens(place)
     state = robot.stopped()
     assert why in state.reason
-    assert (state.program.result, why in state.program.reason) == (Result.FAILED, True)
+    assert (state.program.result, why in state.program.reason) == (ProgramResult.FAILED, True)
     with pytest.raises(IllegalOrder, match="is stopped"):
         robot.agent.run()
     place.faults.none()
@@ -148,7 +150,7 @@ def test_an_emergency_stop_of_an_actual_robot(robot: Robot) -> None:
     robot.set_off()
     robot.agent.stop()
     state = robot.stopped()
-    assert (state.reason, state.program.result) == ("emergency stop", Result.ABORTED)
+    assert (state.reason, state.program.result) == ("emergency stop", ProgramResult.ABORTED)
     time.sleep(0.2)
     assert robot.stands()
     x, y = state.at.x, state.at.y
@@ -162,7 +164,7 @@ def test_an_actual_robot_stands_without_its_body_in_the_building(robot: Robot, s
     robot.set_off()
     os.kill(system.pid("simulation"), signal.SIGKILL)
     state = robot.failed()
-    assert state.program.result is Result.FAILED
+    assert state.program.result is ProgramResult.FAILED
     assert "the simulation server does not answer" in state.program.reason
     time.sleep(0.2)
     assert robot.stands()
@@ -177,7 +179,7 @@ def test_a_robot_process_that_hung_does_not_go_on_as_if_it_had_not(robot: Robot)
     time.sleep(3.0)  # longer than its lease
     os.kill(robot.pid, signal.SIGCONT)
     state = robot.failed()
-    assert state.program.result is Result.FAILED
+    assert state.program.result is ProgramResult.FAILED
     assert "hung for" in state.program.reason or "logged the robot off" in state.program.reason
     assert robot.stands()
     assert robot.works()
@@ -190,5 +192,5 @@ def test_a_short_pause_of_the_process_is_no_loss(robot: Robot) -> None:
     os.kill(robot.pid, signal.SIGCONT)
     eventually(lambda: robot.agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving again")
     robot.agent.abort()
-    assert robot.failed().program.result is Result.ABORTED
+    assert robot.failed().program.result is ProgramResult.ABORTED
     assert robot.works()

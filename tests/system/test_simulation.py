@@ -1,4 +1,4 @@
-"""Robots in the simulated building: real servers, two virtual sensor processes, the sample building."""
+"""Robots in the simulated building: real servers, two virtual sensor servers, the sample building."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.remote.floors import RemoteFloor
+from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.spatial import floor_format
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
@@ -281,7 +281,7 @@ def test_a_robot_whose_sensor_process_dies_goes_on_sensing(place: Place) -> None
         is_known = {sensor.name for sensor in place.server.sensors()} == {"s1", "s2"}
         return is_known and place.is_again(f"sensor_{victim}", pid)
 
-    eventually(all_scan, 20.0, "the sensor process is back")
+    eventually(all_scan, 20.0, "the sensor server is back")
     place.log_on("late", 1.5, 12.0)._get_sensor().scan(crowd[0].state().at, NO_MOUNT, CROSS)
     assert all_scan()
     print(f"\nthe longest of {len(took)} scans took {max(took):.2f} s")

@@ -1,4 +1,4 @@
-"""Kills of the simulation server, of sensor processes and of clients, and what became of every robot.
+"""Kills of the simulation server, of sensor servers and of clients, and what became of every robot.
 
 With more rounds and a table: python -m bench.simulation.chaos"""
 

@@ -15,7 +15,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import RobotLost
 from robocorba.errors.simulation import InvalidReservation, InvalidRide
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.elevator import Phase
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.floor_state import Pose
@@ -170,7 +170,7 @@ def test_a_robots_own_process_reserves_and_rides_with_others(place: Place) -> No
 
         def is_boarding() -> bool:
             ride = one.state().ride
-            return ride is not None and ride.phase is Phase.BOARDING
+            return ride is not None and ride.phase is RidePhase.BOARDING
 
         eventually(is_boarding, 60.0, "the doors open")
         one.cancel_elevator()

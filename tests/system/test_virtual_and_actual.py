@@ -12,18 +12,18 @@ import msgspec
 import pytest
 
 from robocorba.control.agent import AgentState
-from robocorba.control.runner import Result
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.kinematics.body import Body
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.maps import native
 from robocorba.maps.model import Building, Floor, Wall
-from robocorba.programs.builder import ProgramBuilder
+from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
 from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.buildings import two_floors, with_all
 from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, apart, robot_process
+from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -111,10 +111,10 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
         for each in (virtual, ran):
             assert [line.split("\t")[1] for line in each.printed[:-1]] == KINDS
             assert each.printed[-1].startswith(f"done\t{len(KINDS) - 1} icons\t")  # one was stopped
-            assert each.state.program.result is Result.DONE
+            assert each.state.program.result is ProgramResult.DONE
             assert each.state.at.floor == "L2"
         assert (virtual.state.adaptor, ran.state.adaptor) == ("simulated", "smartpal")
-        found = apart(virtual.state, ran.state, Body())
+        found = difference(virtual.state, ran.state, SmartPalBody())
         assert found.base_m <= BASE_M
         assert found.turned_rad <= TURNED_RAD
         assert max(found.hands_m.values()) <= HAND_M

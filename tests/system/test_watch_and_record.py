@@ -16,11 +16,11 @@ import av
 import pytest
 from omniORB import CORBA
 
-from robocorba.commands.scene import System, as_json
+from robocorba.commands.simulation_tables import RunningSimulation, as_json
 from robocorba.commands.watch import Camera, film
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import InvalidPicture, StateDamaged
+from robocorba.errors.simulation import InvalidPicture, InvalidRecording
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
@@ -81,7 +81,7 @@ def updates_in(path: Path) -> int:
     """Updates recorded so far; 0 before the recorder has written the head of its file."""
     try:
         return Recording(path).count
-    except StateDamaged:
+    except InvalidRecording:
         return 0
 
 
@@ -95,15 +95,15 @@ def test_what_there_is_now(robocorba: Robocorba) -> None:
 
 @pytest.mark.usefixtures("robots")
 def test_a_floor(system_orb: Orb) -> None:
-    scene = System(system_orb, ["L2"]).look()
-    (robot,) = scene.robots
+    tables = RunningSimulation(system_orb, ["L2"]).read()
+    (robot,) = tables.robots
     assert (robot["name"], robot["floor"]) == ("B", "L2")
     assert 0.0 < robot["speed"] <= 0.51
     assert abs(robot["x"] - 5.0) < 3.0
-    assert scene.server[0]["robots"] == 2
-    assert json.loads(as_json(scene))["server"]["time"] > 0.0
+    assert tables.server[0]["robots"] == 2
+    assert json.loads(as_json(tables))["server"]["time"] > 0.0
     with pytest.raises(UnknownFloor, match="L9"):
-        System(system_orb, ["L9"]).look()
+        RunningSimulation(system_orb, ["L9"]).read()
 
 
 def test_a_film(system_orb: Orb, tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
     assert found.building == two_floors()
     assert found.floors == ["L1", "L2"]
     ways: dict[str, set[float]] = {"A": set(), "B": set()}
-    for _, views in found.moments(0.2):
+    for _, views in found.sampled(0.2):
         for view in views.values():
             for body in view.bodies.values():
                 if body.name in ways:

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import sys
+from functools import partial
 
-BENCHES = ("latency", "throughput", "stalled", "fanout")
+from bench.common.harness import run
+from bench.events.channel.consumers import fanout, memory, stalled
+from bench.events.channel.speed import latency, throughput
 
 
-def main() -> int:
-    """Exit code: 0 if every mark was reached, 1 if one was missed."""
-    parser = argparse.ArgumentParser(prog="python -m bench.events.channel", description=__doc__)
-    parser.add_argument("bench", nargs="?", choices=(*BENCHES, "memory", "all"), default="all")
-    parser.add_argument("--quick", action="store_true", help="fewer rounds, less accurate figures")
-    parser.add_argument("--minutes", type=float, default=60.0, help="duration of the bench `memory`")
-    options = parser.parse_args()
-    missed = []
-    for name in BENCHES if options.bench == "all" else (options.bench,):
-        bench = importlib.import_module(f"bench.events.channel.{name}")
-        if not (bench.run(options.minutes) if name == "memory" else bench.run(options.quick)):
-            missed.append(name)
+def main(*bench: str, quick: bool = False, minutes: float = 60.0) -> bool:
+    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, stalled, fanout)}
+    names = list(benches) if bench in ((), ("all",)) else bench
+    benches["memory"] = partial(memory, minutes)
+    if unknown := set(names) - benches.keys():
+        sys.exit(f"there is no bench {', '.join(unknown)}; there are {', '.join(benches)}, all")
+    missed = [name for name in names if not benches[name]()]
     if missed:
         print(f"missed a mark, see above: {', '.join(missed)}", file=sys.stderr)
-    return int(bool(missed))
+    return not missed
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, bench="default: all but memory", quick="fewer rounds", minutes="duration of the bench `memory`")

@@ -9,106 +9,94 @@ It answers every line by one line on stdout, the first one when it is connected,
 from __future__ import annotations
 
 import gc
-import json
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from bench.events.channel.peers import PEERS
-from bench.events.channel.peers.base import Supplier
-from bench.events.channel.peers.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
+from bench.events.channel.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
+from robocorba.testing.json_process import answer_commands
+from robocorba.testing.peers import PEERS
+from robocorba.testing.peers.base import Supplier
 
 MAX_GAPS = 20
 
 
-def supply(peer: str, address: str) -> None:
-    """Execute supplier commands until stdin ends."""
-    with PEERS[peer].supplier(address) as supplier:
-        for command in _commands():
-            how = _WAYS[command.pop("do")]
-            began = time.monotonic_ns()
-            sent, failed = how(supplier, **command)
-            _answer({"began": began, "ended": time.monotonic_ns(), "sent": sent, "failed": failed})
+class SupplierRole:
+    """Sends events. Each method returns when it began [ns], the number of events of each supplier, and the number of
+    failed calls."""
+
+    def __init__(self, supplier: Supplier) -> None:
+        self._supplier = supplier
+
+    def pace(self, first: int, count: int, rate: float) -> dict[str, Any]:
+        """Send events numbered from `first` on at `rate` a second, without catching up after a delay."""
+        began, failed = time.monotonic_ns(), 0
+        due = time.monotonic()
+        for number in range(first, first + count):
+            due = max(due + 1 / rate, time.monotonic() - 1 / rate)
+            time.sleep(max(0.0, due - time.monotonic()))
+            failed += _attempt(self._supplier.push, stamped(number))
+        return {"began": began, "sent": [count], "failed": failed}
+
+    def flood(self, first: int, seconds: float, most: int, threads: int = 1) -> dict[str, Any]:
+        """Send at most `most` events as fast as possible; each thread is a supplier, numbered 0, 1, ..."""
+        began, deadline = time.monotonic_ns(), time.monotonic() + seconds
+        sent = [0] * threads
+
+        def payloads(thread: int) -> Iterator[bytes]:
+            for number in range(first, first + most // threads):
+                if number % 64 == 0 and time.monotonic() > deadline:
+                    break
+                sent[thread] += 1
+                yield stamped(number, thread)
+
+        with ThreadPoolExecutor(threads) as pool:
+            failed = sum(pool.map(lambda thread: _attempt(self._supplier.flood, payloads(thread)), range(threads)))
+        return {"began": began, "sent": sent, "failed": failed}
+
+    def runs(self, first: int, seconds: float, most: int, size: int) -> dict[str, Any]:
+        """Like `flood`, in runs of `size` events."""
+        assert self._supplier.push_run, "the client library sends single events only"
+        began, failed = time.monotonic_ns(), 0
+        number, deadline = first, time.monotonic() + seconds
+        while number < first + most and time.monotonic() < deadline:
+            failed += _attempt(self._supplier.push_run, stamped_run(number, size))
+            number += size
+        return {"began": began, "sent": [number - first], "failed": failed}
 
 
-def pace(supplier: Supplier, first: int, count: int, rate: float) -> tuple[list[int], int]:
-    """Send events numbered from `first` on at `rate` a second, without catching up after a delay.
+class ConsumerRole:
+    """Consumers in one process."""
 
-    Returns, as the other commands do, the number of events of each supplier and the number of failed calls."""
-    failed = 0
-    due = time.monotonic()
-    for number in range(first, first + count):
-        due = max(due + 1 / rate, time.monotonic() - 1 / rate)
-        time.sleep(max(0.0, due - time.monotonic()))
-        failed += _attempt(supplier.push, stamped(number))
-    return [count], failed
+    def __init__(self, tallies: list[Tally]) -> None:
+        self._tallies = tallies
 
-
-def flood(supplier: Supplier, first: int, seconds: float, most: int, threads: int = 1) -> tuple[list[int], int]:
-    """Send at most `most` events as fast as possible; each thread is a supplier, numbered 0, 1, ..."""
-    failures: list[int] = []
-    sent = [0] * threads
-    deadline = time.monotonic() + seconds
-
-    def payloads(thread: int) -> Iterator[bytes]:
-        for number in range(first, first + most // threads):
-            if number % 64 == 0 and time.monotonic() > deadline:
-                break
-            sent[thread] += 1
-            yield stamped(number, thread)
-
-    def one(thread: int) -> None:
-        failures.append(_attempt(supplier.flood, payloads(thread)))
-
-    started = [threading.Thread(target=one, args=(thread,), daemon=True) for thread in range(threads)]
-    for thread in started:
-        thread.start()
-    for thread in started:
-        thread.join()
-    return sent, sum(failures)
-
-
-def runs(supplier: Supplier, first: int, seconds: float, most: int, size: int) -> tuple[list[int], int]:
-    """Like `flood`, in runs of `size` events."""
-    failed = 0
-    number, deadline = first, time.monotonic() + seconds
-    while number < first + most and time.monotonic() < deadline:
-        failed += _attempt(supplier.push_run, stamped_run(number, size))
-        number += size
-    return [number - first], failed
-
-
-_WAYS: dict[str, Callable[..., tuple[list[int], int]]] = {"pace": pace, "flood": flood, "runs": runs}
-
-
-def consume(peer: str, address: str, how_many: int = 1) -> None:
-    """Run consumers in this process; each answer has an entry for each consumer."""
-    tallies = [Tally() for _ in range(how_many)]
-    with PEERS[peer].consumer(address, *(tally.receive for tally in tallies)):
-        for command in _commands():
-            deadline = time.monotonic() + command["limit_s"]
-            for tally in tallies:
-                tally.wait(command["expect"], command["quiet_s"], max(0.0, deadline - time.monotonic()))
-            sent = [range(start, stop) for start, stop in command["sent"]]
-            _answer([_verdict(tally.take(), sent, command["latencies_from"]) for tally in tallies])
+    def collect(
+        self, expect: int, quiet_s: float, limit_s: float, sent: list[list[int]], latencies_from: int | None
+    ) -> list[dict[str, Any]]:
+        """Wait for `expect` events; the result of each consumer."""
+        deadline = time.monotonic() + limit_s
+        for tally in self._tallies:
+            tally.wait(expect, quiet_s, max(0.0, deadline - time.monotonic()))
+        return [_verdict(tally.take(), [range(*ends) for ends in sent], latencies_from) for tally in self._tallies]
 
 
 def _verdict(arrivals: Arrivals, sent: list[range], latencies_from: int | None) -> dict[str, Any]:
     """The result of one consumer: count, quality, times, and latencies if requested."""
-    counted = arrivals if latencies_from is None else arrivals.from_number(latencies_from)
+    latencies = [] if latencies_from is None else arrivals.latencies_us(latencies_from).round(1).tolist()
     return {
-        "count": len(arrivals),
+        "count": len(arrivals.numbers),
         **quality(arrivals, sent)._asdict(),
         "gaps": gaps(arrivals, sent[0])[:MAX_GAPS] if len(sent) == 1 else [],
-        "first": int(arrivals.came[0]) if len(arrivals) else 0,
-        "last": int(arrivals.came[-1]) if len(arrivals) else 0,
-        "latencies": [] if latencies_from is None else counted.latencies_us.round(1).tolist(),
+        "first": int(arrivals.came[0]) if len(arrivals.came) else 0,
+        "last": int(arrivals.came[-1]) if len(arrivals.came) else 0,
+        "latencies": latencies,
     }
 
 
-def _attempt(call: Callable[..., None], *arguments: Any) -> int:
+def _attempt(call: Callable[..., object], *arguments: Any) -> int:
     """1 if a call failed, else 0. An event whose call failed counts as lost only if it did not arrive."""
     try:
         call(*arguments)
@@ -118,20 +106,17 @@ def _attempt(call: Callable[..., None], *arguments: Any) -> int:
     return 0
 
 
-def _commands() -> Iterator[dict[str, Any]]:
-    _answer("ready")
-    for line in sys.stdin:
-        yield json.loads(line)
-
-
-def _answer(value: Any) -> None:
-    print(json.dumps(value), flush=True)
+def main(role: str, peer: str, address: str, how_many: str = "1") -> None:
+    gc.disable()  # a garbage collection would look like a delay of the broker
+    if role == "supplier":
+        with PEERS[peer].supplier(address) as supplier:
+            found = SupplierRole(supplier)
+            answer_commands(found.pace, found.flood, found.runs)
+    else:
+        tallies = [Tally() for _ in range(int(how_many))]
+        with PEERS[peer].consumer(address, *(tally.receive for tally in tallies)):
+            answer_commands(ConsumerRole(tallies).collect)
 
 
 if __name__ == "__main__":
-    gc.disable()  # a garbage collection would look like a delay of the broker
-    role, peer, address, *how_many = sys.argv[1:]
-    if role == "supplier":
-        supply(peer, address)
-    else:
-        consume(peer, address, *map(int, how_many))
+    main(*sys.argv[1:])

@@ -10,20 +10,18 @@ import contextlib
 import json
 import os
 import random
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.common.processes import Process
 from bench.events.network import mission
 from bench.events.network.load import Core
-from bench.events.network.networks import SUBNET_OF, Counts, Network, counts
+from bench.events.network.networks import SUBNET_OF, Network, address
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import find_omninames
+from robocorba.testing.json_process import Process, checkout_command
 
 STANDARD, FEDERATED = "standard", "federated"
 SET_UPS = (STANDARD, FEDERATED)
@@ -91,7 +89,7 @@ class Experiment:
     def set_delay(self, delay_us: int) -> None:
         """Set the one-way delay of packets between the sub-networks."""
         self._delay_us = delay_us
-        counts(self._network, delay_us=delay_us)
+        self._network.counts(delay_us=delay_us)
         time.sleep(SETTLE_DELAY_S)
 
     def set_load(self, share: float) -> None:
@@ -100,16 +98,10 @@ class Experiment:
         self._load.ask(share)
         time.sleep(SETTLE_LOAD_S)
 
-    def silence(self) -> Counts:
-        """Traffic over the link in SILENCE_S without events."""
-        before = counts(self._network)
-        time.sleep(SILENCE_S)
-        return counts(self._network).since(before)
-
     def run(self, set_up: str, run_s: float) -> Outcome:
         """Run the mission once, measured for `run_s`. Raises ProcessFailed."""
         self._number += 1
-        link, forwarded_before = counts(self._network), self._forwarded(set_up)
+        link, forwarded_before = self._network.counts(), self._forwarded(set_up)
         begin = time.monotonic() + HEAD_START_S
         count_from = begin + WARM_UP_S
         end = count_from + run_s
@@ -129,7 +121,7 @@ class Experiment:
             name: robot.ask({"do": "collect", "expect": wanted[name]}, START_LIMIT_S)
             for name, robot in self._robots.items()
         }
-        crossed = counts(self._network).since(link)
+        crossed = self._network.counts().since(link)
         forwarded = [now - then for now, then in zip(self._forwarded(set_up), forwarded_before, strict=True)]
         latencies: dict[bool, list[float]] = {True: [], False: []}
         for name, answer in received.items():
@@ -143,9 +135,8 @@ class Experiment:
             busy,
             np.array(latencies[True]),
             np.array(latencies[False]),
-            sum(wanted[name] - answer["heard"] for name, answer in received.items()),
-            sum(crossed.packets),
-            sum(crossed.bytes),
+            sum(wanted[name] - answer["received"] for name, answer in received.items()),
+            *crossed,
             forwarded[0],
             forwarded[1],
             forwarded[2],
@@ -170,52 +161,41 @@ def _is_wanted_across(one: mission.Sent) -> bool:
 
 
 @contextlib.contextmanager
-def experiment(network: Network, folder: Path, leaders_core: int, cores: Sequence[int]) -> Iterator[Experiment]:
-    """Start all processes: the leader on its own core, the others on `cores`. Raises ProcessFailed."""
+def experiment(network: Network, leaders_core: int) -> Iterator[Experiment]:
+    """Start all processes: the leader on its own core, the others on the network's cores. Raises ProcessFailed."""
+    naming = address("server", "naming")
     with contextlib.ExitStack() as stack:
 
-        def start(host: str, of: str, name: str, *command: str, on: Sequence[int] = cores) -> Process:
-            return stack.enter_context(network.start(host, of, command, folder / f"{name}.log", on))
-
         def channel(host: str, of: str, name: str, *more: str) -> None:
-            own, naming = network.address(host, of, host), network.address("server", "naming", host)
-            state = str(folder / name)
-            common = ("--state", state, "--endpoint", own, "--naming", naming, "--name", name)
-            start(host, of, name, *module_command("robocorba.servers.event_channel"), *common, *more)
+            common = ("--state", str(network.folder / name), "--endpoint", address(host, of), "--naming", naming)
+            command = (*module_command("robocorba.servers.event_channel"), *common, "--name", name, *more)
+            stack.enter_context(network.start(host, name, *command))
 
-        naming = network.address("server", "naming", "server")
-        data = folder / "naming"
+        data = network.folder / "naming"
         data.mkdir()
-        command = (
-            find_omninames(),
-            "-start",
-            naming.rsplit(":", 1)[1],
-            "-always",
-            "-nohostname",
-            "-datadir",
-            str(data),
-        )
-        start("server", "naming", "omniNames", *command, "-ORBendPoint", f"giop:tcp:{naming}")
+        own = ("-start", naming.rsplit(":", 1)[1], "-always", "-nohostname", "-datadir", str(data))
+        command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
+        stack.enter_context(network.start("server", "omniNames", *command))
         channel("server", "central", CENTRAL)
         channel("server", "channel", CHANNEL_OF["II"], "--peer", CHANNEL_OF["I"])
         channel("channel", "channel", CHANNEL_OF["I"], "--peer", CHANNEL_OF["II"])
         robots = {}
         for name in mission.ROBOTS:
-            own, other = SUBNET_OF[name], "II" if SUBNET_OF[name] == "I" else "I"
+            own_subnet, other = ("I", "II") if SUBNET_OF[name] == "I" else ("II", "I")
             settings = {
                 "name": name,
-                "naming": network.address("server", "naming", name),
-                "endpoint": network.address(name, "robot", name),
-                "channels": {STANDARD: CENTRAL, FEDERATED: CHANNEL_OF[own]},
+                "naming": naming,
+                "endpoint": address(name, "robot"),
+                "channels": {STANDARD: CENTRAL, FEDERATED: CHANNEL_OF[own_subnet]},
                 "peers": {FEDERATED: CHANNEL_OF[other]},
             }
-            on = (leaders_core,) if name == mission.LEADER else cores
-            program = (sys.executable, "-m", "bench.events.network.robot")
-            robots[name] = start(name, "robot", f"robot-{name}", *program, json.dumps(settings), on=on)
-        working = (sys.executable, "-m", "bench.events.network.load", str(leaders_core))
-        load = stack.enter_context(Process(working, folder / "load.log", (leaders_core,)))
-        for robot in robots.values():
-            robot.receive(START_LIMIT_S)
+            program = checkout_command("bench.events.network.robot", json.dumps(settings))
+            on = (leaders_core,) if name == mission.LEADER else ()
+            robots[name] = stack.enter_context(network.start(name, f"robot-{name}", *program, cores=on))
+        working = checkout_command("bench.events.network.load", str(leaders_core))
+        load = stack.enter_context(Process(working, network.folder / "load.log", (leaders_core,)))
+        for process in (*robots.values(), load):
+            process.receive(START_LIMIT_S)
         yield Experiment(network, robots, load, leaders_core)
 
 

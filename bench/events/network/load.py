@@ -7,13 +7,14 @@ below their load cannot be reached.
 
 from __future__ import annotations
 
-import json
 import random
 import sys
 import threading
 import time
 
 import psutil
+
+from robocorba.testing.json_process import answer_lines
 
 #: Mean period of work and sleep [s].
 PERIOD_S = 0.01
@@ -73,13 +74,7 @@ def work(governor: Governor, core: Core) -> None:
         time.sleep(max(0.0, began + period - time.monotonic()))
 
 
-def main() -> None:
+if __name__ == "__main__":
     governor = Governor()
     threading.Thread(target=work, args=(governor, Core(int(sys.argv[1]))), daemon=True).start()
-    for line in sys.stdin:
-        governor.want(json.loads(line))
-        print("null", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+    answer_lines(governor.want)

@@ -11,6 +11,7 @@ JSON on stdin, each answered by a line on stdout:
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
 import queue
@@ -18,7 +19,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from robocorba.corba.event_client import Event, EventClient
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
+from robocorba.testing.json_process import answer_commands
 
 #: Timeout for another robot, and for the last events of a run [s].
 ANSWER_LIMIT_S = 10.0
@@ -60,10 +62,10 @@ class Robot:
 
     # ---- a run ----
 
-    def prepare(self, run: Run) -> None:
+    def prepare(self, **run: Any) -> None:
         """Discard the events of the last run."""
         with self._lock:
-            self._run, self._received = run, []
+            self._run, self._received = Run(**run), []
         self._sent.clear()
         while not self._inbox.empty():
             self._inbox.get()
@@ -73,10 +75,7 @@ class Robot:
         time.sleep(max(0.0, self._run.begin - time.monotonic()))
         publishing = threading.Thread(target=self._publish_states)
         publishing.start()
-        if self.name == mission.LEADER:
-            self._lead()
-        else:
-            self._help()
+        (self._lead if self.name == mission.LEADER else self._help)()
         publishing.join()
 
     def _lead(self) -> None:
@@ -116,10 +115,8 @@ class Robot:
         while due < self._run.end:
             time.sleep(max(0.0, due - time.monotonic()))
             count, is_scan = divmod(turn, 2)
-            if is_scan:
-                self._publish(mission.SCAN, mission.scan(self.name, count))
-            else:
-                self._publish(mission.STATE, mission.state(self.name, count))
+            type, content = (mission.SCAN, mission.scan) if is_scan else (mission.STATE, mission.state)
+            self._publish(type, content(self.name, count))
             turn += 1
             due = max(due + half, time.monotonic() - half)
 
@@ -159,8 +156,9 @@ class Robot:
         while len(self._received) < expect and time.monotonic() < deadline:
             time.sleep(0.002)
         with self._lock:
-            heard = self._received
-        return {"heard": len(heard), "latencies": [[*one[:2], one[2] / 1e3] for one in heard if one[3]]}
+            received = self._received
+        latencies = [[type, source, ns / 1e3] for type, source, ns, counts in received if counts]
+        return {"received": len(received), "latencies": latencies}
 
     def links(self, set_up: str) -> list[dict[str, int]]:
         """For each link of a channel: events and bytes that its gateway received, events that its peer did not want."""
@@ -171,25 +169,13 @@ class Robot:
             for link in self.clients[set_up].channel.state().links
         ]
 
-    def obey(self, do: str, **more: Any) -> Any:
-        """Execute a command and return its answer."""
-        if do == "prepare":
-            return self.prepare(Run(**more))
-        answers: dict[str, Callable[..., Any]] = {
-            "play": self.play,
-            "sent": self.sent,
-            "collect": self.collect,
-            "links": self.links,
-        }
-        return answers[do](**more)
-
 
 def main() -> None:
     settings = json.loads(sys.argv[1])
     naming = Address.parse(settings["naming"])
-    with Orb(naming, options={"endPoint": f"giop:tcp:{settings['endpoint']}"}) as orb:
+    with Orb(naming, options={"endPoint": f"giop:tcp:{settings['endpoint']}"}) as orb, contextlib.ExitStack() as stack:
         clients = {
-            set_up: EventClient(orb, channel, settings["name"], timeout_s=30.0)
+            set_up: stack.enter_context(EventClient(orb, channel, settings["name"], timeout_s=30.0))
             for set_up, channel in settings["channels"].items()
         }
         robot = Robot(settings["name"], clients)
@@ -197,20 +183,7 @@ def main() -> None:
             if not robot.subscriptions[set_up].wait_in_force(peer, 30.0):
                 sys.exit(f"{settings['channels'][set_up]} is not linked with {peer}")
         gc.freeze()
-        _answer("ready")
-        for command in _commands():
-            _answer(robot.obey(**command))
-        for client in clients.values():
-            client.close()
-
-
-def _commands() -> Iterator[dict[str, Any]]:
-    for line in sys.stdin:
-        yield json.loads(line)
-
-
-def _answer(value: Any) -> None:
-    print(json.dumps(value), flush=True)
+        answer_commands(robot.prepare, robot.play, robot.sent, robot.collect, robot.links)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Structs of the IDL to values of the domain and back: one module a subject.
+"""Structs of the IDL to values of the domain and back: one module for each subject.
 
-Nothing else knows both sides; servants and commands call it.
+`x(value)` makes the IDL value, `x_of(struct)` the domain's. Servants and remote objects call them.
 """

@@ -1,4 +1,4 @@
-"""The content of an `any` for comparison: equal for equal values of equal types, however they were sent."""
+"""A key for the content of an `any`: equal for equal values of equal types, however they were sent."""
 
 from __future__ import annotations
 

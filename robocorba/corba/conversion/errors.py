@@ -92,12 +92,6 @@ def domain_error(exception: Any) -> Exception | None:
     return make(exception) if make else None
 
 
-def error_of(exception: Any) -> str:
-    """A sentence that describes an IDL exception, for display."""
-    error = domain_error(exception)
-    return str(error) if error else f"{type(exception).__name__}: {exception}"
-
-
 def _load_all() -> None:
     for subject in SUBJECTS:
         importlib.import_module(f"robocorba.corba.conversion.{subject}")

@@ -1,5 +1,7 @@
 """Conversion of events, subscriptions and states of a channel.
 
+An EventRun of the IDL is an EventBatch here. The IDL's batch, a sequence of runs, is a packet of a feed.
+
 Functions that run for every event make named tuples with the struct's member names instead of the generated classes:
 omniORBpy accepts them too, and creating them takes a third of the time.
 """
@@ -21,29 +23,28 @@ from robocorba.errors import events as errors
 from robocorba.errors.events import InvalidEvent, InvalidPeer
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
+from robocorba.events.channel_store import Peer
 from robocorba.events.event import (
     MAX_NAME,
     MAX_PAYLOAD_BYTES,
     CorrelatedEvents,
     Encoding,
+    EventBatch,
     EventHeader,
-    EventRun,
     check,
     checked_header,
 )
 from robocorba.events.federation import Advertisement, check_name, is_name
 from robocorba.events.foreign import ForeignLink
-from robocorba.events.links import Links, LinkStates
-from robocorba.events.outlet import ProxyCondition
-from robocorba.events.proxies import Proxies, ProxyKind, ProxyState
+from robocorba.events.links import Links, LinkSnapshot
+from robocorba.events.proxies import Proxies, ProxySnapshot
+from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.queue import OverflowRule, QueuePolicy
-from robocorba.events.store import PeerRecord
 from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
 from robocorba.stubs import RoboCorba
 
 values.patch_omniorb()  # events may hold values of any type
 
-_ENCODINGS = {Encoding.MSGPACK: RoboCorba.MSGPACK, Encoding.CDR_ANY: RoboCorba.CDR_ANY}
 #: By the value of the enumerator; hashing it would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
 _RULES = {rule: getattr(RoboCorba, rule.name) for rule in OverflowRule}
@@ -51,8 +52,8 @@ _RULE_OF = {struct: rule for rule, struct in _RULES.items()}
 _KINDS = {kind: getattr(RoboCorba, kind.name) for kind in ProxyKind}
 _CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in ProxyCondition}
 
-#: Maximum number of an event; the file of the watermarks uses 64 bits.
-_MAX_NUMBER = 2**64 - 1
+#: Highest sequence number of an event; the file of the watermarks uses 64 bits.
+_MAX_EVENT_NUMBER = 2**64 - 1
 _EVENT_ID = "IDL:RoboCorba/Event:1.0"
 _TC_ANY = CORBA.TC_any
 #: Names of types without a repository id, by the kind of their typecode.
@@ -75,7 +76,7 @@ class _EventStruct(NamedTuple):
     payload: bytes
 
 
-class _RunStruct(NamedTuple):
+class _EventRunStruct(NamedTuple):
     first: _HeaderStruct
     times: Sequence[float]
     payloads: Sequence[bytes]
@@ -84,68 +85,70 @@ class _RunStruct(NamedTuple):
 # ---- received events ----
 
 
-def run_of_any(value: Any) -> EventRun:
-    """The event of a plain client: with its own header if it is an Event, else NATIVE. Raises InvalidEvent."""
+def batch_of_any(value: Any) -> EventBatch:
+    """The event of a plain client: with its own header if it is an Event, else with Encoding.NATIVE.
+
+    Raises InvalidEvent."""
     typecode = value._t
     try:
-        kind = typecode.id()
+        type_name = typecode.id()
     except CORBA.TypeCode.BadKind:
-        kind = _BASIC[typecode.kind()]
-    if kind == _EVENT_ID:
-        return run_of_event(value._v)
-    return EventRun(_native_header(kind), [0.0], [value])
+        type_name = _BASIC[typecode.kind()]
+    if type_name == _EVENT_ID:
+        return batch_of_event(value._v)
+    return EventBatch(_native_header(type_name), [0.0], [value])
 
 
 @lru_cache(1024)
-def _native_header(kind: str) -> EventHeader:
-    return checked_header(kind[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE)
+def _native_header(type_name: str) -> EventHeader:
+    return checked_header(type_name[:MAX_NAME] or "any", "", 0, 0.0, Encoding.NATIVE)
 
 
-def run_from_foreign_channel(value: Any) -> EventRun:
+def batch_of_foreign_any(value: Any) -> EventBatch:
     """The event of a foreign channel. An event from a channel of this federation keeps its origin and number.
 
     Raises InvalidEvent."""
-    run = run_of_any(value)
-    if run.header.encoding is not Encoding.NATIVE:
+    batch = batch_of_any(value)
+    if batch.header.encoding is not Encoding.NATIVE:
         header = value._v.header
         if header.origin:
-            run.header = _with_origin(run.header, header.origin)
-        run.first = header.number
-    return run
+            batch.header = _with_origin(batch.header, header.origin)
+        batch.first = header.number
+    return batch
 
 
-def run_of_event(struct: Any) -> EventRun:
+def batch_of_event(struct: Any) -> EventBatch:
     """The event of an Event struct. Raises InvalidEvent."""
     header = struct.header
-    run = EventRun(
+    batch = EventBatch(
         checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
         [header.time],
         [struct.payload],
     )
-    check(run)
-    return run
+    check(batch)
+    return batch
 
 
-def run_of(struct: Any) -> EventRun:
+def batch_of(struct: Any) -> EventBatch:
     """The events of an EventRun struct from a supplier. Raises InvalidEvent."""
     header = struct.first
-    run = EventRun(
+    batch = EventBatch(
         checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
         struct.times,
         struct.payloads,
     )
-    check(run)
-    return run
+    check(batch)
+    return batch
 
 
-def forwarded_run_of(struct: Any) -> EventRun:
+def forwarded_batch_of(struct: Any) -> EventBatch:
     """The events of an EventRun struct from a peer, with origin and numbers. Raises InvalidEvent."""
-    run = run_of(struct)
-    run.header = _with_origin(run.header, struct.first.origin)
-    run.first = struct.first.number
-    if not 0 < run.first <= run.last <= _MAX_NUMBER:
-        raise InvalidEvent("number", f"{run.first} is out of range as the first of {len(run)} events")
-    return run
+    batch = batch_of(struct)
+    batch.header = _with_origin(batch.header, struct.first.origin)
+    batch.first = struct.first.number
+    if not 0 < batch.first <= batch.last <= _MAX_EVENT_NUMBER:
+        raise InvalidEvent("number", f"{batch.first} is out of range as the first of {len(batch)} events")
+    return batch
 
 
 @lru_cache(4096)
@@ -159,65 +162,68 @@ def _with_origin(header: EventHeader, origin: str) -> EventHeader:
 # ---- sent events ----
 
 
-def event_run(run: EventRun) -> Any:
-    """The EventRun struct; cached in the run, which often goes to several consumers."""
-    if run.cached is None:
-        run.cached = _RunStruct(_header(run, 0, _encoded(run)), run.times, _payloads(run))
-    return run.cached
+def event_run(batch: EventBatch) -> Any:
+    """The EventRun struct; cached in the batch, which often goes to several consumers."""
+    if batch.cached is None:
+        batch.cached = _EventRunStruct(_header(batch, 0, _encoding(batch)), batch.times, _payloads(batch))
+    return batch.cached
 
 
-def event_runs(runs: Iterable[EventRun]) -> tuple[list[Any], list[EventRun]]:
-    """An EventRunSeq for a peer, and the runs that cannot be sent: their `any` is too large or has no CDR encoding."""
+def event_runs(batches: Iterable[EventBatch]) -> tuple[list[Any], list[EventBatch]]:
+    """An EventRunSeq for a peer, and the batches that cannot be sent: an `any` is too large or has no CDR encoding."""
     structs, unsendable = [], []
-    for run in runs:
+    for batch in batches:
         try:
-            struct = event_run(run)
-            if run.header.encoding is Encoding.NATIVE and max(map(len, struct.payloads), default=0) > MAX_PAYLOAD_BYTES:
+            struct = event_run(batch)
+            if (
+                batch.header.encoding is Encoding.NATIVE
+                and max(map(len, struct.payloads), default=0) > MAX_PAYLOAD_BYTES
+            ):
                 raise InvalidEvent("payload", f"has more than {MAX_PAYLOAD_BYTES} bytes")
             structs.append(struct)
         except (CORBA.SystemException, InvalidEvent, TypeError, ValueError):
-            unsendable.append(run)
+            unsendable.append(batch)
     return structs, unsendable
 
 
-def event(run: EventRun) -> Any:
-    """The first event of a run, as an Event struct."""
-    return _EventStruct(_header(run, run.times[0], _encoded(run)), _payloads(run)[0])
+def event(batch: EventBatch) -> Any:
+    """The first event of a batch, as an Event struct."""
+    return _EventStruct(_header(batch, batch.times[0], _encoding(batch)), _payloads(batch)[0])
 
 
-def any_of(run: EventRun) -> Any:
-    """The first event of a run for a plain consumer: its own `any` if there is one, else an `any` with an Event."""
-    encoding = run.header.encoding
+def plain_event(batch: EventBatch) -> Any:
+    """The first event of a batch for a plain consumer: its own `any` if there is one, else an `any` with an Event."""
+    encoding = batch.header.encoding
     if encoding is Encoding.NATIVE:
-        return run.payloads[0]
+        return batch.payloads[0]
     if encoding is Encoding.CDR_ANY:
         try:
-            return omniORB.cdrUnmarshal(_TC_ANY, run.payloads[0])
+            return omniORB.cdrUnmarshal(_TC_ANY, batch.payloads[0])
         except (CORBA.SystemException, SystemError):
             pass  # not a CDR encoded `any` after all; for some such data omniORBpy raises SystemError
-    return CORBA.Any(RoboCorba._tc_Event, event(run))
+    return CORBA.Any(RoboCorba._tc_Event, event(batch))
 
 
-def together(item: CorrelatedEvents) -> list[Any]:
-    """An EventSeq."""
-    return [event(run) for run in item.runs]
+def correlated_events(item: CorrelatedEvents) -> list[Any]:
+    """An EventSeq of the correlated events."""
+    return [event(batch) for batch in item.batches]
 
 
-def _header(run: EventRun, time: float, encoding: Any) -> _HeaderStruct:
-    header = run.header
+def _header(batch: EventBatch, time: float, encoding: Any) -> _HeaderStruct:
+    header = batch.header
     return _HeaderStruct(
-        header.type, header.source, header.origin, run.first, time, header.priority, header.expiry, encoding
+        header.type, header.source, header.origin, batch.first, time, header.priority, header.expiry, encoding
     )
 
 
-def _encoded(run: EventRun) -> Any:
-    return RoboCorba.MSGPACK if run.header.encoding is Encoding.MSGPACK else RoboCorba.CDR_ANY
+def _encoding(batch: EventBatch) -> Any:
+    return RoboCorba.MSGPACK if batch.header.encoding is Encoding.MSGPACK else RoboCorba.CDR_ANY
 
 
-def _payloads(run: EventRun) -> Sequence[bytes]:
-    if run.header.encoding is Encoding.NATIVE:
-        return [omniORB.cdrMarshal(_TC_ANY, value) for value in run.payloads]
-    return run.payloads
+def _payloads(batch: EventBatch) -> Sequence[bytes]:
+    if batch.header.encoding is Encoding.NATIVE:
+        return [omniORB.cdrMarshal(_TC_ANY, value) for value in batch.payloads]
+    return batch.payloads
 
 
 # ---- subscriptions and queues ----
@@ -256,73 +262,58 @@ def account(totals: Totals) -> Any:
     return RoboCorba.Account(*totals)
 
 
-def proxy_state(state: ProxyState) -> Any:
+def proxy_state(proxy: ProxySnapshot) -> Any:
     """A ProxyState."""
     return RoboCorba.ProxyState(
-        state.id,
-        _KINDS[state.kind],
-        _CONDITIONS[state.condition],
-        state.name,
-        state.client,
-        subscription(state.subscription),
-        policy(state.policy),
-        state.failures,
-        account(state.totals),
+        proxy.id,
+        _KINDS[proxy.kind],
+        _CONDITIONS[proxy.condition],
+        proxy.name,
+        proxy.client,
+        subscription(proxy.subscription),
+        policy(proxy.policy),
+        proxy.failures,
+        account(proxy.totals),
     )
 
 
-def link_states(link: LinkStates) -> list[Any]:
+def link_states(link: LinkSnapshot) -> list[Any]:
     """The LinkStates of both directions."""
     feed, gateway = link.feed, link.gateway
-    conditions = {True: RoboCorba.UP, False: RoboCorba.DOWN}
     return [
-        RoboCorba.LinkState(
-            link.peer,
-            RoboCorba.INCOMING,
-            conditions[gateway.is_up],
-            gateway.problem,
-            max(0, gateway.joins - 1),
-            gateway.lag_s,
-            gateway.batches,
-            gateway.bytes,
-            gateway.repeated,
-            0,
-            patterns(link.wanted_here),
-            account(gateway.totals),
-        ),
-        RoboCorba.LinkState(
-            link.peer,
-            RoboCorba.OUTGOING,
-            conditions[feed.is_up],
-            feed.problem,
-            max(0, feed.joins - 1),
-            feed.oldest_s,
-            feed.batches,
-            feed.bytes,
-            0,
-            feed.unseen,
-            patterns(link.wanted_there),
-            account(feed.totals),
-        ),
+        _link_state(link.peer, RoboCorba.INCOMING, gateway, gateway.lag_s, gateway.duplicates, 0, link.interest_here),
+        _link_state(link.peer, RoboCorba.OUTGOING, feed, feed.oldest_s, 0, feed.unseen, link.interest_there),
     ]
+
+
+def _link_state(
+    peer: str, direction: Any, end: Any, lag_s: float, repeated: int, unseen: int, interest: Iterable[Pattern]
+) -> Any:
+    """The LinkState of one direction. end: state of this channel's feed or gateway."""
+    condition, rejoins = RoboCorba.UP if end.is_up else RoboCorba.DOWN, max(0, end.joins - 1)
+    return RoboCorba.LinkState(
+        *(peer, direction, condition, end.problem, rejoins, lag_s, end.packets, end.bytes, repeated, unseen),
+        patterns(interest),
+        account(end.totals),
+    )
 
 
 def foreign_states(link: ForeignLink) -> list[Any]:
     """The LinkStates of both directions of a link with a foreign channel."""
     condition = RoboCorba.DOWN if link.problem else RoboCorba.UP
     everything = patterns([EVERYTHING])
-    reconnects = max(0, link.connects - 1)
-    incoming, outgoing = account(link.totals_in()), account(link.outlet.totals())
+
+    def state(direction: Any, lag_s: float, repeated: int, totals: Totals) -> Any:
+        reconnects = max(0, link.connections - 1)
+        counts = lag_s, 0, 0, repeated, 0
+        return RoboCorba.LinkState(
+            link.name, direction, condition, link.problem, reconnects, *counts, everything, account(totals)
+        )
+
     return [
-        RoboCorba.LinkState(
-            link.name, RoboCorba.INCOMING, condition, link.problem, reconnects, link.lag_s, 0, 0, link.repeated, 0,
-            everything, incoming,
-        ),
-        RoboCorba.LinkState(
-            link.name, RoboCorba.OUTGOING, condition, link.problem, reconnects, link.outlet.oldest_s(), 0, 0, 0, 0,
-            everything, outgoing,
-        ),
-    ]  # fmt: skip
+        state(RoboCorba.INCOMING, link.lag_s, link.duplicates, link.received_totals()),
+        state(RoboCorba.OUTGOING, link.proxy.oldest_s(), 0, link.proxy.totals()),
+    ]
 
 
 def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
@@ -332,10 +323,10 @@ def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
     return RoboCorba.ChannelState(
         channel.name,
         channel.last_number,
-        [proxy_state(state) for state in proxies.states()],
-        [state for link in links.states() for state in link_states(link)]
+        [proxy_state(proxy) for proxy in proxies.snapshots()],
+        [state for link in links.snapshots() for state in link_states(link)]
         + [state for foreign in links.foreign for state in foreign_states(foreign)],
-        proxies.evicted,
+        proxies.lost_clients,
         known,
     )
 
@@ -349,7 +340,7 @@ def feed_terms(feed: Any, session: str, position: int) -> Any:
 
 
 def advertisements(values: Iterable[Advertisement]) -> list[Any]:
-    """A ChannelNoticeSeq."""
+    """A ChannelNoticeSeq: the IDL calls an advertisement a ChannelNotice."""
     return [RoboCorba.ChannelNotice(n.name, n.version, list(n.peers), patterns(n.interest)) for n in values]
 
 
@@ -362,14 +353,14 @@ def advertisements_of(structs: Iterable[Any]) -> list[Advertisement]:
     ]
 
 
-def peer(record: PeerRecord) -> Any:
+def peer(record: Peer) -> Any:
     """A PeerAddress."""
     return RoboCorba.PeerAddress(record.name, record.address, record.foreign)
 
 
-def peer_of(struct: Any) -> PeerRecord:
+def peer_of(struct: Any) -> Peer:
     """The peer of a PeerAddress struct."""
-    return PeerRecord(struct.name, struct.address, foreign=bool(struct.foreign))
+    return Peer(struct.name, struct.address, foreign=bool(struct.foreign))
 
 
 register(errors.InvalidEvent, RoboCorba.InvalidEvent, "field", "reason")

@@ -21,13 +21,13 @@ _KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
 _DOORS_OF = {struct: doors for doors, struct in _DOORS.items()}
 
 
-def update(found: FloorUpdate) -> Any:
+def update(value: FloorUpdate) -> Any:
     return RoboCorba.FloorUpdate(
-        found.floor,
-        found.since,
-        found.version,
-        found.time,
-        found.map_version,
+        value.floor,
+        value.since,
+        value.version,
+        value.time,
+        value.map_version,
         [
             RoboCorba.Body(
                 body.number,
@@ -37,11 +37,11 @@ def update(found: FloorUpdate) -> Any:
                 [RoboCorba.XY(x, y) for x, y in body.outline],
                 body.mass_kg,
             )
-            for body in found.came
+            for body in value.came
         ],
-        found.went,
-        found.motions.tobytes(),
-        elevators(found.elevators),
+        value.went,
+        value.motions.tobytes(),
+        elevators(value.elevators),
     )
 
 

@@ -8,43 +8,37 @@ from typing import TYPE_CHECKING, Any
 from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register, register_with
-from robocorba.errors import maps as errors
-from robocorba.maps.changes import Change, Key
-from robocorba.maps.model import (
-    Area,
-    BoxShape,
-    CircleShape,
-    Door,
-    DoorKind,
-    Element,
-    ElementKind,
-    Elevator,
-    ElevatorDoor,
-    Floor,
-    MapObject,
-    PathEdge,
-    PathNode,
-    PolygonShape,
-    SegmentShape,
-    Shape,
-    Side,
-    Wall,
+from robocorba.corba.conversion.structs import (
+    BOOLEAN,
+    SAME,
+    STRINGS,
+    Converter,
+    enumeration,
+    sequence,
+    struct_converter,
 )
+from robocorba.errors import maps as errors
+from robocorba.maps import model
+from robocorba.maps.changes import Change, ElementKey
+from robocorba.maps.model import KIND_OF, CabinSide, DoorKind, Element, ElementKind, Shape
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 
 if TYPE_CHECKING:
-    from robocorba.maps.checking import Finding
+    from robocorba.maps.checking import MapFinding
 
-_KINDS = dict(zip(ElementKind, (
-    RoboCorba.FLOOR_ELEMENT, RoboCorba.WALL_ELEMENT, RoboCorba.OBJECT_ELEMENT, RoboCorba.DOOR_ELEMENT,
-    RoboCorba.AREA_ELEMENT, RoboCorba.NODE_ELEMENT, RoboCorba.EDGE_ELEMENT, RoboCorba.ELEVATOR_ELEMENT,
-), strict=True))  # fmt: skip
-_KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
-_DOOR_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in DoorKind}
-_DOOR_KIND_OF = {struct: kind for kind, struct in _DOOR_KINDS.items()}
-_SIDES = {side: getattr(RoboCorba, side.name) for side in Side}
-_SIDE_OF = {struct: side for side, struct in _SIDES.items()}
+_KIND = enumeration(ElementKind, suffix="_ELEMENT")
+_POINT = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
+_POINTS = sequence(_POINT)
+_ENDS = {"fromPoint": "a", "toPoint": "b"}
+
+#: The discriminator of each kind of shape, and the member of its struct.
+_SHAPES = {
+    model.SegmentShape: (RoboCorba.SEGMENT_SHAPE, "length", SAME),
+    model.BoxShape: (RoboCorba.BOX_SHAPE, "size", _POINT),
+    model.CircleShape: (RoboCorba.CIRCLE_SHAPE, "radius", SAME),
+    model.PolygonShape: (RoboCorba.POLYGON_SHAPE, "points", _POINTS),
+}
 
 
 def xy(point: XY) -> Any:
@@ -52,193 +46,118 @@ def xy(point: XY) -> Any:
     return RoboCorba.XY(*point)
 
 
-def xy_of(struct: Any) -> XY:
+def xy_of(point: Any) -> XY:
     """The point of an XY struct."""
-    return (struct.x, struct.y)
+    return (point.x, point.y)
+
+
+def _shape(value: Shape) -> Any:
+    discriminator, member, converter = _SHAPES[type(value)]
+    return RoboCorba.Shape(discriminator, converter.to_idl(getattr(value, member)))
+
+
+def _shape_of(union: Any) -> Shape:
+    for shape, (discriminator, member, converter) in _SHAPES.items():
+        if union._d == discriminator:
+            return shape(**{member: converter.from_idl(union._v)})
+    raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+
+
+_ELEVATOR_DOOR = struct_converter(
+    model.ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(CabinSide)
+)
+_ELEMENTS = {
+    ElementKind.FLOOR: struct_converter(model.Floor, RoboCorba.Floor, outline=_POINTS),
+    ElementKind.WALL: struct_converter(model.Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
+    ElementKind.OBJECT: struct_converter(
+        *(model.MapObject, RoboCorba.MapObject, {"footprint": "shape"}),
+        shape=Converter(_shape, _shape_of),
+        at=_POINT,
+        movable=BOOLEAN,
+    ),
+    ElementKind.DOOR: struct_converter(
+        model.Door, RoboCorba.Door, _ENDS, a=_POINT, b=_POINT, kind=enumeration(DoorKind), locked=BOOLEAN
+    ),
+    ElementKind.AREA: struct_converter(model.Area, RoboCorba.Area, polygon=_POINTS),
+    ElementKind.NODE: struct_converter(model.PathNode, RoboCorba.PathNode, {"inElevator": "elevator"}, at=_POINT),
+    ElementKind.EDGE: struct_converter(
+        *(model.PathEdge, RoboCorba.PathEdge, {"fromNode": "a", "toNode": "b", "directed": "one_way"}),
+        one_way=BOOLEAN,
+        graphs=STRINGS,
+    ),
+    ElementKind.ELEVATOR: struct_converter(
+        model.Elevator, RoboCorba.Elevator, at=_POINT, size=_POINT, doors=sequence(_ELEVATOR_DOOR)
+    ),
+}
 
 
 def element(value: Element) -> Any:
     """An Element union."""
-    if isinstance(value, Floor):
-        outline = [xy(p) for p in value.outline]
-        return RoboCorba.Element(
-            aFloor=RoboCorba.Floor(value.name, value.level, value.elevation, value.height, outline)
-        )
-    if isinstance(value, Wall):
-        return RoboCorba.Element(aWall=RoboCorba.Wall(value.name, xy(value.a), xy(value.b), value.height))
-    if isinstance(value, MapObject):
-        map_object = RoboCorba.MapObject(
-            value.name, _shape(value.shape), xy(value.at), value.heading, value.height, value.movable
-        )
-        return RoboCorba.Element(anObject=map_object)
-    if isinstance(value, Door):
-        door = RoboCorba.Door(value.name, xy(value.a), xy(value.b), _DOOR_KINDS[value.kind], value.locked)
-        return RoboCorba.Element(aDoor=door)
-    if isinstance(value, Area):
-        return RoboCorba.Element(anArea=RoboCorba.Area(value.name, [xy(p) for p in value.polygon], value.subnet))
-    if isinstance(value, PathNode):
-        return RoboCorba.Element(aNode=RoboCorba.PathNode(value.name, xy(value.at), value.elevator))
-    if isinstance(value, PathEdge):
-        edge = RoboCorba.PathEdge(
-            value.name, value.a, value.b, value.one_way, value.speed_limit, value.clearance, list(value.graphs)
-        )
-        return RoboCorba.Element(anEdge=edge)
-    doors = [RoboCorba.ElevatorDoor(d.floor, _SIDES[d.side], d.width, d.offset) for d in value.doors]
-    elevator = RoboCorba.Elevator(
-        value.name, xy(value.at), value.heading, xy(value.size), doors, value.speed, value.door_time
-    )
-    return RoboCorba.Element(anElevator=elevator)
+    kind = KIND_OF[type(value)]
+    return RoboCorba.Element(_KIND.to_idl(kind), _ELEMENTS[kind].to_idl(value))
 
 
 def element_of(union: Any) -> Element:
     """The element in an Element union. Raises CORBA.BAD_PARAM for an empty union."""
-    value = union._v
-    kind = _KIND_OF.get(union._d)
-    if kind is ElementKind.FLOOR:
-        return Floor(
-            name=value.name,
-            level=value.level,
-            elevation=value.elevation,
-            height=value.height,
-            outline=tuple(map(xy_of, value.outline)),
-        )
-    if kind is ElementKind.WALL:
-        return Wall(name=value.name, a=xy_of(value.fromPoint), b=xy_of(value.toPoint), height=value.height)
-    if kind is ElementKind.OBJECT:
-        return MapObject(
-            name=value.name,
-            shape=_shape_of(value.footprint),
-            at=xy_of(value.at),
-            heading=value.heading,
-            height=value.height,
-            movable=bool(value.movable),
-        )
-    if kind is ElementKind.DOOR:
-        return Door(
-            name=value.name,
-            a=xy_of(value.fromPoint),
-            b=xy_of(value.toPoint),
-            kind=_DOOR_KIND_OF[value.kind],
-            locked=bool(value.locked),
-        )
-    if kind is ElementKind.AREA:
-        return Area(name=value.name, polygon=tuple(map(xy_of, value.polygon)), subnet=value.subnet)
-    if kind is ElementKind.NODE:
-        return PathNode(name=value.name, at=xy_of(value.at), elevator=value.inElevator)
-    if kind is ElementKind.EDGE:
-        return PathEdge(
-            name=value.name,
-            a=value.fromNode,
-            b=value.toNode,
-            one_way=bool(value.directed),
-            speed_limit=value.speedLimit,
-            clearance=value.clearance,
-            graphs=tuple(value.graphs),
-        )
-    if kind is ElementKind.ELEVATOR:
-        return Elevator(
-            name=value.name,
-            at=xy_of(value.at),
-            size=xy_of(value.size),
-            doors=tuple(
-                ElevatorDoor(floor=d.onFloor, side=_SIDE_OF[d.side], width=d.width, offset=d.offset)
-                for d in value.doors
-            ),
-            heading=value.heading,
-            speed=value.speed,
-            door_time=value.doorTime,
-        )
-    raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+    try:
+        kind = kind_of(union._d)
+    except KeyError:
+        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
+    found: Element = _ELEMENTS[kind].from_idl(union._v)
+    return found
 
 
-def _shape(shape: Shape) -> Any:
-    if isinstance(shape, SegmentShape):
-        return RoboCorba.Shape(length=shape.length)
-    if isinstance(shape, BoxShape):
-        return RoboCorba.Shape(size=xy(shape.size))
-    if isinstance(shape, CircleShape):
-        return RoboCorba.Shape(radius=shape.radius)
-    return RoboCorba.Shape(points=[xy(p) for p in shape.points])
-
-
-def _shape_of(union: Any) -> Shape:
-    if union._d == RoboCorba.SEGMENT_SHAPE:
-        return SegmentShape(length=union._v)
-    if union._d == RoboCorba.BOX_SHAPE:
-        return BoxShape(size=xy_of(union._v))
-    if union._d == RoboCorba.CIRCLE_SHAPE:
-        return CircleShape(radius=union._v)
-    return PolygonShape(points=tuple(map(xy_of, union._v)))
-
-
-def kind_of(struct: Any) -> ElementKind:
+def kind_of(enumerator: Any) -> ElementKind:
     """The kind of an ElementKind enumerator."""
-    return _KIND_OF[struct]
+    kind: ElementKind = _KIND.from_idl(enumerator)
+    return kind
 
 
-def key_of(struct: Any) -> Key:
+def key_of(struct: Any) -> ElementKey:
     """The key of an ElementId."""
-    return Key(_KIND_OF[struct.kind], struct.onFloor, struct.name)
+    return ElementKey(kind_of(struct.kind), struct.onFloor, struct.name)
 
 
 def element_id(kind: str, floor: str, name: str) -> Any:
     """An ElementId."""
-    return RoboCorba.ElementId(_KINDS[ElementKind(kind)], floor, name)
+    return RoboCorba.ElementId(_KIND.to_idl(ElementKind(kind)), floor, name)
 
 
-def record(floor: str, value: Element, changed_at: int) -> Any:
-    """An ElementRecord."""
-    return RoboCorba.ElementRecord(floor, element(value), changed_at)
+def record(floor: str, value: Element, changed_in: int) -> Any:
+    """An ElementRecord. changed_in: the version of the building that last changed the element."""
+    return RoboCorba.ElementRecord(floor, element(value), changed_in)
 
 
-def findings(found: Iterable[Finding]) -> list[Any]:
+def findings(map_findings: Iterable[MapFinding]) -> list[Any]:
     """A FindingSeq."""
     return [
         RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
-        for one in found
+        for one in map_findings
     ]
 
 
-def changes(found: Iterable[Change]) -> list[Any]:
+def changes(values: Iterable[Change]) -> list[Any]:
     """A ChangeSeq."""
     return [
         RoboCorba.Change(change.version, getattr(RoboCorba, change.kind.name), change.floor, element(change.element))
-        for change in found
+        for change in values
     ]
 
 
-def _element_words(struct: Any) -> tuple[str, str, str]:
-    return kind_of(struct.kind).value, struct.onFloor, struct.name
+def _register_element_error(error: type[errors.MapError], exception: Any, *fields: str) -> None:
+    """Register an error with the fields kind, floor and name, and `fields` of the same names as the members."""
+    register_with(
+        error,
+        exception,
+        lambda e: exception(element_id(e.kind, e.floor, e.name), *(getattr(e, field) for field in fields)),
+        lambda e: error(*key_of(e.id).words, *(getattr(e, field) for field in fields)),
+    )
 
 
-def _element_id_of(error: Any) -> Any:
-    return element_id(error.kind, error.floor, error.name)
-
-
-register_with(
-    errors.InvalidElement,
-    RoboCorba.InvalidElement,
-    lambda e: RoboCorba.InvalidElement(_element_id_of(e), e.reason),
-    lambda e: errors.InvalidElement(*_element_words(e.id), e.reason),
-)
-register_with(
-    errors.UnknownElement,
-    RoboCorba.UnknownElement,
-    lambda e: RoboCorba.UnknownElement(_element_id_of(e)),
-    lambda e: errors.UnknownElement(*_element_words(e.id)),
-)
-register_with(
-    errors.DuplicateElement,
-    RoboCorba.DuplicateElement,
-    lambda e: RoboCorba.DuplicateElement(_element_id_of(e)),
-    lambda e: errors.DuplicateElement(*_element_words(e.id)),
-)
-register_with(
-    errors.StaleEdit,
-    RoboCorba.StaleEdit,
-    lambda e: RoboCorba.StaleEdit(_element_id_of(e), e.expected, e.current),
-    lambda e: errors.StaleEdit(*_element_words(e.id), e.expected, e.current),
-)
+_register_element_error(errors.InvalidElement, RoboCorba.InvalidElement, "reason")
+_register_element_error(errors.UnknownElement, RoboCorba.UnknownElement)
+_register_element_error(errors.DuplicateElement, RoboCorba.DuplicateElement)
+_register_element_error(errors.StaleEdit, RoboCorba.StaleEdit, "expected", "current")
 register_with(
     errors.MapFileError,
     RoboCorba.InvalidMap,

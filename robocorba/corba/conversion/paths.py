@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register, register_system, register_with
-from robocorba.corba.conversion.maps import element_id, kind_of, xy, xy_of
+from robocorba.corba.conversion.maps import element_id, key_of, xy, xy_of
+from robocorba.corba.conversion.structs import STRINGS, Converter, enumeration, sequence, struct_converter
 from robocorba.errors import paths as errors
-from robocorba.planning.request import Criterion, Names, Path, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import Criterion, IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.stubs import RoboCorba
 
-_POINT_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in PointKind}
-_POINT_KIND_OF = {struct: kind for kind, struct in _POINT_KINDS.items()}
-_POINT_KIND_BY_VALUE = [_POINT_KINDS[kind] for kind in PointKind]
-_MODES = {mode: getattr(RoboCorba, mode.name) for mode in RouteMode}
-_MODE_OF = {struct: mode for mode, struct in _MODES.items()}
-_CRITERIA = {best: getattr(RoboCorba, best.name) for best in Criterion}
-_CRITERION_OF = {struct: best for best, struct in _CRITERIA.items()}
+_POINT_KIND = enumeration(PointKind)
+_POINT_KIND_BY_VALUE = [_POINT_KIND.to_idl(kind) for kind in PointKind]
 
 
 def place_of(point: Any) -> Place:
@@ -31,48 +28,49 @@ def point(place: Place) -> Any:
     return RoboCorba.Point(*place)
 
 
-class _Position(NamedTuple):
+class _PointStruct(NamedTuple):
     floor: str
     x: float
     y: float
 
 
-class _PathPoint(NamedTuple):
+class _PathPointStruct(NamedTuple):
     kind: Any
     node: str
-    position: _Position
+    position: _PointStruct
     heading: float
     distance: float
     time: float
     elevator: str
 
 
-def path_points(found: Path) -> list[Any]:
-    """The PathPointSeq of a path. It runs for every getPath: directly from the rows of the path, and with tuples
-    that have the names of the members, which omniORBpy accepts like the generated classes and which take a third of
-    the time."""
-    kinds, (floors, nodes, lifts) = _POINT_KIND_BY_VALUE, found.names
-    new, make, at = tuple.__new__, _PathPoint, _Position
+def path_points(value: Path) -> list[Any]:
+    """The PathPointSeq of a path.
+
+    It runs for every getPath, and so makes named tuples with the members' names directly from the rows of the path:
+    omniORBpy accepts them like the generated classes, and they take a third of the time."""
+    kinds, (floors, nodes, elevators) = _POINT_KIND_BY_VALUE, value.names
+    new, path_point, position = tuple.__new__, _PathPointStruct, _PointStruct
     return [
         new(
-            make,
+            path_point,
             (
                 kinds[int(kind)],
                 nodes[int(node)],
-                new(at, (floors[int(floor)], x, y)),
+                new(position, (floors[int(floor)], x, y)),
                 heading,
                 distance,
                 time,
-                lifts[int(lift)],
+                elevators[int(elevator)],
             ),
         )
-        for kind, node, floor, x, y, heading, distance, time, lift in found.rows
+        for kind, node, floor, x, y, heading, distance, time, elevator in value.rows
     ]
 
 
-def path(found: Path) -> Any:
+def path(value: Path) -> Any:
     """The Path struct of a path."""
-    return RoboCorba.Path(path_points(found), found.distance, found.duration, found.version)
+    return RoboCorba.Path(path_points(value), value.distance, value.duration, value.version)
 
 
 def path_of(struct: Any) -> Path:
@@ -80,7 +78,7 @@ def path_of(struct: Any) -> Path:
     floors, nodes, elevators = _Index(), _Index(), _Index()
     rows = [
         [
-            _POINT_KIND_OF[s.kind].value,
+            _POINT_KIND.from_idl(s.kind).value,
             nodes(s.node),
             floors(s.position.floor),
             *(s.position.x, s.position.y, s.heading, s.distance, s.time),
@@ -88,7 +86,7 @@ def path_of(struct: Any) -> Path:
         ]
         for s in struct.points
     ]
-    return Path(rows, Names(list(floors), list(nodes), list(elevators)), struct.mapVersion)
+    return Path(rows, IndexedNames(list(floors), list(nodes), list(elevators)), struct.mapVersion)
 
 
 class _Index(dict[str, int]):
@@ -98,46 +96,44 @@ class _Index(dict[str, int]):
         return self.setdefault(name, len(self))
 
 
-def request(wanted: PathRequest) -> Any:
-    """The PathRequest struct of a request."""
-    return RoboCorba.PathRequest(
-        point(wanted.start),
-        point(wanted.goal),
-        wanted.radius,
-        wanted.speed,
-        _MODES[wanted.mode],
-        _CRITERIA[wanted.best],
-        sorted(wanted.avoid_elevators),
-        [f"{floor}/{area}" for floor, area in wanted.avoid_areas],
-        [RoboCorba.ForbiddenArea(floor, [xy(p) for p in polygon]) for floor, polygon in wanted.forbidden_areas],
-        list(wanted.without_movables),
-        wanted.graph,
-        wanted.alternatives,
-    )
-
-
-def request_of(struct: Any) -> PathRequest:
-    """The request of a PathRequest struct. Raises InvalidRequest for an area that is not FLOOR/NAME."""
+def _avoided_areas(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
     areas = []
-    for text in struct.avoidAreas:
+    for text in texts:
         floor, slash, area = text.partition("/")
         if not slash:
             raise errors.InvalidRequest("avoidAreas", f"{text[:80]!r} is not of the form FLOOR/NAME")
         areas.append((floor, area))
-    return PathRequest(
-        place_of(struct.start),
-        place_of(struct.goal),
-        struct.robotRadius,
-        struct.robotSpeed,
-        _MODE_OF[struct.mode],
-        _CRITERION_OF[struct.best],
-        frozenset(struct.avoidElevators),
-        tuple(areas),
-        tuple((area.onFloor, tuple(map(xy_of, area.polygon))) for area in struct.forbiddenAreas),
-        tuple(struct.withoutMovables),
-        struct.navigationGraph,
-        struct.alternatives,
-    )
+    return tuple(areas)
+
+
+_PLACE = Converter(point, place_of)
+_FORBIDDEN_AREA = Converter(
+    lambda area: RoboCorba.ForbiddenArea(area[0], [xy(corner) for corner in area[1]]),
+    lambda found: (found.onFloor, tuple(map(xy_of, found.polygon))),
+)
+_REQUEST = struct_converter(
+    *(PathRequest, RoboCorba.PathRequest),
+    {"robotRadius": "radius", "robotSpeed": "speed", "navigationGraph": "graph"},
+    start=_PLACE,
+    goal=_PLACE,
+    mode=enumeration(RouteMode),
+    best=enumeration(Criterion),
+    avoid_elevators=Converter(sorted, frozenset),
+    avoid_areas=Converter(lambda areas: [f"{floor}/{area}" for floor, area in areas], _avoided_areas),
+    forbidden_areas=sequence(_FORBIDDEN_AREA),
+    without_movables=STRINGS,
+)
+
+
+def request(wanted: PathRequest) -> Any:
+    """The PathRequest struct of a request."""
+    return _REQUEST.to_idl(wanted)
+
+
+def request_of(struct: Any) -> PathRequest:
+    """The request of a PathRequest struct. Raises InvalidRequest for an area that is not FLOOR/NAME."""
+    wanted: PathRequest = _REQUEST.from_idl(struct)
+    return wanted
 
 
 register(errors.InvalidPoint, RoboCorba.InvalidPoint, "which", "field", "reason")
@@ -156,7 +152,5 @@ register_with(
     lambda e: RoboCorba.NoPath(
         e.reason, [RoboCorba.Blocker(element_id(b.kind, b.floor, b.name), b.reason) for b in e.blockers]
     ),
-    lambda e: errors.NoPath(
-        e.reason, [errors.Blocker(kind_of(b.id.kind).value, b.id.onFloor, b.id.name, b.reason) for b in e.blockers]
-    ),
+    lambda e: errors.NoPath(e.reason, [errors.Blocker(*key_of(b.id).words, b.reason) for b in e.blockers]),
 )

@@ -6,19 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.control.agent import AgentState, Condition
-from robocorba.control.runner import IconBegun, Report, Result
+from robocorba.control.agent import AgentCondition, AgentState
+from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
+from robocorba.corba.conversion.structs import Converter, enumeration, struct_converter
 from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba
-
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in Condition}
-_CONDITION_OF = {struct: condition for condition, struct in _CONDITIONS.items()}
-_RESULTS = {result: getattr(RoboCorba, result.name) for result in Result}
-_RESULT_OF = {struct: result for result, struct in _RESULTS.items()}
 
 
 def actor_state(state: RobotState) -> Any:
@@ -67,50 +63,23 @@ def actor_command_of(struct: Any) -> ActorCommand:
     return ActorCommand(velocity, joints, velocities, struct.validFor)
 
 
+_REPORT = struct_converter(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
+_AGENT_STATE = struct_converter(
+    *(AgentState, RoboCorba.AgentState, {"tickJitter": "jitter_s"}),
+    condition=enumeration(AgentCondition),
+    at=Converter(lambda pose: pose, pose_of),
+    actor=Converter(actor_state, actor_state_of),
+    program=_REPORT,
+)
+
+
 def agent_state(state: AgentState) -> Any:
-    return RoboCorba.AgentState(
-        state.name,
-        state.adaptor,
-        _CONDITIONS[state.condition],
-        state.reason,
-        state.at,
-        actor_state(state.actor),
-        state.speed_cap,
-        state.jitter_s,
-        report(state.program),
-    )
+    return _AGENT_STATE.to_idl(state)
 
 
 def agent_state_of(struct: Any) -> AgentState:
-    return AgentState(
-        struct.name,
-        struct.adaptor,
-        _CONDITION_OF[struct.condition],
-        struct.reason,
-        pose_of(struct.at),
-        actor_state_of(struct.actor),
-        struct.speedCap,
-        struct.tickJitter,
-        report_of(struct.program),
-    )
-
-
-def report(found: Report) -> Any:
-    return RoboCorba.ProgramReport(
-        found.name, _RESULTS[found.result], found.icon, found.kind, found.reason, found.icons_done, found.seconds
-    )
-
-
-def report_of(struct: Any) -> Report:
-    return Report(
-        struct.name,
-        _RESULT_OF[struct.result],
-        struct.icon,
-        struct.kind,
-        struct.reason,
-        struct.iconsDone,
-        struct.seconds,
-    )
+    state: AgentState = _AGENT_STATE.from_idl(struct)
+    return state
 
 
 def begun(icon: IconBegun) -> Any:

@@ -19,17 +19,17 @@ from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
 
 
-class _ScanData(NamedTuple):
+class _ScanDataStruct(NamedTuple):
     time: float
     firstAngle: float
     step: float
     distances: list[float]
 
 
-class _SensorData(NamedTuple):
+class _SensorDataStruct(NamedTuple):
     robot: str
     at: Pose
-    seen: _ScanData
+    seen: _ScanDataStruct
 
 
 def spec_of(struct: Any) -> ScanSpec:
@@ -61,15 +61,15 @@ def _spec(
     return ScanSpec(_fan(first, step, rays, range_m), rim_m, Noise(sigma_m, relative, lost), seed)
 
 
-def spec(found: ScanSpec) -> Any:
-    fan, noise = found.fan, found.noise
+def spec(wanted: ScanSpec) -> Any:
+    fan, noise = wanted.fan, wanted.noise
     return RoboCorba.ScanSpec(
         fan.first_rad,
         fan.step_rad,
         fan.count,
         fan.range_m,
-        found.rim_m,
-        RoboCorba.ScanNoise(noise.sigma_m, noise.relative, noise.lost, found.seed),
+        wanted.rim_m,
+        RoboCorba.ScanNoise(noise.sigma_m, noise.relative, noise.lost, wanted.seed),
     )
 
 
@@ -77,26 +77,26 @@ def mount_of(struct: Any) -> Mount:
     return Mount(struct.ahead, struct.left, struct.heading)
 
 
-def places_of(structs: Sequence[Any]) -> Floats:
-    """Rows (m, 3) of x, y [m], heading [rad]."""
+def pose_rows_of(structs: Sequence[Any]) -> Floats:
+    """Rows (n, 3) of x, y [m], heading [rad] of Pose structs."""
     return np.array([(pose.x, pose.y, pose.heading) for pose in structs], float).reshape(-1, 3)
 
 
-def scan(result: ScanResult, found: ScanSpec) -> Any:
-    """The scan of a result with one sensor."""
-    return _ScanData(result.time, found.fan.first_rad, found.fan.step_rad, result.distances[0].tolist())
+def scan(result: ScanResult, spec: ScanSpec) -> Any:
+    """The ScanData struct of a result that has one row of distances."""
+    return _ScanDataStruct(result.time, spec.fan.first_rad, spec.fan.step_rad, result.distances[0].tolist())
 
 
-def last_scan(found: LastScan) -> Any:
-    return _SensorData(
-        found.robot, found.at, _ScanData(found.time, found.first_rad, found.step_rad, found.distances.tolist())
+def last_scan(value: LastScan) -> Any:
+    return _SensorDataStruct(
+        value.robot, value.at, _ScanDataStruct(value.time, value.first_rad, value.step_rad, value.distances.tolist())
     )
 
 
 def last_scan_of(struct: Any) -> LastScan:
     at, seen = struct.at, struct.seen
-    place = Pose(at.floor, at.x, at.y, at.heading)
-    return LastScan(struct.robot, seen.time, place, seen.firstAngle, seen.step, np.array(seen.distances, float))
+    pose = Pose(at.floor, at.x, at.y, at.heading)
+    return LastScan(struct.robot, seen.time, pose, seen.firstAngle, seen.step, np.array(seen.distances, float))
 
 
 register(InvalidScan, RoboCorba.InvalidScan, "field", "reason")

@@ -12,10 +12,11 @@ from omniORB import CORBA
 from robocorba.control.session import SessionState
 from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.corba.conversion.maps import xy, xy_of
+from robocorba.corba.conversion.structs import Converter, struct_converter
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.elevator import Phase, RideStatus
-from robocorba.simulation.load_balance import Load, SensorProcess
+from robocorba.simulation.elevator import RidePhase, RideStatus
+from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, check_sizes
@@ -24,10 +25,10 @@ from robocorba.spatial.pose import Limits
 from robocorba.stubs import RoboCorba
 
 _PHASES = {
-    Phase.WAITING: RoboCorba.WAITING_FOR_CABIN,
-    Phase.BOARDING: RoboCorba.BOARDING,
-    Phase.RIDING: RoboCorba.RIDING,
-    Phase.ALIGHTING: RoboCorba.ALIGHTING,
+    RidePhase.WAITING: RoboCorba.WAITING_FOR_CABIN,
+    RidePhase.BOARDING: RoboCorba.BOARDING,
+    RidePhase.RIDING: RoboCorba.RIDING,
+    RidePhase.ALIGHTING: RoboCorba.ALIGHTING,
 }
 _PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
 _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
@@ -35,46 +36,50 @@ _NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
 _NO_RESERVATION = RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
 
 
-class _Velocity(NamedTuple):
+class _VelocityStruct(NamedTuple):
     ahead: float
     left: float
     turn: float
 
 
-class _RobotState(NamedTuple):
+class _RobotStateStruct(NamedTuple):
     time: float
     at: Pose
-    moving: _Velocity
+    moving: _VelocityStruct
     holding: str
     riding: Any
     collisions: int
     touched: str
 
 
-def description_of(struct: Any) -> Description:
-    """Raises InvalidDescription."""
-    limits = struct.limits
-    return Description(
-        struct.name,
-        pose_of(struct.start),
-        struct.radius,
-        struct.mass,
-        Limits(limits.speed, limits.turn, limits.acceleration, limits.turnAcceleration),
-    )
-
-
-def description(about: Description) -> Any:
-    return RoboCorba.RobotDescription(
-        about.name, about.pose, about.radius_m, about.mass_kg, RoboCorba.MotionLimits(*about.limits)
-    )
-
-
 def pose_of(struct: Any) -> Pose:
     return Pose(struct.floor, struct.x, struct.y, struct.heading)
 
 
+_DESCRIPTION = struct_converter(
+    *(Description, RoboCorba.RobotDescription, {"start": "pose", "radius": "radius_m", "mass": "mass_kg"}),
+    pose=Converter(lambda pose: pose, pose_of),
+    limits=Converter(
+        lambda limits: RoboCorba.MotionLimits(*limits),
+        lambda found: Limits(found.speed, found.turn, found.acceleration, found.turnAcceleration),
+    ),
+)
+
+
+def description_of(struct: Any) -> Description:
+    """Raises InvalidDescription."""
+    about: Description = _DESCRIPTION.from_idl(struct)
+    return about
+
+
+def description(about: Description) -> Any:
+    return _DESCRIPTION.to_idl(about)
+
+
 def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
-    return _RobotState(state.time, state.pose, _Velocity(*state.velocity), holding, ride(riding), collisions, touched)
+    return _RobotStateStruct(
+        state.time, state.pose, _VelocityStruct(*state.velocity), holding, ride(riding), collisions, touched
+    )
 
 
 def session_state_of(struct: Any) -> SessionState:
@@ -95,14 +100,14 @@ def ride_of(struct: Any) -> RideStatus | None:
     return RideStatus(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
 
 
-def ride(found: RideStatus | None) -> Any:
-    if found is None:
+def ride(value: RideStatus | None) -> Any:
+    if value is None:
         return _NO_RIDE
-    return RoboCorba.Ride(_PHASES[found.phase], found.elevator, found.origin, found.destination, found.ahead)
+    return RoboCorba.Ride(_PHASES[value.phase], value.elevator, value.origin, value.destination, value.ahead)
 
 
-def areas(found: Sequence[FloorArea]) -> list[Any]:
-    return [RoboCorba.FloorArea(floor, [xy(corner) for corner in polygon]) for floor, polygon in found]
+def areas(floor_areas: Sequence[FloorArea]) -> list[Any]:
+    return [RoboCorba.FloorArea(floor, [xy(corner) for corner in polygon]) for floor, polygon in floor_areas]
 
 
 def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
@@ -111,11 +116,11 @@ def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
     return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]
 
 
-def reservation(found: Reservation | None) -> Any:
-    if found is None:
+def reservation(value: Reservation | None) -> Any:
+    if value is None:
         return _NO_RESERVATION
-    phase = RoboCorba.AREAS_GRANTED if found.granted else RoboCorba.WAITING_FOR_AREAS
-    return RoboCorba.ReservationState(phase, found.ahead, found.longest_wait_s, found.left_s)
+    phase = RoboCorba.AREAS_GRANTED if value.granted else RoboCorba.WAITING_FOR_AREAS
+    return RoboCorba.ReservationState(phase, value.ahead, value.longest_wait_s, value.left_s)
 
 
 def reservation_of(struct: Any) -> Reservation | None:
@@ -135,8 +140,8 @@ def client_state(client: RobotClient, at: Pose, silent_s: float, sensor: str) ->
     )
 
 
-def load(found: Load) -> Any:
-    return RoboCorba.SensorLoad(*found)
+def load(value: Load) -> Any:
+    return RoboCorba.SensorLoad(*value)
 
 
 def load_of(struct: Any) -> Load:
@@ -146,7 +151,7 @@ def load_of(struct: Any) -> Load:
     return Load(struct.busy, struct.lag, struct.scanRate, struct.robots)
 
 
-def sensor_state(sensor: SensorProcess) -> Any:
+def sensor_state(sensor: SensorServer) -> Any:
     return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
 
 

@@ -9,8 +9,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import Surroundings
-from robocorba.corba.calls import set_call_timeout
+from robocorba.control.model_switcher import AdaptorContext
 from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated
@@ -20,22 +19,21 @@ from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.names import ADAPTORS
 from robocorba.stubs import RoboCorba
 
-#: Timeouts [s] for resolving the adaptor, for its `start`, and for its other calls.
-FIND_LIMIT_S, START_LIMIT_S, CALL_LIMIT_S = 5.0, 30.0, 0.3
+#: Timeouts to resolve the adaptor, of its `start`, and of its other calls [s].
+RESOLVE_TIMEOUT_S, START_TIMEOUT_S, CALL_TIMEOUT_S = 5.0, 30.0, 0.3
 
 
-def adaptor(surroundings: Surroundings) -> RobotAdaptor:
+def adaptor(context: AdaptorContext) -> RobotAdaptor:
     """The entry point `corba` of the adaptors."""
-    return RemoteAdaptor(surroundings.orb, surroundings.name)
+    return RemoteAdaptor(context.orb, context.name)
 
 
 class RemoteAdaptor(RobotAdaptor):
-    """A RoboCorba::RobotAdaptor: that of `--uri URI` in argv, by default that bound as RoboCorba/Adaptors/NAME. The
-    other arguments are passed to its `start`."""
+    """Client of the RoboCorba::RobotAdaptor at `--uri URI` in argv, by default of the one bound as
+    RoboCorba/Adaptors/NAME. The other arguments are passed to its `start`."""
 
     def __init__(self, orb: Orb, robot_name: str) -> None:
         self._orb, self._name = orb, robot_name
-        self._starter: Any = None
         self._adaptor: Any = None
 
     def start(self, argv: Sequence[str]) -> bool:
@@ -46,15 +44,14 @@ class RemoteAdaptor(RobotAdaptor):
             found = (
                 self._orb.reference(given.uri, RoboCorba.RobotAdaptor)
                 if given.uri
-                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, FIND_LIMIT_S)
+                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, RESOLVE_TIMEOUT_S)
             )
         except NotReachable as error:
             raise RobotLost(str(error)) from None
         uri = self._orb.uri(found)
-        self._starter, self._adaptor = (self._orb.reference(uri, RoboCorba.RobotAdaptor) for _ in range(2))
-        set_call_timeout(self._starter, START_LIMIT_S)
-        set_call_timeout(self._adaptor, CALL_LIMIT_S)
-        return bool(self._call(lambda: self._starter.start(rest)))
+        starter = self._orb.reference(uri, RoboCorba.RobotAdaptor, START_TIMEOUT_S)
+        self._adaptor = self._orb.reference(uri, RoboCorba.RobotAdaptor, CALL_TIMEOUT_S)
+        return bool(self._call(lambda: starter.start(rest)))
 
     def stop(self) -> bool:
         return self._adaptor is not None and self._call(lambda: bool(self._adaptor.stop()))

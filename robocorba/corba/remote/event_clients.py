@@ -14,13 +14,13 @@ from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
-from robocorba.events.event import CorrelatedEvents, EventRun
-from robocorba.events.proxies import ProxyKind
+from robocorba.events.event import CorrelatedEvents, EventBatch
+from robocorba.events.proxy import ProxyKind
 from robocorba.events.queue import QueueItem
 from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
-DISCONNECT_LIMIT_S = 1.0
+DISCONNECT_TIMEOUT_S = 1.0
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -29,15 +29,15 @@ _GONE = (CORBA.OBJECT_NOT_EXIST, CORBA.INV_OBJREF, CORBA.BAD_OPERATION, CORBA.NO
 _TRANSPORT_FAILURES = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT, CORBA.NO_RESOURCES, CORBA.NO_MEMORY)
 
 
-def delivery_failure(wrong: CORBA.Exception) -> EventError:
+def delivery_failure(error: CORBA.Exception) -> EventError:
     """The domain error for an exception of a call to a client: NotDelivered, Unconfirmed, Refused or ClientGone."""
-    if isinstance(wrong, CosEventComm.Disconnected):
+    if isinstance(error, CosEventComm.Disconnected):
         return ClientGone("it answers that it is disconnected")
-    if isinstance(wrong, _GONE):
-        return ClientGone(describe(wrong))
-    if isinstance(wrong, _TRANSPORT_FAILURES):
-        return (NotDelivered if wrong.completed == CORBA.COMPLETED_NO else Unconfirmed)(describe(wrong))
-    return Refused(describe(wrong))
+    if isinstance(error, _GONE):
+        return ClientGone(describe(error))
+    if isinstance(error, _TRANSPORT_FAILURES):
+        return (NotDelivered if error.completed == CORBA.COMPLETED_NO else Unconfirmed)(describe(error))
+    return Refused(describe(error))
 
 
 class _RemoteClient:
@@ -58,7 +58,7 @@ class _RemoteClient:
 
     def disconnect(self) -> None:
         try:
-            self._set_limit(DISCONNECT_LIMIT_S)
+            self._set_limit(DISCONNECT_TIMEOUT_S)
             getattr(self._remote, self._disconnect_operation)()
         except CORBA.Exception as error:
             _log.info("could not notify %s of its disconnection (%s)", self.address, describe(error))
@@ -74,9 +74,9 @@ class RemotePushConsumer(_RemoteClient):
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
-        run = items[0]
-        assert isinstance(run, EventRun)
-        value = events.any_of(run)
+        batch = items[0]
+        assert isinstance(batch, EventBatch)
+        value = events.plain_event(batch)
         try:
             self._remote.push(value)
         except CORBA.Exception as error:
@@ -106,9 +106,9 @@ class RemoteEventConsumer(RemotePushConsumer):
         self._set_limit(limit_s)
         try:
             if isinstance(items[0], CorrelatedEvents):
-                self._remote.pushTogether(items[0].clause_number, events.together(items[0]))
+                self._remote.pushTogether(items[0].clause_number, events.correlated_events(items[0]))
             else:
-                self._remote.pushRuns([events.event_run(run) for run in items if isinstance(run, EventRun)])
+                self._remote.pushRuns([events.event_run(batch) for batch in items if isinstance(batch, EventBatch)])
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
 
@@ -119,14 +119,14 @@ class RemotePullSupplier(_RemoteClient):
     def __init__(self, orb: Orb, uri: str) -> None:
         super().__init__(orb, uri, CosEventComm.PullSupplier, "disconnect_pull_supplier")
 
-    def try_pull(self, limit_s: float) -> EventRun | None:
+    def try_pull(self, limit_s: float) -> EventBatch | None:
         self._set_limit(limit_s)
         try:
             value, has_event = self._remote.try_pull()
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
         try:
-            return events.run_of_any(value) if has_event else None
+            return events.batch_of_any(value) if has_event else None
         except InvalidEvent as error:
             _log.warning("%s supplied an invalid event (%s)", self.address, error)
             return None
@@ -147,7 +147,7 @@ class RemotePullConsumer(_RemoteClient):
 
 
 class RemoteClients:
-    """Makes the ports of clients from their references."""
+    """Makes clients of proxies from their references."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb

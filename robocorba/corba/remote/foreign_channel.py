@@ -1,11 +1,14 @@
-"""Foreign channels, called by their object references."""
+"""Connection with a foreign channel: an event channel of another implementation, which supports CosEventChannelAdmin
+only."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import CosEventChannelAdmin
+import CosEventComm__POA
 from omniORB import CORBA
 
 from robocorba.corba.calls import describe, set_call_timeout
@@ -13,17 +16,40 @@ from robocorba.corba.conversion import events
 from robocorba.corba.conversion.contents import content_of
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.event_clients import RemotePushConsumer, delivery_failure
-from robocorba.corba.servants.foreign_consumer import ForeignConsumerServant
-from robocorba.errors.events import NotDelivered, Refused
+from robocorba.errors.events import InvalidEvent, NotDelivered, Refused
 from robocorba.errors.services import NotReachable
-from robocorba.events.event import Encoding, EventRun
+from robocorba.events.event import Encoding, EventBatch
 from robocorba.events.foreign import Echoes
 from robocorba.events.queue import QueueItem
 
 #: Timeout of a call to a foreign channel [s].
-CALL_LIMIT_S = 2.0
+CALL_TIMEOUT_S = 2.0
 #: Timeout of the check that a proxy exists [s].
-CHECK_LIMIT_S = 1.0
+CHECK_TIMEOUT_S = 1.0
+
+
+_log = logging.getLogger(__name__)
+
+
+class _ConsumerServant(CosEventComm__POA.PushConsumer):
+    """The consumer that the foreign channel pushes to.
+
+    receive: called with each event and the key that identifies its echo, None for an event with an origin, which is
+    recognised by origin and number. uri: stringifies object references."""
+
+    def __init__(self, receive: Callable[[EventBatch, Hashable], None], uri: Callable[[Any], str]) -> None:
+        self._receive, self._uri = receive, uri
+
+    def push(self, value: Any) -> None:
+        try:
+            batch = events.batch_of_foreign_any(value)
+        except InvalidEvent as error:
+            _log.warning("a foreign channel pushed an invalid event (%s)", error)
+            return
+        self._receive(batch, None if batch.header.origin else content_of(value, self._uri))
+
+    def disconnect_push_consumer(self) -> None:
+        _log.info("a foreign channel has disconnected its consumer")
 
 
 class _ForeignProxyConsumer(RemotePushConsumer):
@@ -34,12 +60,12 @@ class _ForeignProxyConsumer(RemotePushConsumer):
         self._orb, self._echoes = orb, echoes
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
-        run = items[0]
-        assert isinstance(run, EventRun)
-        value = events.any_of(run)
+        batch = items[0]
+        assert isinstance(batch, EventBatch)
+        value = events.plain_event(batch)
         self._set_limit(limit_s)
         # An event with a header is pushed as an Event, and recognised by its origin and number.
-        is_plain = run.header.encoding is not Encoding.MSGPACK
+        is_plain = batch.header.encoding is not Encoding.MSGPACK
         content = content_of(value, self._orb.uri) if is_plain else None
         if is_plain:
             self._echoes.expect(content)
@@ -53,12 +79,12 @@ class _ForeignProxyConsumer(RemotePushConsumer):
 
 
 class ForeignChannel:
-    """Both connections with the channel at `uri`. Raises NotReachable."""
+    """Both connections with the channel at `uri`. receive: as of _ConsumerServant. Raises NotReachable."""
 
-    def __init__(self, orb: Orb, uri: str, echoes: Echoes, receive: Callable[[EventRun, Hashable], None]) -> None:
+    def __init__(self, orb: Orb, uri: str, echoes: Echoes, receive: Callable[[EventBatch, Hashable], None]) -> None:
         self._orb = orb
         # A transient reference: a channel that remembers an earlier connection must not find a consumer there.
-        self._servant = ForeignConsumerServant(receive, orb.uri)
+        self._servant = _ConsumerServant(receive, orb.uri)
         reference = orb.activate(self._servant)
         try:
             channel = self._limited(orb.reference(uri, CosEventChannelAdmin.EventChannel))
@@ -72,28 +98,28 @@ class ForeignChannel:
         self.consumer = _ForeignProxyConsumer(orb, orb.uri(proxy_consumer), echoes)
         self._proxy_consumer = proxy_consumer
 
-    def is_there(self) -> bool:
+    def is_alive(self) -> bool:
         try:
             for proxy in (self._proxy_consumer, self._proxy_supplier):
-                set_call_timeout(proxy, CHECK_LIMIT_S)
+                set_call_timeout(proxy, CHECK_TIMEOUT_S)
                 if proxy._non_existent():
                     return False
         except CORBA.SystemException:
             return False
         return True
 
-    def leave(self) -> None:
-        for disconnect in (
+    def disconnect(self) -> None:
+        for disconnect_proxy in (
             self._proxy_consumer.disconnect_push_consumer,
             self._proxy_supplier.disconnect_push_supplier,
         ):
             try:
-                disconnect()
+                disconnect_proxy()
             except CORBA.Exception:
                 continue  # the proxy is gone already
         self._orb.deactivate(self._servant)
 
     @staticmethod
     def _limited(reference: Any) -> Any:
-        set_call_timeout(reference, CALL_LIMIT_S)
+        set_call_timeout(reference, CALL_TIMEOUT_S)
         return reference

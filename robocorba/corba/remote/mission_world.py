@@ -8,9 +8,9 @@ import shapely
 from shapely import Polygon
 
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.floors import RemoteDatabase
-from robocorba.corba.remote.maps import RemoteMap
-from robocorba.corba.remote.paths import RemotePlanner
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.omni_database import RemoteDatabase
+from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
@@ -20,8 +20,8 @@ from robocorba.missions.world import MovableObject
 from robocorba.planning.request import Path, PathRequest
 from robocorba.spatial.floor_update import WHOLE, BodyKind
 
-#: Timeout of resolving a server [s].
-FIND_LIMIT_S = 5.0
+#: Timeout to resolve a server [s].
+RESOLVE_TIMEOUT_S = 5.0
 
 
 class RemoteWorld:
@@ -29,13 +29,13 @@ class RemoteWorld:
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
-        self._database, self._planner = RemoteDatabase(orb, FIND_LIMIT_S), RemotePlanner(orb)
+        self._database, self._planner = RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemotePlanner(orb)
         self._map: RemoteMap | None = None
 
     def building(self) -> Building:
         """The current map."""
         if self._map is None:
-            self._map = RemoteMap(self._orb, FIND_LIMIT_S)
+            self._map = RemoteMap(self._orb, RESOLVE_TIMEOUT_S)
         else:
             self._map.follow()
         return self._map.building

@@ -31,21 +31,24 @@ def translated(what: str, failure: type[RoboCorbaError] = NotReachable) -> Itera
 class RemoteObject:
     """The object bound to `name`. Resolved at the first call, and again after one that it did not answer. Thread-safe.
 
-    what: its name in messages. resolve_s, call_s: timeouts for resolving it and of each call [s]."""
+    what: its name in messages. Timeouts to resolve it and of each call [s]."""
 
-    def __init__(self, orb: Orb, name: str, interface: Any, what: str, resolve_s: float, call_s: float) -> None:
-        self._orb, self._name, self._interface, self.what = orb, name, interface, what
-        self.resolve_s, self._call_s = resolve_s, call_s
-        self._found: Any = None
+    def __init__(
+        self, orb: Orb, name: str, interface: Any, what: str, resolve_timeout_s: float, call_timeout_s: float
+    ) -> None:
+        self._orb, self._name, self._interface, self._what = orb, name, interface, what
+        self.resolve_timeout_s, self._call_timeout_s = resolve_timeout_s, call_timeout_s
+        self._reference: Any = None
 
     def call(self, operation: Callable[[Any], Answer]) -> Answer:
-        """What `operation` returns for the reference. Raises NotReachable, and the domain errors of IDL exceptions."""
-        found = self._found
-        if found is None:
-            found = self._found = self._orb.resolve(self._name, self._interface, self.resolve_s, self._call_s)
+        """The answer of `operation` for the reference. Raises NotReachable, and the domain errors of IDL exceptions."""
+        reference = self._reference
+        if reference is None:
+            timeouts = self.resolve_timeout_s, self._call_timeout_s
+            reference = self._reference = self._orb.resolve(self._name, self._interface, *timeouts)
         try:
-            with translated(self.what):
-                return operation(found)
+            with translated(self._what):
+                return operation(reference)
         except NotReachable:
-            self._found = None
+            self._reference = None
             raise

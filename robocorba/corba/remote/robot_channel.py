@@ -10,8 +10,8 @@ from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 
-#: Timeout for finding the channel [s].
-CHANNEL_LIMIT_S = 1.0
+#: Timeout to resolve the channel [s].
+RESOLVE_TIMEOUT_S = 1.0
 #: Queue of a robot in the channel; beyond its size the oldest events are discarded.
 QUEUE = QueuePolicy(size=1000)
 
@@ -53,5 +53,5 @@ class RobotChannel:
         if not self._channel:
             raise NotReachable("the robot has no event channel")
         if self._client is None:
-            self._client = EventClient(self._orb, self._channel, self._name, CHANNEL_LIMIT_S)
+            self._client = EventClient(self._orb, self._channel, self._name, RESOLVE_TIMEOUT_S)
         return self._client

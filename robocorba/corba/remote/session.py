@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from omniORB import CORBA
@@ -17,6 +17,7 @@ from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.remote_object import translated
 from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
@@ -28,16 +29,23 @@ from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
 
-#: Timeout of calls in the control loop [s]. The robot stops long before it, when its last command expires.
-CALL_LIMIT_S = 1.0
+#: Timeout of calls in the control loop [s]; the robot stops earlier, when its last command expires.
+CALL_TIMEOUT_S = 1.0
 #: Timeout of calls that the server stores on disk before it answers [s].
-CHANGE_LIMIT_S = 3.0
-#: Timeout for resolving the simulation server [s].
-FIND_LIMIT_S = 5.0
-#: Distances [m] and number of directions from its last pose at which a lost robot is logged on again if that pose is
-#: occupied.
-ASIDE_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
+CHANGE_TIMEOUT_S = 3.0
+#: Timeout to resolve the simulation server [s].
+RESOLVE_TIMEOUT_S = 5.0
+#: Where a lost robot logs on if its last pose is occupied: distances from it [m], and number of directions.
+NEARBY_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
 Answer = TypeVar("Answer")
+
+
+class _References(NamedTuple):
+    """References to a session with CALL_TIMEOUT_S and with CHANGE_TIMEOUT_S, and to its assigned sensor."""
+
+    session: Any
+    slow_session: Any
+    sensor: Any
 
 
 class RemoteSession:
@@ -45,11 +53,9 @@ class RemoteSession:
 
     def __init__(self, orb: Orb, about: Description) -> None:
         self._orb, self.about = orb, about
+        #: Serializes log_on and log_off.
         self._lock = threading.Lock()
-        #: References to the session with CALL_LIMIT_S and with CHANGE_LIMIT_S, and to its assigned sensor server.
-        self._session: Any = None
-        self._slow_session: Any = None
-        self._sensor: Any = None
+        self._references: _References | None = None
         self._latest: SessionState | None = None
 
     @property
@@ -61,7 +67,7 @@ class RemoteSession:
     def log_on(self, at: Pose | None = None) -> None:
         """Raises RobotLost, SimulationError, UnknownFloor."""
         with self._lock:
-            if self._session is not None and self._is_alive():
+            if self._references and self._is_alive(self._references.session):
                 return
             if at is None and self._latest:
                 self._register_near(self._latest.at)
@@ -69,73 +75,75 @@ class RemoteSession:
                 self._register(replace(self.about, pose=at or self.about.pose))
 
     def log_off(self) -> None:
-        with self._lock, contextlib.suppress(RobotLost, CORBA.Exception):
-            if self._session is not None:
-                self._slow_session.deregister()
-        self._session = None
+        with self._lock:
+            references, self._references = self._references, None
+            if references:
+                with contextlib.suppress(CORBA.Exception):
+                    references.slow_session.deregister()
 
     def state(self) -> SessionState:
-        self._latest = found = simulation.session_state_of(self._call(lambda: self._session.state()))
+        self._latest = found = simulation.session_state_of(self._call(lambda to: to.session.state()))
         return found
 
     def heartbeat(self) -> None:
-        self._call(lambda: self._slow_session.heartbeat())
+        self._call(lambda to: to.slow_session.heartbeat())
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
-        self._call(lambda: self._session.command(RoboCorba.Velocity(*velocity), valid_s))
+        self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
 
     def brake(self) -> None:
-        self._call(lambda: self._session.brake())
+        self._call(lambda to: to.session.brake())
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
-        seen = self._call(lambda: self._sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)))
+        seen = self._call(lambda to: to.sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)))
         return np.array(seen.distances)
 
     def grip(self, what: str, x: float, y: float) -> None:
-        self._call(lambda: self._slow_session.grip(what, RoboCorba.XY(x, y)))
+        self._call(lambda to: to.slow_session.grip(what, RoboCorba.XY(x, y)))
 
     def release(self) -> None:
-        self._call(lambda: self._slow_session.release())
+        self._call(lambda to: to.slow_session.release())
 
     def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
         if party:
-            self._call(lambda: self._slow_session.callElevatorTogether(elevator, destination, party, size))
+            self._call(lambda to: to.slow_session.callElevatorTogether(elevator, destination, party, size))
         else:
-            self._call(lambda: self._slow_session.callElevator(elevator, destination))
+            self._call(lambda to: to.slow_session.callElevator(elevator, destination))
 
     def cancel_elevator(self) -> None:
-        self._call(lambda: self._slow_session.giveUpElevator())
+        self._call(lambda to: to.slow_session.giveUpElevator())
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._call(lambda: self._slow_session.reserveAreas(simulation.areas(areas), limit_s))
+        self._call(lambda to: to.slow_session.reserveAreas(simulation.areas(areas), limit_s))
 
     def reservation(self) -> Reservation | None:
-        return simulation.reservation_of(self._call(lambda: self._session.reservation()))
+        return simulation.reservation_of(self._call(lambda to: to.session.reservation()))
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        self._call(lambda: self._slow_session.keepAreas(simulation.areas(areas)))
+        self._call(lambda to: to.slow_session.keepAreas(simulation.areas(areas)))
 
     def release_areas(self) -> None:
-        self._call(lambda: self._slow_session.releaseAreas())
+        self._call(lambda to: to.slow_session.releaseAreas())
 
     # ---- implementation ----
 
-    def _is_alive(self) -> bool:
+    @staticmethod
+    def _is_alive(session: Any) -> bool:
         """Whether the session still exists at the server, which restores sessions when it restarts within the lease."""
         try:
-            self._session.heartbeat()
+            session.heartbeat()
         except CORBA.OBJECT_NOT_EXIST:
             return False
         except CORBA.SystemException as error:
-            raise self._lost(error) from None
+            raise _lost(error) from None
         return True
 
     def _register_near(self, place: Pose) -> None:
         """Register at the pose before the loss, or just beside it if the place is taken meanwhile."""
-        for aside_m in ASIDE_M:
-            for turn in range(DIRECTIONS if aside_m else 1):
-                x = place.x + aside_m * math.cos(math.tau * turn / DIRECTIONS)
-                y = place.y + aside_m * math.sin(math.tau * turn / DIRECTIONS)
+        for distance_m in NEARBY_M:
+            for turn in range(DIRECTIONS if distance_m else 1):
+                x = place.x + distance_m * math.cos(math.tau * turn / DIRECTIONS)
+                y = place.y + distance_m * math.sin(math.tau * turn / DIRECTIONS)
                 with contextlib.suppress(PlaceTaken):
                     self._register(replace(self.about, pose=place._replace(x=x, y=y)))
                     return
@@ -143,33 +151,37 @@ class RemoteSession:
 
     def _register(self, about: Description) -> None:
         try:
-            server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, FIND_LIMIT_S, CHANGE_LIMIT_S)
-            found = server.registerRobot(simulation.description(about))
-            uri = self._orb.uri(found)
-            self._session, self._slow_session = (self._orb.reference(uri, RoboCorba.RobotSession) for _ in range(2))
-            set_call_timeout(self._session, CALL_LIMIT_S)
-            set_call_timeout(self._slow_session, CHANGE_LIMIT_S)
-            self._sensor = self._slow_session._get_sensor()
-            set_call_timeout(self._sensor, CHANGE_LIMIT_S)  # the first call may wait for the sensor server
+            server = self._orb.resolve(
+                "SimulationServer", RoboCorba.SimulationServer, RESOLVE_TIMEOUT_S, CHANGE_TIMEOUT_S
+            )
         except NotReachable as error:
             raise RobotLost(str(error)) from None
-        except CORBA.UserException as error:
-            raise (domain_error(error) or error) from None
-        except CORBA.SystemException as error:
-            raise self._lost(error) from None
+        with translated("the simulation server", RobotLost):
+            uri = self._orb.uri(server.registerRobot(simulation.description(about)))
+            session = self._orb.reference(uri, RoboCorba.RobotSession, CALL_TIMEOUT_S)
+            slow_session = self._orb.reference(uri, RoboCorba.RobotSession, CHANGE_TIMEOUT_S)
+            try:
+                sensor = slow_session._get_sensor()
+            except CORBA.SystemException:
+                with contextlib.suppress(CORBA.Exception):  # else the robot's name is taken until the lease expires
+                    slow_session.deregister()
+                raise
+            set_call_timeout(sensor, CHANGE_TIMEOUT_S)  # the first call may wait for the sensor server
+        self._references = _References(session, slow_session, sensor)
 
-    def _call(self, call: Callable[[], Answer]) -> Answer:
-        if self._session is None:
+    def _call(self, operation: Callable[[_References], Answer]) -> Answer:
+        references = self._references
+        if references is None:
             raise RobotLost(f"{self.about.name} is not logged on")
         try:
-            return call()
+            return operation(references)
         except CORBA.UserException as error:
             raise (domain_error(error) or error) from None
         except CORBA.SystemException as error:
-            raise self._lost(error) from None
+            raise _lost(error) from None
 
-    @staticmethod
-    def _lost(wrong: CORBA.SystemException) -> RobotLost:
-        if isinstance(wrong, CORBA.OBJECT_NOT_EXIST):
-            return RobotLost("the simulation server has logged the robot off")
-        return RobotLost(f"the simulation server does not answer ({describe(wrong)})")
+
+def _lost(error: CORBA.SystemException) -> RobotLost:
+    if isinstance(error, CORBA.OBJECT_NOT_EXIST):
+        return RobotLost("the simulation server has logged the robot off")
+    return RobotLost(f"the simulation server does not answer ({describe(error)})")

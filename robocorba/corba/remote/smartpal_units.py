@@ -11,24 +11,25 @@ from typing import Any, NoReturn
 import numpy as np
 from omniORB import CORBA
 
-from robocorba.control.model_switcher import Surroundings
-from robocorba.control.smartpal_adaptor import Place, SmartPalAdaptor
+from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.smartpal_adaptor import SmartPalAdaptor
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import Side
 from robocorba.settings import Address
+from robocorba.spatial.frames import Frame
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 
 #: Timeout of a call [s].
-CALL_LIMIT_S = 0.3
+CALL_TIMEOUT_S = 0.3
 #: A call that exceeds its timeout by this time [s] was late because this process was paused, not because of the unit.
 _PAUSED_S = 0.05
 #: After a longer pause [s] no call is repeated: the robot must not continue an old motion.
 _MAX_PAUSE_S = 1.0
-#: Most alarms that are requested.
+#: Maximum number of alarms that are requested.
 _MAX_ALARMS = 4
 _MM = 1000.0
 
@@ -71,13 +72,13 @@ class RemoteSmartPalUnits:
     resolved.
 
     Every method raises UnitFailed with the return or state code if a unit refuses, and AdaptorFailed if it does not
-    answer within CALL_LIMIT_S. Thread-safe."""
+    answer within CALL_TIMEOUT_S. Thread-safe."""
 
     def __init__(self, orb: Orb, naming: Address) -> None:
         self._units: dict[str, Any] = {}
         for unit, (name, interface) in _BOUND.items():
             try:
-                self._units[unit] = orb.resolve_in_other_naming_service(naming, name, interface, CALL_LIMIT_S)
+                self._units[unit] = orb.resolve_in_other_naming_service(naming, name, interface, CALL_TIMEOUT_S)
             except NotReachable as error:
                 raise AdaptorFailed(str(error)) from None
 
@@ -124,14 +125,14 @@ class RemoteSmartPalUnits:
 
     # ---- the base ----
 
-    def place(self) -> tuple[float, float, float]:
+    def pose(self) -> Frame:
         """x, y [m] and heading [rad] by odometry."""
         done, x, y, theta = self._call("Mobility", "getPosition")
         if not done:
             self._refuse("Mobility", _REFUSED, "it does not report its position")
         return x / _MM, y / _MM, math.radians(theta)
 
-    def set_place(self, x: float, y: float, heading: float) -> None:
+    def set_pose(self, x: float, y: float, heading: float) -> None:
         """Set the odometry to x, y [m] and heading [rad]."""
         self._order("Mobility", "setPosition", x * _MM, y * _MM, math.degrees(heading))
 
@@ -200,7 +201,7 @@ class RemoteSmartPalUnits:
         try:
             return self._call_once(unit, operation, *arguments)
         except AdaptorFailed:
-            if not CALL_LIMIT_S + _PAUSED_S < time.monotonic() - began < _MAX_PAUSE_S:
+            if not CALL_TIMEOUT_S + _PAUSED_S < time.monotonic() - began < _MAX_PAUSE_S:
                 raise
             return self._call_once(unit, operation, *arguments)
 
@@ -238,14 +239,14 @@ class RemoteSmartPalUnits:
         raise UnitFailed(unit, code, reason)
 
 
-def adaptor(surroundings: Surroundings) -> SmartPalAdaptor:
+def adaptor(context: AdaptorContext) -> SmartPalAdaptor:
     """The entry point `smartpal` of the adaptors."""
 
-    def body_place() -> Place:
-        at = surroundings.session.latest.at
+    def body_pose() -> Frame:
+        at = context.session.latest.at
         return at.x, at.y, at.heading
 
-    return SmartPalAdaptor(units_at(surroundings.orb), body_place)
+    return SmartPalAdaptor(units_at(context.orb), body_pose)
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:

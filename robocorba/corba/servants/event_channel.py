@@ -1,4 +1,4 @@
-"""Servants of a channel and its two admins."""
+"""Servants of an event channel, its ConsumerAdmin and its SupplierAdmin."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from robocorba.corba.conversion.errors import translating
 from robocorba.errors.events import TooManyProxies
 from robocorba.events.channel import Channel
 from robocorba.events.links import Links
-from robocorba.events.proxies import Proxies, Proxy, ProxyKind
+from robocorba.events.proxies import Proxies
+from robocorba.events.proxy import Proxy, ProxyKind
 from robocorba.stubs import RoboCorba__POA
 
 
@@ -56,12 +57,12 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 
     @translating
     def for_consumers(self) -> Any:
-        self._proxies.check()
+        self._proxies.check_not_destroyed()
         return self._objects.consumer_admin
 
     @translating
     def for_suppliers(self) -> Any:
-        self._proxies.check()
+        self._proxies.check_not_destroyed()
         return self._objects.supplier_admin
 
     @translating
@@ -116,7 +117,7 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 
 
 class _Admin:
-    """Base of both admins."""
+    """Base of ConsumerAdmin and SupplierAdmin, which hand out proxies to clients."""
 
     def __init__(self, proxies: Proxies, objects: ChannelObjects) -> None:
         self._proxies, self._objects = proxies, objects

@@ -1,4 +1,4 @@
-"""Servants of the two ends of links."""
+"""Servants of the two ends of a link between channels: the feed that sends, and the gateway that receives."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class EventGatewayServant(RoboCorba__POA.EventGateway):
         received = []
         for struct in runs:
             try:
-                received.append(events.forwarded_run_of(struct))
+                received.append(events.forwarded_batch_of(struct))
             except InvalidEvent as error:  # oneway: cannot be reported to the peer
                 _log.warning("a peer forwarded invalid events (%s)", error)
         self._links.forward(session, position, received)

@@ -1,4 +1,4 @@
-"""Servants of the four kinds of proxy."""
+"""Servants of the four kinds of proxy, each named after the OMG interface that its client calls."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import raise_idl, translating
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import Disconnected, InvalidEvent, ProxyGone
-from robocorba.events.inlet import Inlet
-from robocorba.events.outlet import PullOutlet
-from robocorba.events.proxies import Proxies, ProxyKind
-from robocorba.events.push_outlet import PushOutlet
+from robocorba.events.proxies import Proxies
+from robocorba.events.proxy import ProxyKind
+from robocorba.events.proxy_consumer import ProxyConsumer
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.stubs import RoboCorba__POA
 
 #: Maximum duration of a pull [s]; then it raises TRANSIENT, because the client may be gone.
-PULL_LIMIT_S = 300.0
+PULL_TIMEOUT_S = 300.0
 
 
 class ClientFactory(Protocol):
@@ -37,18 +38,18 @@ def _refuse_nil(reference: Any) -> None:
 class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     """RoboCorba::EventProxyPushConsumer: a supplier pushes to it."""
 
-    def __init__(self, inlet: Inlet, proxies: Proxies, clients: ClientFactory) -> None:
-        self._inlet, self._proxies, self._clients = inlet, proxies, clients
+    def __init__(self, proxy: ProxyConsumer, proxies: Proxies, clients: ClientFactory) -> None:
+        self._proxy, self._proxies, self._clients = proxy, proxies, clients
 
     @translating
     def connect_push_supplier(self, supplier: Any) -> None:
-        self._proxies.connect(self._inlet, self._clients.of(ProxyKind.PUSH_CONSUMER, supplier))
+        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PUSH_CONSUMER, supplier))
 
     # Without decorator, because these two methods run for every event.
 
     def push(self, value: Any) -> None:
         try:
-            self._inlet.push(events.run_of_any(value))
+            self._proxy.push(events.batch_of_any(value))
         except InvalidEvent:  # the OMG interface has no exception for this
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
         except RoboCorbaError as error:
@@ -56,38 +57,38 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
 
     def pushEvent(self, one: Any) -> None:
         try:
-            self._inlet.push(events.run_of_event(one))
+            self._proxy.push(events.batch_of_event(one))
         except RoboCorbaError as error:
             raise_idl(error)
 
     @translating
     def pushRuns(self, runs: Any) -> None:
-        for run in [events.run_of(struct) for struct in runs]:  # check all runs before publishing any
-            if run.payloads:
-                self._inlet.push(run)
+        for batch in [events.batch_of(struct) for struct in runs]:  # check all before publishing any
+            if batch.payloads:
+                self._proxy.push(batch)
 
     @translating
     def disconnect_push_consumer(self) -> None:
-        self._proxies.disconnect(self._inlet)
+        self._proxies.disconnect(self._proxy)
 
     def state(self) -> Any:
-        return events.proxy_state(self._proxies.state(self._inlet))
+        return events.proxy_state(self._proxies.snapshot(self._proxy))
 
 
 class PullConsumerServant(CosEventChannelAdmin__POA.ProxyPullConsumer):
     """CosEventChannelAdmin::ProxyPullConsumer: polls a supplier for events."""
 
-    def __init__(self, inlet: Inlet, proxies: Proxies, clients: ClientFactory) -> None:
-        self._inlet, self._proxies, self._clients = inlet, proxies, clients
+    def __init__(self, proxy: ProxyConsumer, proxies: Proxies, clients: ClientFactory) -> None:
+        self._proxy, self._proxies, self._clients = proxy, proxies, clients
 
     @translating
     def connect_pull_supplier(self, supplier: Any) -> None:
         _refuse_nil(supplier)
-        self._proxies.connect(self._inlet, self._clients.of(ProxyKind.PULL_CONSUMER, supplier))
+        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PULL_CONSUMER, supplier))
 
     @translating
     def disconnect_pull_consumer(self) -> None:
-        self._proxies.disconnect(self._inlet)
+        self._proxies.disconnect(self._proxy)
 
 
 class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
@@ -95,77 +96,77 @@ class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
 
     def __init__(
         self,
-        outlet: PushOutlet,
+        proxy: ProxyPushSupplier,
         proxies: Proxies,
         clients: ClientFactory,
-        is_in_force: Callable[[PushOutlet, str], bool],
+        is_in_force: Callable[[ProxyPushSupplier, str], bool],
     ) -> None:
-        self._outlet, self._proxies, self._clients, self._is_in_force = outlet, proxies, clients, is_in_force
+        self._proxy, self._proxies, self._clients, self._is_in_force = proxy, proxies, clients, is_in_force
 
     @translating
     def connect_push_consumer(self, consumer: Any) -> None:
         _refuse_nil(consumer)
-        self._proxies.connect(self._outlet, self._clients.of(ProxyKind.PUSH_SUPPLIER, consumer))
+        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PUSH_SUPPLIER, consumer))
 
     @translating
     def changeSubscription(self, wanted: Any) -> None:
-        self._proxies.change(self._outlet, events.subscription_of(wanted))
+        self._proxies.change(self._proxy, events.subscription_of(wanted))
 
     @translating
     def suspend(self) -> None:
-        self._proxies.suspend(self._outlet, True)
+        self._proxies.suspend(self._proxy, True)
 
     @translating
     def resume(self) -> None:
-        self._proxies.suspend(self._outlet, False)
+        self._proxies.suspend(self._proxy, False)
 
     @translating
     def isInForceAt(self, peer: str) -> bool:
-        return self._is_in_force(self._outlet, peer)
+        return self._is_in_force(self._proxy, peer)
 
     @translating
     def disconnect_push_supplier(self) -> None:
-        self._proxies.disconnect(self._outlet)
+        self._proxies.disconnect(self._proxy)
 
     def state(self) -> Any:
-        return events.proxy_state(self._proxies.state(self._outlet))
+        return events.proxy_state(self._proxies.snapshot(self._proxy))
 
 
 class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
     """RoboCorba::EventProxyPullSupplier: queues events for a consumer that pulls them."""
 
-    def __init__(self, outlet: PullOutlet, proxies: Proxies, clients: ClientFactory) -> None:
-        self._outlet, self._proxies, self._clients = outlet, proxies, clients
+    def __init__(self, proxy: ProxyPullSupplier, proxies: Proxies, clients: ClientFactory) -> None:
+        self._proxy, self._proxies, self._clients = proxy, proxies, clients
 
     @translating
     def connect_pull_consumer(self, consumer: Any) -> None:
-        self._proxies.connect(self._outlet, self._clients.of(ProxyKind.PULL_SUPPLIER, consumer))
+        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PULL_SUPPLIER, consumer))
 
     @translating
     def changeSubscription(self, wanted: Any) -> None:
-        self._proxies.change(self._outlet, events.subscription_of(wanted))
+        self._proxies.change(self._proxy, events.subscription_of(wanted))
 
     @translating
     def pull(self) -> Any:
-        run = self._pulled(PULL_LIMIT_S)
-        if run is None:
+        batch = self._pulled(PULL_TIMEOUT_S)
+        if batch is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
-        return events.any_of(run)
+        return events.plain_event(batch)
 
     @translating
     def try_pull(self) -> tuple[Any, bool]:
-        run = self._pulled(0.0)
-        return (CORBA.Any(CORBA.TC_null, None), False) if run is None else (events.any_of(run), True)
+        batch = self._pulled(0.0)
+        return (CORBA.Any(CORBA.TC_null, None), False) if batch is None else (events.plain_event(batch), True)
 
     def _pulled(self, limit_s: float) -> Any:
         try:
-            return self._outlet.pull(limit_s)
+            return self._proxy.pull(limit_s)
         except ProxyGone:  # as the OMG standard requires for a call in progress
             raise Disconnected("the proxy was disconnected") from None
 
     @translating
     def disconnect_pull_supplier(self) -> None:
-        self._proxies.disconnect(self._outlet)
+        self._proxies.disconnect(self._proxy)
 
     def state(self) -> Any:
-        return events.proxy_state(self._proxies.state(self._outlet))
+        return events.proxy_state(self._proxies.snapshot(self._proxy))

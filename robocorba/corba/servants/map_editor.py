@@ -9,7 +9,7 @@ from robocorba.corba.conversion import maps
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.maps import InvalidElement, MapFileError
 from robocorba.maps import native
-from robocorba.maps.editing import BuildingEditor, Transaction
+from robocorba.maps.map_building_agent import BuildingEditor, Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
@@ -80,7 +80,7 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
     @translating
     def elements(self, kind: Any, onFloor: str) -> list[Any]:
         found = self._editor.elements(maps.kind_of(kind), onFloor)
-        return [maps.record(onFloor, value, changed_at) for value, changed_at in found]
+        return [maps.record(onFloor, value, changed_in) for value, changed_in in found]
 
     @translating
     def read(self, id: Any) -> Any:

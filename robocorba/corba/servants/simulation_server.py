@@ -37,7 +37,7 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
         return simulation.server_state(self._agent.state)
 
     def clients(self) -> list[Any]:
-        now, name_for = time.monotonic(), self._agent.sensors.name_for
+        now, name_for = time.monotonic(), self._agent.load_balance.name_for
         return [
             simulation.client_state(
                 session.client, session.robot.state().pose, now - session.client.last_call_at, name_for(session.name)
@@ -46,7 +46,7 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
         ]
 
     def sensors(self) -> list[Any]:
-        return [simulation.sensor_state(sensor) for sensor in self._agent.sensors.sensors]
+        return [simulation.sensor_state(sensor) for sensor in self._agent.load_balance.servers]
 
     @translating
     def renderFloor(self, floor: str, width: int) -> bytes:
@@ -55,7 +55,7 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
     def reportSensor(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
         load = simulation.load_of(load)
         self._agent.record_scans(scans.last_scan_of(struct) for struct in latest)
-        for robot, previous in self._agent.sensors.report(name, reference, load):
+        for robot, previous in self._agent.load_balance.report(name, reference, load):
             self._dismiss(previous, robot)
 
 

@@ -16,8 +16,8 @@ from robocorba.sensing.virtual_sensor import ScanSpec, VirtualSensor
 from robocorba.stubs import RoboCorba__POA
 
 
-class Activator(Protocol):
-    """Activates and deactivates the sensors of single robots."""
+class RobotSensors(Protocol):
+    """The sensors of single robots in a sensor server."""
 
     def for_robot(self, name: str) -> Any:
         """Reference of a robot's sensor, activated if necessary."""
@@ -29,21 +29,23 @@ class Activator(Protocol):
 class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     """RoboCorba::VirtualSensor of a sensor server, or of one robot if `robot` names it."""
 
-    def __init__(self, sensor: VirtualSensor, reports: Reports, activator: Activator, robot: str | None = None) -> None:
-        self._sensor, self._reports, self._activator, self._robot = sensor, reports, activator, robot
+    def __init__(
+        self, sensor: VirtualSensor, reports: Reports, robot_sensors: RobotSensors, robot: str | None = None
+    ) -> None:
+        self._sensor, self._reports, self._robot_sensors, self._robot = sensor, reports, robot_sensors, robot
 
     @translating
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
         spec = scans.spec_of(wanted)
-        place, mount = scans.places_of([robot]), scans.mount_of(where)
-        result = self._sensor.scan(robot.floor, place, mount, spec, self._robot)
+        pose_rows, mount = scans.pose_rows_of([robot]), scans.mount_of(where)
+        result = self._sensor.scan(robot.floor, pose_rows, mount, spec, self._robot)
         self._reports.record_scan(self._robot, robot.floor, spec, result)
         return scans.scan(result, spec)
 
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
         spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
-        results = self._sensor.scan_many(floors, scans.places_of(robots), scans.mount_of(where), spec, self._robot)
+        results = self._sensor.scan_many(floors, scans.pose_rows_of(robots), scans.mount_of(where), spec, self._robot)
         for floor, result in zip(floors, results, strict=True):
             self._reports.record_scan(self._robot, floor, spec, result)
         return [scans.scan(result, spec) for result in results]
@@ -61,10 +63,10 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     def forRobot(self, name: str) -> Any:
         if not 0 < len(name) <= 60:
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
-        return self._activator.for_robot(name)
+        return self._robot_sensors.for_robot(name)
 
     def dismiss(self, name: str) -> None:
-        self._activator.dismiss(name)
+        self._robot_sensors.dismiss(name)
 
 
 class RobotSensorServant(RoboCorba__POA.VirtualSensor):

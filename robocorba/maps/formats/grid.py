@@ -12,15 +12,6 @@ from shapely.geometry.base import BaseGeometry
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 #: Maximum number of cells of a grid that is read or written (5792 x 5792).
 MAX_CELLS = 2**25
-#: Maximum number of cell sides on contours: maps have far fewer, noise has more.
-MAX_SIDES = 2**20
-
-
-def count_sides(region: np.ndarray) -> int:
-    """The number of cell sides on the contours of a region."""
-    padded = np.pad(region, 1)
-    across, down = padded[:, 1:] != padded[:, :-1], padded[1:] != padded[:-1]
-    return int(np.count_nonzero(across)) + int(np.count_nonzero(down))
 
 
 class Canvas:

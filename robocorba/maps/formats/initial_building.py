@@ -11,7 +11,7 @@ import msgspec
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import StateMismatch
 from robocorba.maps.samples import sample_path
-from robocorba.maps.storage import FIRST_VERSION, MapStore
+from robocorba.maps.store import FIRST_VERSION, MapStore
 
 #: Sample to serve without a file and without a store.
 DEFAULT_SAMPLE = "five-floors"
@@ -33,7 +33,7 @@ def open_store(path: Path, building: Path | None) -> MapStore:
     is invalid, AlreadyRunning if another process has the store open."""
     path.parent.mkdir(parents=True, exist_ok=True)
     origin_file = path.with_suffix(".origin.json")
-    if MapStore.exists(path):
+    if path.exists():
         if building is None:
             return MapStore(path)
         origin = _origin(building)

@@ -37,7 +37,8 @@ def write(building: Building, path: str | Path) -> Exported:
         }
         write_file(target, (json.dumps(graph, indent=1, ensure_ascii=False) + "\n").encode())
         files.append(target)
-        if any(_dropped_collections(entry)):
+        plan = entry.geometrical
+        if plan.walls or plan.objects or plan.doors or plan.areas:
             losses.add("walls, objects, doors and areas are not part of a route graph: {names}", floor)
     for name, elevator in building.elevators.items():
         floors = ", ".join(elevator.floors())
@@ -46,12 +47,6 @@ def write(building: Building, path: str | Path) -> Exported:
             f"{name} ({floors})",
         )
     return Exported(tuple(files), losses.sentences())
-
-
-def _dropped_collections(entry: FloorMap) -> tuple[Any, ...]:
-    """The collections of the geometrical map, which a route graph does not contain."""
-    plan = entry.geometrical
-    return plan.walls, plan.objects, plan.doors, plan.areas
 
 
 def _features(entry: FloorMap, ids: Iterator[int]) -> Iterator[dict[str, Any]]:

@@ -12,22 +12,14 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robocorba.maps.formats.openrmf_file import Level, Link, flag, params, read_level
+from robocorba.maps.formats.openrmf_alignment import Alignment, align_levels, metres, reference_level
+from robocorba.maps.formats.openrmf_file import Level, flag, params, read_level
 from robocorba.maps.formats.openrmf_lanes import UniqueNames, lanes_of
 from robocorba.maps.formats.openrmf_lifts import read_lifts
-from robocorba.maps.formats.openrmf_outline import Outline, outline_of
-from robocorba.maps.formats.openrmf_place import Placement, metres, place_levels, reference_level
-from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.formats.openrmf_outline import FloorOutline, floor_outline
+from robocorba.maps.formats.yaml_item import STOREY_M, Item
 from robocorba.maps.losses import Imported, Losses, remove_invalid_elements
-from robocorba.maps.model import (
-    Building,
-    Door,
-    DoorKind,
-    Floor,
-    FloorMap,
-    GeometricalMap,
-    Wall,
-)
+from robocorba.maps.model import Building, Door, DoorKind, Floor, FloorMap, GeometricalMap, Wall
 from robocorba.maps.yaml_file import YamlFile
 
 FORMAT = "openrmf"
@@ -39,21 +31,11 @@ _DOOR_KINDS = {
 }
 #: Default height of walls [m].
 _WALL_HEIGHT_M = 2.5
-#: Assumed distance between levels of equal elevation [m].
-STOREY_M = 3.0
 #: Known keys of a level and of the file; all others are reported.
 _LEVEL_KEYS = {"elevation", "vertices", "walls", "lanes", "doors", "measurements", "fiducials", "floors", "holes"}
 _LEVEL_KEYS |= {"models", "flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"}
-_FILE_KEYS = {
-    "name",
-    "building_name",
-    "coordinate_system",
-    "graphs",
-    "levels",
-    "lifts",
-    "reference_level_name",
-    "parameters",
-}
+_FILE_KEYS = {"name", "building_name", "coordinate_system", "graphs", "levels", "lifts", "reference_level_name"}
+_FILE_KEYS |= {"parameters"}
 
 
 def is_openrmf(data: Any) -> bool:
@@ -71,48 +53,46 @@ def read(file: YamlFile) -> Imported:
     if len({level.name for level in levels}) < len(levels):
         raise root.need("levels").error("two levels of one name")
     reference = reference_level(levels, root)
-    placements = _placements(root, levels, reference, losses)
+    alignments = _alignments(root, levels, reference, losses)
     graphs = _graph_names(root.get("graphs"), losses)
 
     empty = _empty_floors(levels, _elevations(levels, losses))
     listed = root.get("lifts")
-    lifts = read_lifts(listed, levels, reference, placements, losses)
+    lifts = read_lifts(listed, levels, reference, alignments, losses)
     # Invalid lifts are removed first: they must neither extend an outline nor cost a lane.
     lifts = remove_invalid_elements(Building("lifts", empty, lifts), losses, file).elevators
-    left_out = {name for name, _ in listed.members() if name not in lifts} if listed else set()
+    left_out = {name for name, _ in listed.members() if name not in lifts}
     by_name = {level.name: level for level in levels}
     floors: dict[str, FloorMap] = {}
     for name, entry in empty.items():
-        level, place = by_name[name], placements[name]
+        level = by_name[name].placed(alignments[name])
         shafts = [lift for lift in lifts.values() if name in lift.floors()]
-        outline = outline_of(level, place, shafts, losses)
+        outline = floor_outline(level, shafts, losses)
         _report_dropped(level, losses)
         floors[name] = FloorMap(
             msgspec.structs.replace(entry.floor, outline=outline.points),
             GeometricalMap(
-                walls=_within_outline(_walls(level, place, losses), outline, name, losses),
+                walls=_within_outline(_walls(level, losses), outline, name, losses),
                 objects=outline.voids,
-                doors=_within_outline(_doors(level, place, losses), outline, name, losses),
+                doors=_within_outline(_doors(level, losses), outline, name, losses),
             ),
-            lanes_of(level, place, lifts, left_out, graphs, losses),
+            lanes_of(level, lifts, left_out, graphs, losses),
         )
     for name in root.mapping():
         if name not in _FILE_KEYS:
             losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
-    title = root.get("name") or root.get("building_name")
-    building = Building((title.text() if title else "") or "building", floors, lifts)
+    building = Building(root.get("name", "building_name").text() or "building", floors, lifts)
     return Imported(remove_invalid_elements(building, losses, file), FORMAT, losses.sentences())
 
 
-def _placements(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Placement]:
+def _alignments(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Alignment]:
     system = root.get("coordinate_system")
-    kind = system.text() if system else "reference_image"
-    if kind == "reference_image":
-        return place_levels(levels, reference, losses)
-    if system and kind != "cartesian_meters":
+    kind = system.text()
+    if system.value is None or kind == "reference_image":
+        return align_levels(levels, reference, losses)
+    if kind != "cartesian_meters":
         raise system.error(f"{kind!r} is not supported; reference_image and cartesian_meters are")
-    parameters = root.get("parameters")
-    given = params(parameters) if parameters else {}
+    given = params(root.get("parameters"))
     offset = tuple(given[key].number() if key in given else 0.0 for key in ("offset_x", "offset_y"))
     if any(offset):
         losses.add(f"coordinates: the file's offset {offset[0]:g}, {offset[1]:g} was subtracted")
@@ -140,13 +120,12 @@ def _empty_floors(levels: list[Level], elevations: dict[str, float]) -> dict[str
     }
 
 
-def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
+def _graph_names(graphs: Item, losses: Losses) -> dict[int, str]:
     """Names of the navigation graphs by index."""
     found: dict[int, str] = {}
-    for label, item in graphs.members() if graphs else ():
+    for label, item in graphs.members():
         index = Item(item.file, item.key, label).integer()
-        named = item.get("name")
-        name = named.text() if named else ""
+        name = item.get("name").text()
         if name and name in found.values():
             losses.add("graphs: duplicate names, the index is used instead: {names}", f"{name} ({index})")
         elif name:
@@ -154,7 +133,7 @@ def _graph_names(graphs: Item | None, losses: Losses) -> dict[int, str]:
     return found
 
 
-def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
+def _walls(level: Level, losses: Losses) -> dict[str, Wall]:
     names = UniqueNames(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
     found: dict[str, Wall] = {}
     for i, link in enumerate(level.links["walls"]):
@@ -163,14 +142,14 @@ def _walls(level: Level, place: Placement, losses: Losses) -> dict[str, Wall]:
             continue
         name = names.take(link.text("name"), f"w{i}")
         height = link.params["texture_height"].positive() if "texture_height" in link.params else _WALL_HEIGHT_M
-        a, b = _ends(level, link, place)
+        a, b = level.points((link.a, link.b))
         found[name] = Wall(name=name, a=a, b=b, height=height)
         if flag(link.params, "transparent") or "texture_name" in link.params:
             losses.add("textures of walls, floors and doors are not kept")
     return found
 
 
-def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
+def _doors(level: Level, losses: Losses) -> dict[str, Door]:
     names = UniqueNames(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
     found: dict[str, Door] = {}
     for i, link in enumerate(level.links["doors"]):
@@ -181,12 +160,12 @@ def _doors(level: Level, place: Placement, losses: Losses) -> dict[str, Door]:
             losses.add(f"doors of type {written!r}: {{n}} became {kind.value}: {{names}}", f"{level.name} {name}")
         if "motion_axis" in link.params or "motion_degrees" in link.params:
             losses.add("doors: hinge side and opening angle are not kept: {names}", f"{level.name} {name}")
-        a, b = _ends(level, link, place)
+        a, b = level.points((link.a, link.b))
         found[name] = Door(name=name, a=a, b=b, kind=kind)
     return found
 
 
-def _within_outline(found: dict[str, T], outline: Outline, floor: str, losses: Losses) -> dict[str, T]:
+def _within_outline(found: dict[str, T], outline: FloorOutline, floor: str, losses: Losses) -> dict[str, T]:
     """The walls or doors outside the parts of the floor that are left out."""
     kept: dict[str, T] = {}
     for name, element in found.items():
@@ -197,20 +176,15 @@ def _within_outline(found: dict[str, T], outline: Outline, floor: str, losses: L
     return kept
 
 
-def _ends(level: Level, link: Link, place: Placement) -> tuple[tuple[float, float], tuple[float, float]]:
-    return place(level.vertices[link.a].at), place(level.vertices[link.b].at)
-
-
 def _report_dropped(level: Level, losses: Losses) -> None:
     """Report the data of a level that a building can't hold."""
     if level.links["measurements"]:
         losses.add("measurements: used for the scale, not kept: {names}", level.name)
     if level.fiducials:
         losses.add("fiducials: used to align the levels, not kept: {names}", level.name)
-    models = level.item.get("models")
-    for model in models.items() if models else ():
-        kind = model.get("model_name") or model.get("name")
-        losses.add("models: {n} left out, the file gives no sizes: {names}", kind.text() if kind else "")
+    for model in level.item.get("models").items():
+        kind = model.get("model_name", "name").text()
+        losses.add("models: {n} left out, the file gives no sizes: {names}", kind)
     for key, value in level.item.members():
         if key not in _LEVEL_KEYS and value.value:
             losses.add(f"{key}: not kept: {{names}}", level.name)

@@ -17,7 +17,7 @@ import yaml
 
 from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.losses import Losses
-from robocorba.maps.model import Building, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape, Side
+from robocorba.maps.model import Building, CabinSide, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape
 from robocorba.spatial.pose import XY
 
 #: Number of navigation graphs that the format's tools support (indices 0 to 8).
@@ -80,20 +80,19 @@ class _Vertices:
 
 def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: Losses) -> dict[str, Any]:
     floor, vertices = entry.floor, _Vertices()
-    nodes = {}
-    for node in entry.topological.nodes.values():
-        nodes[node.name] = vertices.node(
-            node.name, node.at, {"lift_cabin": [1, node.elevator]} if node.elevator else {}
-        )
+    nodes = {
+        node.name: vertices.node(node.name, node.at, {"lift_cabin": [1, node.elevator]} if node.elevator else {})
+        for node in entry.topological.nodes.values()
+    }
     x0, y0, x1, y1 = bounds(building, floor.name)
     level: dict[str, Any] = {
         "elevation": float(floor.elevation),
         "x_meters": float(math.ceil(x1 - x0)),
         "y_meters": float(math.ceil(y1 - y0)),
         "vertices": vertices.rows,
-        "walls": [_Row(row) for row in _walls(building, entry, vertices, losses)],
-        "doors": [_Row(row) for row in _doors(entry, vertices, losses)],
-        "lanes": [_Row(row) for row in _lanes(entry, nodes, graphs)],
+        "walls": _walls(building, entry, vertices, losses),
+        "doors": _doors(entry, vertices, losses),
+        "lanes": _lanes(entry, nodes, graphs),
         "measurements": [],
         "floors": [],
         "models": [],
@@ -108,7 +107,9 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
     else:
         others = holes + others
     for map_object in solid_blocks:
-        level["walls"] += [_Row(row) for row in _walls_around(map_object, vertices)]
+        corners = [vertices.corner(at) for at in _ring(map_object)]
+        height = [3, float(map_object.height)]
+        level["walls"] += [_Row([a, b, {"texture_height": height}]) for a, b in pairwise([*corners, corners[0]])]
         losses.add("solid blocks became walls along their outlines: {names}", f"{floor.name} {map_object.name}")
     for map_object in others:
         losses.add(
@@ -121,10 +122,10 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
     return level
 
 
-def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[Any]]:
+def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[_Row]:
     """Walls, cut at doors and landings. The second piece of a wall has the suffix _2, and so on."""
     remaining = {item.name: item.geometry for item in obstacles(building, entry.floor.name) if item.kind == "wall"}
-    rows: list[list[Any]] = []
+    rows: list[_Row] = []
     for wall in entry.geometrical.walls.values():
         whole = shapely.LineString([wall.a, wall.b])
         left = remaining.get(wall.name, shapely.LineString())
@@ -135,13 +136,12 @@ def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Los
         for n, (a, b) in enumerate(pieces, start=1):
             name = wall.name if n == 1 else f"{wall.name}_{n}"
             name_param = {} if name == f"w{len(rows)}" else {"name": [1, name]}
-            rows.append(
-                [vertices.corner(a), vertices.corner(b), {"texture_height": [3, float(wall.height)], **name_param}]
-            )
+            params = {"texture_height": [3, float(wall.height)], **name_param}
+            rows.append(_Row([vertices.corner(a), vertices.corner(b), params]))
     return rows
 
 
-def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[Any]]:
+def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[_Row]:
     rows = []
     for door in entry.geometrical.doors.values():
         where = f"{entry.floor.name} {door.name}"
@@ -153,7 +153,7 @@ def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[list[An
         )
         if door.locked:
             losses.add("doors: their lock is not kept: {names}", where)
-        rows.append([vertices.corner(door.a), vertices.corner(door.b), _door_params(door)])
+        rows.append(_Row([vertices.corner(door.a), vertices.corner(door.b), _door_params(door)]))
     return rows
 
 
@@ -189,7 +189,7 @@ def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
     return found
 
 
-def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> list[list[Any]]:
+def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> list[_Row]:
     rows = []
     for edge in entry.topological.edges.values():
         params: dict[str, Any] = {"bidirectional": [4, not edge.one_way], "speed_limit": [3, float(edge.speed_limit)]}
@@ -198,7 +198,7 @@ def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> li
         if edge.clearance:
             params["clearance"] = [3, float(edge.clearance)]
         for graph in edge.graphs or graphs:
-            rows.append([nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}])
+            rows.append(_Row([nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}]))
     return rows
 
 
@@ -217,14 +217,9 @@ def _ring(map_object: MapObject) -> list[XY]:
     return [(map_object.at[0] + x, map_object.at[1] + y) for x, y in map_object.shape.points]
 
 
-def _walls_around(map_object: MapObject, vertices: _Vertices) -> list[list[Any]]:
-    corners = [vertices.corner(at) for at in _ring(map_object)]
-    return [[a, b, {"texture_height": [3, float(map_object.height)]}] for a, b in pairwise([*corners, corners[0]])]
-
-
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
     order = [name for name in building.floors if name in elevator.floors()]
-    doorways: dict[tuple[Side, float, float], str] = {}
+    doorways: dict[tuple[CabinSide, float, float], str] = {}
     level_doors: dict[str, _Row] = {name: _Row() for name in order}
     for door in elevator.doors:
         label = doorways.setdefault((door.side, door.width, door.offset), f"{elevator.name}_door{len(doorways) + 1}")
@@ -248,10 +243,15 @@ def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, A
     }
 
 
-def _doorway(elevator: Elevator, side: Side, width: float, offset: float) -> dict[str, Any]:
+def _doorway(elevator: Elevator, side: CabinSide, width: float, offset: float) -> dict[str, Any]:
     x, y = elevator.size[0] / 2, elevator.size[1] / 2
-    along_y = side in (Side.LEFT, Side.RIGHT)
-    at = {Side.FRONT: (offset, -y), Side.BACK: (offset, y), Side.LEFT: (-x, offset), Side.RIGHT: (x, offset)}[side]
+    along_y = side in (CabinSide.LEFT, CabinSide.RIGHT)
+    at = {
+        CabinSide.FRONT: (offset, -y),
+        CabinSide.BACK: (offset, y),
+        CabinSide.LEFT: (-x, offset),
+        CabinSide.RIGHT: (x, offset),
+    }[side]
     return {
         "door_type": 2,
         "motion_axis_orientation": math.pi / 2 if along_y else 0.0,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.spatial.pose import XY
@@ -10,7 +11,7 @@ from robocorba.spatial.pose import XY
 
 @dataclass(frozen=True)
 class Vertex:
-    """A point of a level in the level's own coordinates (y as in the file)."""
+    """A point of a level: in the coordinates of the file, or of the building [m] after `Level.placed`."""
 
     at: XY
     name: str
@@ -44,6 +45,15 @@ class Level:
     polygons: list[list[int]] = field(default_factory=list)
     holes: list[list[int]] = field(default_factory=list)
 
+    def placed(self, to_building: Callable[[XY], XY]) -> Level:
+        """The level with its vertices in the coordinates of the building."""
+        vertices = [replace(vertex, at=to_building(vertex.at)) for vertex in self.vertices]
+        return replace(self, vertices=vertices)
+
+    def points(self, indices: Iterable[int]) -> list[XY]:
+        """The positions of vertices."""
+        return [self.vertices[index].at for index in indices]
+
     def node_vertices(self) -> list[int]:
         """Indices of the vertices that become nodes: those of lanes, and those with a name or parameters."""
         ends = {index for lane in self.links["lanes"] for index in (lane.a, lane.b)}
@@ -56,28 +66,22 @@ LINKS = ("walls", "lanes", "doors", "measurements")
 
 def read_level(name: str, item: Item) -> Level:
     """One level, with checked vertex indices. Raises MapFileError."""
-    elevation = item.get("elevation")
-    vertices = [_vertex(vertex) for vertex in _list(item, "vertices")]
+    vertices = [_vertex(vertex) for vertex in item.get("vertices").items()]
     fiducials: dict[str, XY] = {}
-    for entry in _list(item, "fiducials"):
+    for entry in item.get("fiducials").items():
         x, y, label = _row(entry, 3)[:3]
         if label.text():
             fiducials.setdefault(label.text(), (x.number(), y.number()))
     return Level(
         item=item,
         name=name,
-        elevation=elevation.number() if elevation else 0.0,
+        elevation=item.get("elevation").number(0.0),
         vertices=vertices,
-        links={kind: [_link(link, len(vertices)) for link in _list(item, kind)] for kind in LINKS},
+        links={kind: [_link(link, len(vertices)) for link in item.get(kind).items()] for kind in LINKS},
         fiducials=fiducials,
-        polygons=[_polygon(entry, len(vertices)) for entry in _list(item, "floors")],
-        holes=[_polygon(entry, len(vertices)) for entry in _list(item, "holes")],
+        polygons=[_polygon(entry, len(vertices)) for entry in item.get("floors").items()],
+        holes=[_polygon(entry, len(vertices)) for entry in item.get("holes").items()],
     )
-
-
-def _list(item: Item, name: str) -> list[Item]:
-    found = item.get(name)
-    return found.items() if found else []
 
 
 def _row(item: Item, least: int) -> list[Item]:

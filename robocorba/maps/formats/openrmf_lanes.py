@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 
+import msgspec
 import shapely
 
 from robocorba.maps.formats.openrmf_file import Level, Link, flag
-from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, PathEdge, PathNode, TopologicalMap
-from robocorba.spatial.pose import XY
 
 #: Parameters of lanes and vertices that a building keeps.
 _LANE_KEYS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
@@ -39,68 +38,46 @@ class UniqueNames:
 
 
 def lanes_of(
-    level: Level,
-    place: Placement,
-    lifts: dict[str, Elevator],
-    left_out: Collection[str],
-    graphs: dict[int, str],
-    losses: Losses,
+    level: Level, lifts: dict[str, Elevator], left_out: Collection[str], graphs: dict[int, str], losses: Losses
 ) -> TopologicalMap:
     """Nodes for the vertices of lanes and those with a name or parameters; edges for the lanes.
 
     `left_out` names the lifts of the file that did not become elevators."""
-    nodes = _nodes(level, place, lifts, left_out, losses)
+    nodes = _nodes(level, lifts, left_out, losses)
     edges: dict[str, PathEdge] = {}
     names = UniqueNames(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
-    for edge in _edges(level, {index: node.name for index, node in nodes.items()}, graphs, losses):
+    for edge in list(_edges(level, {index: node.name for index, node in nodes.items()}, graphs, losses)):
         name = names.take(edge.name, f"{edge.a}-{edge.b}")
-        edges[name] = PathEdge(
-            name=name,
-            a=edge.a,
-            b=edge.b,
-            one_way=edge.one_way,
-            speed_limit=edge.speed_limit,
-            clearance=edge.clearance,
-            graphs=edge.graphs,
-        )
+        edges[name] = msgspec.structs.replace(edge, name=name)
     return TopologicalMap({node.name: node for node in nodes.values()}, edges)
 
 
-def _nodes(
-    level: Level, place: Placement, lifts: dict[str, Elevator], left_out: Collection[str], losses: Losses
-) -> dict[int, PathNode]:
+def _nodes(level: Level, lifts: dict[str, Elevator], left_out: Collection[str], losses: Losses) -> dict[int, PathNode]:
     names = UniqueNames(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
     shafts = {name: shaft_polygon(lift) for name, lift in lifts.items() if level.name in lift.floors()}
     found: dict[int, PathNode] = {}
     for index in level.node_vertices():
         vertex = level.vertices[index]
-        at = place(vertex.at)
         name = names.take(vertex.name, f"n{index}")
         cabin = vertex.params["lift_cabin"].text() if "lift_cabin" in vertex.params else ""
         if cabin and cabin not in shafts:
+            where = f"{cabin} at {level.name} {name}"
             if cabin in lifts:
-                losses.add(
-                    "lift cabins left out, the lift does not stop at this level: {names}",
-                    f"{cabin} at {level.name} {name}",
-                )
+                losses.add("lift cabins left out, the lift does not stop at this level: {names}", where)
             elif cabin not in left_out:
-                losses.add(
-                    "vertices name a lift that the file does not contain: {names}", f"{cabin} at {level.name} {name}"
-                )
+                losses.add("vertices name a lift that the file does not contain: {names}", where)
             cabin = ""
-        found[index] = PathNode(name=name, at=at, elevator=cabin or _shaft_around(at, shafts))
+        # As in the format's own tools, a vertex inside a shaft belongs to that lift.
+        point = shapely.Point(vertex.at)
+        cabin = cabin or next((lift for lift, shaft in shafts.items() if shaft.contains(point)), "")
+        found[index] = PathNode(name=name, at=vertex.at, elevator=cabin)
         for key, value in vertex.params.items():
             if key not in _VERTEX_KEYS and value.value:
                 losses.add(f"vertex property {key}: not kept: {{names}}", f"{level.name} {name}")
     return found
 
 
-def _shaft_around(at: XY, shafts: dict[str, shapely.Polygon]) -> str:
-    """The lift whose shaft contains a vertex, as in the format's own tools; empty outside."""
-    return next((name for name, shaft in shafts.items() if shaft.contains(shapely.Point(at))), "")
-
-
-def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: Losses) -> list[PathEdge]:
+def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: Losses) -> Iterator[PathEdge]:
     """Edges from lanes. Lanes that differ only in their graphs become one edge with all of the graphs."""
     pairs: dict[tuple[int, int], list[Link]] = {}
     for lane in level.links["lanes"]:
@@ -111,24 +88,19 @@ def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: 
         for key, value in lane.params.items():
             if key not in _LANE_KEYS and value.value:
                 losses.add(f"lane property {key}: not kept: {{names}}", f"{level.name} {nodes[lane.a]}-{nodes[lane.b]}")
-    found = []
     for (a, b), lanes in pairs.items():
-        for (forward, backward, speed, clearance, name), members in _merged_lanes(
-            level, (a, b), lanes, graphs, losses
-        ).items():
+        merged = _merged_lanes(level, (a, b), lanes, graphs, losses)
+        for (forward, backward, speed, clearance, name), members in merged.items():
             start, end = (a, b) if forward else (b, a)
-            found.append(
-                PathEdge(
-                    name=name,
-                    a=nodes[start],
-                    b=nodes[end],
-                    one_way=not (forward and backward),
-                    speed_limit=speed,
-                    clearance=clearance,
-                    graphs=tuple(member for member in members if member),
-                )
+            yield PathEdge(
+                name=name,
+                a=nodes[start],
+                b=nodes[end],
+                one_way=not (forward and backward),
+                speed_limit=speed,
+                clearance=clearance,
+                graphs=tuple(member for member in members if member),
             )
-    return found
 
 
 _LaneKey = tuple[bool, bool, float, float, str]
@@ -140,12 +112,8 @@ def _merged_lanes(
     """Graphs by (forward, backward, speed, clearance, name). Opposite lanes of a graph become a two-way edge."""
     single: dict[tuple[str, float, float, str], list[bool]] = {}
     for lane in lanes:
-        key = (
-            _graph(lane, graphs),
-            _non_negative(lane, "speed_limit"),
-            _non_negative(lane, "clearance"),
-            lane.text("name"),
-        )
+        graph = _graph(lane, graphs)
+        key = graph, _non_negative(lane, "speed_limit"), _non_negative(lane, "clearance"), lane.text("name")
         both = flag(lane.params, "bidirectional") or flag(lane.params, "is_bidirectional")
         forward, backward = both or lane.a == pair[0], both or lane.a != pair[0]
         directions = single.setdefault(key, [False, False])

@@ -5,27 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from robocorba.maps.formats.openrmf_alignment import Alignment
 from robocorba.maps.formats.openrmf_file import Level
-from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.losses import Losses
-from robocorba.maps.model import Elevator, ElevatorDoor, Side
+from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor
 
 #: If the distances of a door from two sides differ by less than this [m], its sliding direction selects the side.
 CORNER_M = 0.25
 
 
 def read_lifts(
-    lifts: Item | None, levels: list[Level], reference: Level, placements: dict[str, Placement], losses: Losses
+    lifts: Item, levels: list[Level], reference: Level, alignments: dict[str, Alignment], losses: Losses
 ) -> dict[str, Elevator]:
     """Elevators by name, without lifts that open on no level. Raises MapFileError."""
     found = {}
-    for name, lift in lifts.members() if lifts else ():
+    for name, lift in lifts.members():
         named = lift.get("reference_floor_name")
-        place = placements.get((named.level_name() if named else "") or reference.name)
-        if place is None and named:
+        to_building = alignments.get(named.level_name() or reference.name)
+        if to_building is None:
             raise named.error(f"there is no level {named.text()!r}")
-        assert place is not None
         width, depth = lift.need("width").positive(), lift.need("depth").positive()
         doors, unused = _doors(lift, name, width, depth, levels, losses)
         if not doors:
@@ -33,12 +32,11 @@ def read_lifts(
             continue
         for door in unused:
             losses.add("lift doors that open on no level: {n} left out: {names}", f"{name} {door}")
-        yaw = lift.get("yaw")
         found[name] = Elevator(
             name=name,
-            at=place((lift.need("x").number(), lift.need("y").number())),
+            at=to_building((lift.need("x").number(), lift.need("y").number())),
             size=(width, depth),
-            heading=(yaw.number() if yaw else 0.0) + place.rotation,
+            heading=lift.get("yaw").number(0.0) + to_building.rotation,
             doors=tuple(doors),
         )
     return found
@@ -48,19 +46,16 @@ def _doors(
     lift: Item, name: str, width: float, depth: float, levels: list[Level], losses: Losses
 ) -> tuple[list[ElevatorDoor], list[str]]:
     """A door for each level and doorway, in order of elevation, and the doorways that open on no level."""
-    listed = lift.get("doors")
-    doorways = (
-        {label: _doorway(item, f"{name} {label}", width, depth, losses) for label, item in listed.members()}
-        if listed
-        else {}
-    )
+    doorways = {
+        label: _doorway(item, f"{name} {label}", width, depth, losses) for label, item in lift.get("doors").members()
+    }
     opens: dict[str, list[str]] = {level.name: [] for level in levels}
-    for place, door, item in _level_doors(lift.get("level_doors"), list(doorways)):
-        if place not in opens:
-            raise item.error(f"there is no level {place!r}")
+    for level_name, door, item in _level_doors(lift.get("level_doors"), list(doorways)):
+        if level_name not in opens:
+            raise item.error(f"there is no level {level_name!r}")
         if door not in doorways:
             raise item.error(f"there is no door {door!r}")
-        opens[place].append(door)
+        opens[level_name].append(door)
     lowest, highest = _range(lift, levels)
     found = []
     for level in sorted(levels, key=lambda level: level.elevation):
@@ -75,10 +70,8 @@ def _doors(
     return found, [door for door in doorways if not any(door in names for names in opens.values())]
 
 
-def _level_doors(item: Item | None, doors: list[str]) -> Iterator[tuple[str, str, Item]]:
+def _level_doors(item: Item, doors: list[str]) -> Iterator[tuple[str, str, Item]]:
     """(level, door, item in the file) from {level: [doors]}, [{level: doors}], [[level, door...]] or [level]."""
-    if item is None:
-        return
     if isinstance(item.value, dict):
         for label, named in item.members():
             level = Item(item.file, named.key, label).level_name()
@@ -103,24 +96,23 @@ def _range(lift: Item, levels: list[Level]) -> tuple[float, float]:
     bounds = [-math.inf, math.inf]
     for i, key in enumerate(("lowest_floor", "highest_floor")):
         named = lift.get(key)
-        if named and named.level_name():
+        if named.level_name():
             if named.level_name() not in heights:
                 raise named.error(f"there is no level {named.text()!r}")
             bounds[i] = heights[named.level_name()]
     return bounds[0], bounds[1]
 
 
-def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[Side, float, float]:
+def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) -> tuple[CabinSide, float, float]:
     """Side, width [m] and offset [m] of a door that the file gives by its middle in the cabin's frame."""
     x, y, span = item.need("x").number(), item.need("y").number(), item.need("width").positive()
-    turned = item.get("motion_axis_orientation")
-    slides_along_y = abs(math.sin(turned.number() if turned else 0.0)) > math.sqrt(0.5)
+    slides_along_y = abs(math.sin(item.get("motion_axis_orientation").number(0.0))) > math.sqrt(0.5)
     from_x, from_y = abs(abs(x) - width / 2), abs(abs(y) - depth / 2)
     on_x_side = slides_along_y if abs(from_x - from_y) < CORNER_M else from_x < from_y
     if on_x_side:
-        side, offset, length = (Side.RIGHT if x > 0 else Side.LEFT), y, depth
+        side, offset, length = (CabinSide.RIGHT if x > 0 else CabinSide.LEFT), y, depth
     else:
-        side, offset, length = (Side.BACK if y > 0 else Side.FRONT), x, width
+        side, offset, length = (CabinSide.BACK if y > 0 else CabinSide.FRONT), x, width
     fitting = min(span, length)
     room = (length - fitting) / 2
     kept = min(max(offset, -room), room)

@@ -9,7 +9,6 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.formats.openrmf_file import Level
-from robocorba.maps.formats.openrmf_place import Placement
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, MapObject, PolygonShape
@@ -27,8 +26,8 @@ NODE_MARGIN_M = 1.0
 MIN_AREA_M2 = 0.01
 
 
-class Outline(NamedTuple):
-    """The outline of a floor (empty: unbounded), its voids as objects, and the parts that were left out."""
+class FloorOutline(NamedTuple):
+    """The outline of a floor (empty: unbounded), its holes as objects, and the parts that were left out."""
 
     points: tuple[XY, ...]
     voids: dict[str, MapObject]
@@ -42,54 +41,58 @@ class Outline(NamedTuple):
         )
 
 
-def outline_of(level: Level, place: Placement, shafts: list[Elevator], losses: Losses) -> Outline:
-    """The outline of a level, and its voids as objects `void1`, `void2`...; empty without a floor polygon.
+def floor_outline(level: Level, shafts: list[Elevator], losses: Losses) -> FloorOutline:
+    """The outline of a placed level, and its holes as objects `void1`, `void2`...; empty without a floor polygon.
 
-    The outline is the union of the floor polygons and of the shafts beside or in them; narrow gaps between them are
-    closed. If it still has several parts, only the largest one is kept if it contains all lanes, else the outline is
-    their convex hull. If most nodes and walls are outside the polygons, the outline is the convex hull of all of
-    them."""
-    polygons = []
-    for i, indices in enumerate(level.polygons):
-        points = [place(level.vertices[index].at) for index in indices]
-        polygon = _polygon(points, f"{level.name} floors[{i}]", losses)
-        if polygon is not None:
-            polygons.append((polygon, points))
-    holes = [
-        hole
-        for i, indices in enumerate(level.holes)
-        if (hole := _polygon([place(level.vertices[k].at) for k in indices], f"{level.name} holes[{i}]", losses))
-    ]
+    A single valid polygon without a hole or a missing shaft is taken unchanged. Else the outline is the union of the
+    floor polygons and of the shafts that adjoin or overlap them; gaps up to 2 * CLOSING_M are closed. If it still has
+    several parts, only the largest one is kept if it contains all lanes, else the outline is their convex hull. If
+    most nodes and walls are outside the polygons, the outline is the convex hull of all of them."""
+    polygons = _polygons(level, "floors", level.polygons, losses)
+    holes = _polygons(level, "holes", level.holes, losses)
     if not polygons:
         if holes:
             losses.add("holes without a floor around them are left out: {names}", level.name)
-        return Outline((), {}, ())
-    drawn = shapely.union_all([polygon for polygon, _ in polygons])
-    hull = _hull_of_all(drawn, [shaft_polygon(shaft) for shaft in shafts], level, place, losses)
+        return FloorOutline((), {}, ())
+    drawn = shapely.union_all([area for area, _ in polygons])
+    hull = _hull_of_all(drawn, [shaft_polygon(shaft) for shaft in shafts], level, losses)
     ground = drawn if hull is None else hull
     missing = _missing_shafts(ground, shafts, level, losses)
     if hull is None and len(polygons) == 1 and not missing and not holes and isinstance(polygons[0][0], Polygon):
-        return Outline(tuple(polygons[0][1]), {}, ())
+        return FloorOutline(tuple(polygons[0][1]), {}, ())
     whole = shapely.union_all([ground, *missing])
-    one = _one_part(whole, level, place, losses)
-    apart = _rest(whole, one, "no lane leads there", level, losses)
-    parts = one.difference(shapely.union_all(holes)) if holes else one
-    cut = _largest(parts)
-    apart += _rest(parts, cut, "holes cut them off", level, losses)
-    voids = [Polygon(ring) for ring in cut.interiors if Polygon(ring).area >= MIN_AREA_M2]
+    joined = _one_part(whole, level, losses)
+    left_out = _report_left_out(whole, joined, "no lane leads there", level, losses)
+    parts = joined.difference(shapely.union_all([area for area, _ in holes])) if holes else joined
+    kept = _largest(parts)
+    left_out += _report_left_out(parts, kept, "holes cut them off", level, losses)
+    voids = [void for ring in kept.interiors if (void := Polygon(ring)).area >= MIN_AREA_M2]
     objects = {f"void{i}": _void(f"void{i}", void) for i, void in enumerate(voids, start=1)}
-    return Outline(_points(cut), objects, tuple(apart))
+    return FloorOutline(_points(kept), objects, tuple(left_out))
 
 
-def _hull_of_all(
-    ground: BaseGeometry, shafts: list[BaseGeometry], level: Level, place: Placement, losses: Losses
-) -> BaseGeometry | None:
-    """The convex hull of floor polygons, shafts, walls and nodes if the polygons leave out most nodes and walls."""
-    nodes = [shapely.Point(place(level.vertices[index].at)) for index in level.node_vertices()]
-    walls = [
-        shapely.LineString([place(level.vertices[wall.a].at), place(level.vertices[wall.b].at)])
-        for wall in level.links["walls"]
-    ]
+def _polygons(level: Level, key: str, rings: list[list[int]], losses: Losses) -> list[tuple[BaseGeometry, list[XY]]]:
+    """The areas that rings of vertices enclose, repaired if they cross themselves, with their points. Areas below
+    MIN_AREA_M2 are left out."""
+    found = []
+    for i, indices in enumerate(rings):
+        points, where = level.points(indices), f"{level.name} {key}[{i}]"
+        area: BaseGeometry = Polygon(points) if len(points) >= 3 else Polygon()
+        if not area.is_valid:
+            losses.add("polygons that cross themselves were repaired: {names}", where)
+            area = shapely.union_all([part for part in shapely.get_parts(shapely.make_valid(area)) if part.area > 0])
+        if area.area < MIN_AREA_M2:
+            losses.add(f"polygons smaller than {MIN_AREA_M2:g} m2: {{n}} left out: {{names}}", where)
+        else:
+            found.append((area, points))
+    return found
+
+
+def _hull_of_all(ground: BaseGeometry, shafts: list[BaseGeometry], level: Level, losses: Losses) -> BaseGeometry | None:
+    """The convex hull of floor polygons, shafts, walls and nodes (with NODE_MARGIN_M), if the polygons leave out most
+    nodes and walls."""
+    nodes = [shapely.Point(at) for at in level.points(level.node_vertices())]
+    walls = [shapely.LineString(level.points((wall.a, wall.b))) for wall in level.links["walls"]]
     reach = shapely.union_all([ground, *shafts]).buffer(WALL_REACH_M)
     shapely.prepare(reach)
     nodes_out = sum(not reach.covers(node) for node in nodes)
@@ -107,7 +110,7 @@ def _hull_of_all(
 
 
 def _missing_shafts(ground: BaseGeometry, shafts: list[Elevator], level: Level, losses: Losses) -> list[BaseGeometry]:
-    """Shafts outside the floor polygons, with the ground between them, since robots need both."""
+    """Shafts not wholly inside the floor polygons but at most MAX_SHAFT_DISTANCE_M away, with the ground between."""
     found = []
     for elevator in shafts:
         shaft = shaft_polygon(elevator)
@@ -120,19 +123,8 @@ def _missing_shafts(ground: BaseGeometry, shafts: list[Elevator], level: Level, 
     return found
 
 
-def _polygon(points: list[XY], where: str, losses: Losses) -> BaseGeometry | None:
-    """The area that a ring encloses, repaired if it crosses itself; None if it is empty."""
-    area: BaseGeometry = Polygon(points) if len(points) >= 3 else Polygon()
-    if not area.is_valid:
-        losses.add("polygons that cross themselves were repaired: {names}", where)
-        area = shapely.union_all([part for part in shapely.get_parts(shapely.make_valid(area)) if part.area > 0])
-    if area.area < MIN_AREA_M2:
-        losses.add("polygons without area: {n} left out: {names}", where)
-        return None
-    return area
-
-
-def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Losses) -> Polygon:
+def _one_part(ground: BaseGeometry, level: Level, losses: Losses) -> Polygon:
+    """The ground as one polygon: with gaps closed, else its largest part if that has all lanes, else its hull."""
     if isinstance(ground, Polygon):
         return ground
     closed = ground.buffer(CLOSING_M, join_style="mitre").buffer(-CLOSING_M, join_style="mitre")
@@ -140,22 +132,22 @@ def _one_part(ground: BaseGeometry, level: Level, place: Placement, losses: Loss
         return closed
     largest = _largest(ground)
     ends = {index for lane in level.links["lanes"] for index in (lane.a, lane.b)}
-    if all(largest.covers(shapely.Point(place(level.vertices[index].at))) for index in ends):
+    if all(largest.covers(shapely.Point(at)) for at in level.points(ends)):
         return largest
     losses.add("outline: the floor polygons lie apart, their convex hull is used: {names}", level.name)
     return ground.convex_hull
 
 
-def _rest(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: Losses) -> list[Polygon]:
-    """The parts of the ground that are left out. Reports their areas and positions."""
+def _report_left_out(ground: BaseGeometry, kept: Polygon, why: str, level: Level, losses: Losses) -> list[Polygon]:
+    """The parts of the ground that are not `kept`. Reports their areas and positions."""
     found = []
     for part in shapely.get_parts(ground).tolist():
         if isinstance(part, Polygon) and part.area >= MIN_AREA_M2 and not kept.covers(part.representative_point()):
             found.append(part)
-            place = part.representative_point()
+            point = part.representative_point()
             losses.add(
                 f"outline: {{n}} parts of the floor apart from the largest are left out, {why}: {{names}}",
-                f"{level.name} {part.area:.2f} m2 at ({place.x:.2f}, {place.y:.2f})",
+                f"{level.name} {part.area:.2f} m2 at ({point.x:.2f}, {point.y:.2f})",
             )
     return found
 
@@ -170,7 +162,7 @@ def _points(polygon: Polygon) -> tuple[XY, ...]:
 
 
 def _void(name: str, area: Polygon) -> MapObject:
-    """A void as an object around its centroid."""
+    """A hole as an object around its centroid."""
     x, y = round(area.centroid.x, 3), round(area.centroid.y, 3)
     return MapObject(
         name=name, shape=PolygonShape(points=tuple((px - x, py - y) for px, py in _points(area))), at=(x, y)

@@ -21,15 +21,13 @@ from robocorba.maps.formats import ros_map
 from robocorba.maps.formats.grid import FREE, Canvas
 from robocorba.maps.formats.ros_map import RosOptions
 from robocorba.maps.formats.ros_picture import MapServerSettings, named_file, read_cells, read_settings
-from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.formats.yaml_item import STOREY_M, Item
 from robocorba.maps.geometry import LANDING_REACH_M, landing_line, shaft_polygon
 from robocorba.maps.losses import Imported, Losses
 from robocorba.maps.model import Building, Elevator, Floor, FloorMap
 from robocorba.maps.yaml_file import YamlFile, read_yaml
 
 FORMAT_VERSION = 1
-#: Assumed distance between levels without elevations [m].
-STOREY_M = 3.0
 
 
 class _FloorEntry(msgspec.Struct, forbid_unknown_fields=True):

@@ -15,6 +15,7 @@ from PIL import Image
 from robocorba.maps.element_rules import MAX_NUMBER
 from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.geometry import to_floor_frame
 from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
 
@@ -42,10 +43,7 @@ class MapServerSettings:
 
     def to_map_frame(self, points: np.ndarray) -> tuple[XY, ...]:
         """Convert points from cells (from the lower left corner) to the map frame [m]."""
-        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        x, y = (points * self.resolution).T
-        placed = np.column_stack([self.origin[0] + cos * x - sin * y, self.origin[1] + sin * x + cos * y])
-        return tuple((x, y) for x, y in placed.tolist())
+        return tuple((x, y) for x, y in to_floor_frame(points * self.resolution, self.origin, self.yaw).tolist())
 
     def to_cells(self, points: np.ndarray) -> np.ndarray:
         """Convert points from the map frame [m] to cells (from the lower left corner)."""
@@ -64,26 +62,25 @@ def read_settings(root: Item) -> MapServerSettings:
     if len(origin) not in (2, 3):
         raise root.need("origin").error("expected [x, y, yaw]")
     occupied, free = root.get("occupied_thresh"), root.get("free_thresh")
-    occupied_above = occupied.number() if occupied else OCCUPIED_ABOVE
-    free_below = free.number() if free else FREE_BELOW
+    occupied_above, free_below = occupied.number(OCCUPIED_ABOVE), free.number(FREE_BELOW)
     if not 0 <= free_below < occupied_above <= 1:
-        raise (free or occupied or root).error("expected 0 <= free_thresh < occupied_thresh <= 1")
+        raise (free if free.value is not None else occupied).error("expected 0 <= free_thresh < occupied_thresh <= 1")
     resolution = root.need("resolution").positive()
     if not 1e-3 <= resolution <= 10:
         raise root.need("resolution").error("expected metres per cell, from 0.001 to 10")
     negate, mode = root.get("negate"), root.get("mode")
-    if negate and negate.value not in (0, 1):
+    if negate.value not in (None, 0, 1):
         raise negate.error("expected 0 or 1")
-    if mode and mode.value not in ("trinary", "scale", "raw"):
+    if mode.value not in (None, "trinary", "scale", "raw"):
         raise mode.error("expected trinary, scale or raw")
     return MapServerSettings(
         resolution=resolution,
         origin=(origin[0].number(), origin[1].number()),
         yaw=origin[2].number() if len(origin) == 3 else 0.0,
-        negate=bool(negate and negate.value),
+        negate=bool(negate.value),
         occupied_above=occupied_above,
         free_below=free_below,
-        mode=mode.value if mode else "trinary",
+        mode=mode.value or "trinary",
     )
 
 

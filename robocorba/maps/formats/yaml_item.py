@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from robocorba.errors.maps import MapFileError
+from robocorba.maps.element_rules import MAX_NAME
 from robocorba.maps.yaml_file import YamlFile
 
-#: Maximum length of names [characters].
-MAX_NAME = 200
 #: Maximum absolute value of numbers. Larger ones are no position in a building in any unit.
 MAX_NUMBER = 1e9
+#: Assumed distance between levels whose elevations are equal or missing [m].
+STOREY_M = 3.0
 #: Number as text: yaml-cpp writes 1e-05, which is text in YAML 1.1.
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
@@ -30,15 +31,16 @@ class Item:
         """The MapFileError to raise for this value."""
         return self.file.error(self.key, reason)
 
-    def get(self, name: str) -> Item | None:
-        """A member of a mapping, None if it is missing or empty."""
-        value = self.mapping().get(name)
-        return None if value is None else Item(self.file, f"{self.key}.{name}", value)
+    def get(self, *names: str) -> Item:
+        """The first given member of a mapping, with the value None if all are missing or empty."""
+        given = (name for name in names if self.mapping().get(name) is not None)
+        name = next(given, names[-1])
+        return Item(self.file, f"{self.key}.{name}", self.mapping().get(name))
 
     def need(self, name: str) -> Item:
         """A required member. Raises MapFileError if it is missing."""
         item = self.get(name)
-        if item is None:
+        if item.value is None:
             raise self.error(f"the key {name!r} is missing")
         return item
 
@@ -64,9 +66,9 @@ class Item:
             raise self.error("expected a list")
         return [Item(self.file, f"{self.key}[{i}]", value) for i, value in enumerate(self.value)]
 
-    def number(self) -> float:
-        """The value as a finite number."""
-        value = self.value
+    def number(self, default: float | None = None) -> float:
+        """The value as a finite number, or `default` if it is missing."""
+        value = default if self.value is None else self.value
         if isinstance(value, str) and len(value) < 40 and _NUMBER.fullmatch(value):
             value = float(value)
         if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -57,8 +57,8 @@ def connect_components(roadmap: RoadmapGraph) -> None:
     The axis has its connectivity already, except in passages that are barely wide enough."""
     for room, nodes_in_room in zip(roadmap.rooms, _nodes_by_room(roadmap), strict=True):
         if not nodes_in_room:
-            place = room.representative_point()
-            roadmap.add((place.x, place.y))
+            inside = room.representative_point()
+            roadmap.add((inside.x, inside.y))
             continue
         pieces = list(nx.connected_components(roadmap.graph.subgraph(nodes_in_room)))
         if len(pieces) > 1:
@@ -68,9 +68,9 @@ def connect_components(roadmap: RoadmapGraph) -> None:
 def _nodes_by_room(roadmap: RoadmapGraph) -> list[list[int]]:
     """The nodes in each room."""
     nodes = list(roadmap.graph)
-    places = shapely.points(np.array([roadmap.at(node) for node in nodes]).reshape(-1, 2))
+    points = shapely.points(np.array([roadmap.at(node) for node in nodes]).reshape(-1, 2))
     by_room: list[list[int]] = [[] for _ in roadmap.rooms]
-    for room, i in STRtree(places).query(roadmap.rooms, predicate="intersects").T.tolist():
+    for room, i in STRtree(points).query(roadmap.rooms, predicate="intersects").T.tolist():
         by_room[room].append(nodes[i])
     return by_room
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.topology.roadmap import SAME_PLACE_M, Array, RoadmapGraph
+from robocorba.maps.topology.roadmap import SAME_POINT_M, Array, RoadmapGraph
 
 #: Maximum share of sample points without a node in line of sight.
 MAX_UNSEEN_SHARE = 0.01
@@ -24,17 +24,17 @@ NEAREST_NODES, NEAREST_EDGES = 16, 12
 
 def add_coverage_nodes(roadmap: RoadmapGraph) -> None:
     """Add nodes on the edges until nearly every free point sees one."""
-    places = _grid(roadmap.space, MAX_SAMPLES)
-    unseen = places[~_sees_any(roadmap, places, list(roadmap.graph))]
+    points = _grid(roadmap.space, MAX_SAMPLES)
+    unseen = points[~_sees_any(roadmap, points, list(roadmap.graph))]
     edges, tree = roadmap.lines()
     added: dict[tuple[int, int], list[int]] = {}
-    while len(unseen) > MAX_UNSEEN_SHARE * len(places) and edges:
+    while len(unseen) > MAX_UNSEEN_SHARE * len(points) and edges:
         sample, unseen = unseen[0], unseen[1:]
         for i in _nearest(tree, sample):
             line = tree.geometries[i]
             foot = line.interpolate(line.project(Point(sample)))
             apart = min(math.dist((foot.x, foot.y), roadmap.at(end)) for end in edges[i])
-            if apart > SAME_PLACE_M and roadmap.is_free((foot.x, foot.y), tuple(sample)):
+            if apart > SAME_POINT_M and roadmap.is_free((foot.x, foot.y), tuple(sample)):
                 node = roadmap.add((foot.x, foot.y))
                 added.setdefault(edges[i], []).append(node)
                 unseen = unseen[~_sees_any(roadmap, unseen, [node])]
@@ -49,8 +49,8 @@ def _grid(space: BaseGeometry, most: int) -> Array:
     pitch = max(0.5, math.sqrt(space.area / most))
     x0, y0, x1, y1 = space.bounds
     x, y = np.meshgrid(np.arange(x0 + pitch / 2, x1, pitch), np.arange(y0 + pitch / 2, y1, pitch))
-    places = np.column_stack([x.ravel(), y.ravel()])
-    return places[shapely.contains_xy(space, places)]
+    points = np.column_stack([x.ravel(), y.ravel()])
+    return points[shapely.contains_xy(space, points)]
 
 
 def _nearest(tree: STRtree, sample: Array) -> list[int]:
@@ -59,16 +59,16 @@ def _nearest(tree: STRtree, sample: Array) -> list[int]:
     return np.argsort(off, kind="stable")[:NEAREST_EDGES].tolist()
 
 
-def _sees_any(roadmap: RoadmapGraph, places: Array, nodes: list[int]) -> NDArray[np.bool_]:
+def _sees_any(roadmap: RoadmapGraph, points: Array, nodes: list[int]) -> NDArray[np.bool_]:
     """Which of the points (n, 2) see one of their nearest nodes."""
-    seen = np.zeros(len(places), dtype=bool)
-    if len(places) == 0 or not nodes:
+    seen = np.zeros(len(points), dtype=bool)
+    if len(points) == 0 or not nodes:
         return seen
     at = np.array([roadmap.at(node) for node in nodes])
     count = min(len(at), NEAREST_NODES)
-    _, nearest = cKDTree(at).query(places, k=[*range(1, count + 1)])
+    _, nearest = cKDTree(at).query(points, k=[*range(1, count + 1)])
     for rank in range(count):
         todo = np.flatnonzero(~seen)
-        lines = shapely.linestrings(np.stack([places[todo], at[nearest[todo, rank]]], axis=1))
+        lines = shapely.linestrings(np.stack([points[todo], at[nearest[todo, rank]]], axis=1))
         seen[todo] = shapely.covers(roadmap.space, lines)
     return seen

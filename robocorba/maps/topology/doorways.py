@@ -1,4 +1,4 @@
-"""Nodes with a fixed position: in cabins, in front of them, in doorways, and at given places."""
+"""Nodes with a fixed position: in cabins, in front of them, in doorways, and given ones."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from shapely import LineString, Polygon
 
 from robocorba.maps import geometry
-from robocorba.maps.model import Elevator, ElevatorDoor, PathNode, Side
-from robocorba.maps.topology.roadmap import SAME_PLACE_M, RoadmapGraph
+from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor, PathNode
+from robocorba.maps.topology.roadmap import SAME_POINT_M, RoadmapGraph
 from robocorba.spatial.pose import XY
 
 #: Candidate distances of the waiting node from an elevator's door [radii]; the first free one is used.
@@ -21,19 +21,19 @@ WAITING_DISTANCES_RADII = (2.5, 2.0, 1.5, 1.1)
 #: Nearest nodes tried to connect a node to the roadmap; farther ones are hardly ever visible.
 MAX_CANDIDATES = 200
 
-_TURN_OF = {Side.FRONT: -math.pi / 2, Side.BACK: math.pi / 2, Side.LEFT: math.pi, Side.RIGHT: 0.0}
+_TURN_OF = {CabinSide.FRONT: -math.pi / 2, CabinSide.BACK: math.pi / 2, CabinSide.LEFT: math.pi, CabinSide.RIGHT: 0.0}
 
 
-def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, places: Iterable[PathNode] = ()) -> None:
+def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, given: Iterable[PathNode] = ()) -> None:
     """Add a node in the cabin, one in front of each of its doors on the floor, and straight edges between them.
 
-    A free place in the cabin becomes its node."""
-    stop = next((place for place in places if place.elevator == elevator.name and roadmap.is_free(place.at)), None)
+    A given node in the cabin, if it is free, becomes its node."""
+    stop = next((node for node in given if node.elevator == elevator.name and roadmap.is_free(node.at)), None)
     middle = stop.at if stop else elevator.at
     if not roadmap.is_free(middle):
         return
     graph = roadmap.graph
-    cabin = roadmap.add(middle, fixed=True, elevator=elevator.name, place=stop.name if stop else "")
+    cabin = roadmap.add(middle, fixed=True, elevator=elevator.name, given_name=stop.name if stop else "")
     inside, outside = _split(roadmap, geometry.shaft_polygon(elevator), but=cabin)
     edges, tree = roadmap.lines()
     for door in [door for door in elevator.doors if door.floor == floor]:
@@ -74,8 +74,8 @@ def _split(roadmap: RoadmapGraph, shape: Polygon, but: int) -> tuple[list[int], 
 
 def _join(roadmap: RoadmapGraph, node: int, others: list[int]) -> None:
     """Connect a node to the nearest visible one of others."""
-    places = np.array([roadmap.at(n) for n in others]).reshape(-1, 2)
-    for i in np.argsort(np.hypot(*(places - roadmap.at(node)).T), kind="stable")[:MAX_CANDIDATES].tolist():
+    points = np.array([roadmap.at(n) for n in others]).reshape(-1, 2)
+    for i in np.argsort(np.hypot(*(points - roadmap.at(node)).T), kind="stable")[:MAX_CANDIDATES].tolist():
         if roadmap.is_free(roadmap.at(node), roadmap.at(others[i])):
             roadmap.graph.add_edge(node, others[i])
             return
@@ -92,7 +92,7 @@ def add_doorway_nodes(roadmap: RoadmapGraph, doors: Iterable[LineString]) -> Non
         nearest = min(found.tolist(), key=lambda i: (tree.geometries[i].distance(centre), i))
         a, b = edges[nearest]
         if not roadmap.graph.has_edge(a, b):
-            continue  # another door at the same place has split it
+            continue  # another door at the same point has split it
         crossing = shapely.shortest_line(tree.geometries[nearest].intersection(door), centre).coords[0]
         best: XY = (centre.x, centre.y)
         at = best if roadmap.is_free(roadmap.at(a), best) and roadmap.is_free(best, roadmap.at(b)) else crossing
@@ -100,19 +100,19 @@ def add_doorway_nodes(roadmap: RoadmapGraph, doors: Iterable[LineString]) -> Non
         nx.add_path(roadmap.graph, [a, roadmap.add(at, door.length / 2, fixed=True), b])
 
 
-def add_place_nodes(roadmap: RoadmapGraph, places: Iterable[PathNode]) -> None:
-    """Add a node at each place where the robot fits, unless the place has one or its position is taken."""
-    special = [node for node in roadmap.graph if roadmap.place(node) or roadmap.elevator(node)]
-    names, taken = {roadmap.place(node) for node in special}, [roadmap.at(node) for node in special]
+def add_given_nodes(roadmap: RoadmapGraph, given: Iterable[PathNode]) -> None:
+    """Add a node at each given node where the robot fits, unless it is the node of a cabin or its position is taken."""
+    special = [node for node in roadmap.graph if roadmap.given_name(node) or roadmap.elevator(node)]
+    names, taken = {roadmap.given_name(node) for node in special}, [roadmap.at(node) for node in special]
     others = list(roadmap.graph)
     tree = cKDTree(np.array([roadmap.at(node) for node in others]).reshape(-1, 2))
-    for place in places:
-        if place.name in names or not roadmap.is_free(place.at):
+    for path_node in given:
+        if path_node.name in names or not roadmap.is_free(path_node.at):
             continue
-        if any(math.dist(place.at, other) <= SAME_PLACE_M for other in taken):
+        if any(math.dist(path_node.at, other) <= SAME_POINT_M for other in taken):
             continue
-        node = roadmap.add(place.at, fixed=True, elevator=place.elevator, place=place.name)
-        taken.append(place.at)
+        node = roadmap.add(path_node.at, fixed=True, elevator=path_node.elevator, given_name=path_node.name)
+        taken.append(path_node.at)
         if others:
-            nearest = tree.query(place.at, k=[*range(1, min(MAX_CANDIDATES, len(others)) + 1)])[1]
+            nearest = tree.query(path_node.at, k=[*range(1, min(MAX_CANDIDATES, len(others)) + 1)])[1]
             _join(roadmap, node, [others[i] for i in nearest.tolist()])

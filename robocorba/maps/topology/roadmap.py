@@ -17,7 +17,7 @@ from robocorba.spatial.pose import XY
 #: A bend is straightened if its distance from the chord is below this share of its clearance.
 BEND_SHARE = 0.5
 #: Distance below which even fixed nodes are merged [m].
-SAME_PLACE_M = 0.02
+SAME_POINT_M = 0.02
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class RoadmapGraph:
     """The roadmap for a robot of `radius` m in `space`, the free space of its centre.
 
     Attributes of a node in `graph`: `at` (x, y) [m], `clear` (approximate clearance [m]),
-    `fixed` (never moved or merged away), `elevator` (name, for a node in a cabin), `place`
+    `fixed` (never moved or merged away), `elevator` (name, for a node in a cabin), `given_name`
     (name of a given node). Pruning keeps the fixed nodes and those in `hubs`."""
 
     def __init__(self, space: BaseGeometry, radius_m: float) -> None:
@@ -36,10 +36,12 @@ class RoadmapGraph:
         self.hubs: set[int] = set()
         self._numbers = count()
 
-    def add(self, at: XY, clear: float = 0.0, fixed: bool = False, elevator: str = "", place: str = "") -> int:
+    def add(self, at: XY, clear: float = 0.0, fixed: bool = False, elevator: str = "", given_name: str = "") -> int:
         """Add a node and return its number. The default clearance is the radius."""
         number = next(self._numbers)
-        self.graph.add_node(number, at=at, clear=clear or self.radius, fixed=fixed, elevator=elevator, place=place)
+        self.graph.add_node(
+            number, at=at, clear=clear or self.radius, fixed=fixed, elevator=elevator, given_name=given_name
+        )
         return number
 
     def at(self, node: int) -> XY:
@@ -58,9 +60,9 @@ class RoadmapGraph:
         """Name of the elevator whose cabin holds the node, or an empty string."""
         return self.graph.nodes[node]["elevator"]
 
-    def place(self, node: int) -> str:
+    def given_name(self, node: int) -> str:
         """Name of a given node, or an empty string."""
-        return self.graph.nodes[node]["place"]
+        return self.graph.nodes[node]["given_name"]
 
     def length(self, a: int, b: int) -> float:
         """Distance of two nodes [m]."""
@@ -76,9 +78,9 @@ class RoadmapGraph:
         """Whether the convex hull of points is free."""
         return bool(shapely.covers(self.space, shapely.convex_hull(shapely.multipoints(points))))
 
-    def can_move(self, node: int, place: XY, but: int = -1) -> bool:
-        """Whether a node can move to a place: its edges, except that to `but`, sweep free space only."""
-        return all(self.is_free(self.at(node), place, self.at(n)) for n in self.graph[node] if n != but)
+    def can_move(self, node: int, to: XY, but: int = -1) -> bool:
+        """Whether a node can move to a point: its edges, except that to `but`, sweep free space only."""
+        return all(self.is_free(self.at(node), to, self.at(n)) for n in self.graph[node] if n != but)
 
 
 def midpoint(a: XY, b: XY) -> XY:

@@ -1,0 +1,50 @@
+"""The frame of every bench: its command line and its progress."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import signal
+import sys
+from collections.abc import Callable, Iterable
+from typing import NoReturn, TypeVar
+
+from rich.progress import track
+
+from robocorba.testing.json_process import ProcessFailed
+from robocorba.testing.report import PROGRESS
+
+T = TypeVar("T")
+
+
+def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
+    """Run a bench with an option for each parameter of `measure`, and exit with 0 if it returned True.
+
+    Types and defaults are those of the parameters. texts: help of an option; `A|B` gives its choices."""
+    parser = argparse.ArgumentParser(
+        description=sys.modules[measure.__module__].__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, parameter in inspect.signature(measure, eval_str=True).parameters.items():
+        text = texts.get(name, "")
+        choices = text.split("|") if "|" in text else None
+        if parameter.kind is inspect.Parameter.VAR_POSITIONAL:
+            parser.add_argument(name, nargs="*", help=text)
+        elif parameter.annotation is bool:
+            parser.add_argument(f"--{name}", action="store_true", help=text)
+        else:
+            text += " (default: %(default)s)"
+            kind, default = parameter.annotation, parameter.default
+            parser.add_argument(f"--{name}", type=kind, default=default, choices=choices, help=text)
+    options = vars(parser.parse_args())
+    positional = next((value for value in options.values() if isinstance(value, list)), [])
+    named = {name: value for name, value in options.items() if not isinstance(value, list)}
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        sys.exit(0 if measure(*positional, **named) else 1)
+    except (ProcessFailed, KeyboardInterrupt) as error:
+        sys.exit(f"bench: {str(error) or 'stopped'}")
+
+
+def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterable[T]:
+    """The items, with a progress bar on stderr."""
+    return track(items, what, total, console=PROGRESS, transient=True)

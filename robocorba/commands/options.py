@@ -1,0 +1,27 @@
+"""Options that several commands have, and the connection to the system that they choose."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robocorba.commands.reporting import reporting
+from robocorba.corba.orb import Orb
+from robocorba.settings import Settings
+
+Naming = Annotated[
+    str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
+]
+State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@contextlib.contextmanager
+def connected(command: str, naming: str | None) -> Iterator[Orb]:
+    """This command's ORB; errors are reported as by `reporting`."""
+    with reporting(command), Orb(Settings.read(naming=naming).naming) as orb:
+        yield orb

@@ -1,0 +1,231 @@
+"""The state of a simulation as tables: in the terminal, in pipes, as JSON."""
+
+from __future__ import annotations
+
+import json as json_format
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from rich.console import Console, Group
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from robocorba.commands.waiting import RETRY_TIMEOUT_S
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteFloors
+from robocorba.corba.remote.remote_object import RemoteObject
+from robocorba.spatial.floor_update import BodyKind, FloorView
+from robocorba.stubs import RoboCorba
+
+#: Fields of a robot, an elevator, a sensor server or the simulation server.
+Row = dict[str, Any]
+
+
+class SimulationTables(NamedTuple):
+    """Rows of all tables, in m, s, rad. A replay has neither server nor sensors."""
+
+    server: Sequence[Row] = ()
+    robots: Sequence[Row] = ()
+    elevators: Sequence[Row] = ()
+    sensors: Sequence[Row] = ()
+
+
+class RunningSimulation:
+    """The running simulation on the given floors, or on all; reconnects after a failure."""
+
+    def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
+        self._floors = RemoteFloors(orb, floors)
+        self._server = simulation_server(orb, CALL_TIMEOUT_S)
+
+    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SimulationTables:
+        """Read the current state. Raises UnknownFloor, NotReachable."""
+        self._floors.follow(resolve_timeout_s)
+        views = list(self._floors.views.values())
+
+        def read(server: Any) -> SimulationTables:
+            return SimulationTables(
+                [members(server._get_state())],
+                clients(server.clients(), views),
+                elevators(views),
+                [sensor(state) for state in server.sensors()],
+            )
+
+        self._server.resolve_timeout_s = resolve_timeout_s
+        return self._server.call(read)
+
+
+def simulation_server(orb: Orb, call_timeout_s: float) -> RemoteObject:
+    """The simulation server, resolved again after each failure."""
+    timeouts = RETRY_TIMEOUT_S, call_timeout_s
+    return RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts)
+
+
+# ---- state as rows ----
+
+
+def members(struct: Any) -> Row:
+    """Members of a struct of numbers and strings."""
+    return dict(vars(struct))
+
+
+def robots(views: Iterable[FloorView]) -> list[Row]:
+    """Robots on floors."""
+    return [
+        {
+            "name": body.name,
+            "floor": view.floor,
+            "x": float(motion["x"]),
+            "y": float(motion["y"]),
+            "heading": float(motion["heading"]),
+            "speed": math.hypot(motion["vx"], motion["vy"]),
+        }
+        for view in views
+        for body, motion in zip(view.bodies.values(), view.motions, strict=True)
+        if body.kind is BodyKind.ROBOT
+    ]
+
+
+def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
+    """Logged-on robots (each a ClientState) on the given floors."""
+    speeds = {row["name"]: row["speed"] for row in robots(views)}
+    floors = {view.floor for view in views}
+    return [
+        {
+            "name": state.name,
+            **members(state.at),
+            "speed": speeds.get(state.name, 0.0),
+            "since": state.since,
+            "silent": state.silent,
+            "callRate": state.callRate,
+            "latency": state.latency,
+            "sensor": state.sensor,
+        }
+        for state in states
+        if state.at.floor in floors
+    ]
+
+
+def elevators(views: Iterable[FloorView]) -> list[Row]:
+    """Elevators that serve the floors; `cabin` is empty while it travels."""
+    states = {name: state for view in views for name, state in view.elevators.items()}
+    return [
+        {
+            "name": name,
+            "cabin": state.floor,
+            "height": state.height,
+            "doors": state.doors.name,
+            "opening": state.opening,
+            "riders": list(state.riders),
+            "queue": list(state.queue),
+        }
+        for name, state in states.items()
+    ]
+
+
+def sensor(state: Any) -> Row:
+    """The row of a SensorState."""
+    return {"name": state.name, **members(state.load), "robots": state.robots}
+
+
+# ---- rows as tables ----
+
+
+def _printable(value: object) -> str:
+    """The text of a value, with escapes for unprintable characters."""
+    text = str(value)
+    return text if text.isprintable() else repr(text)[1:-1]
+
+
+def _printable_names(values: Iterable[str]) -> str:
+    return ", ".join(map(_printable, values))
+
+
+def _pace(value: float) -> str:
+    return f"{value:g}" if value else "as fast as possible"
+
+
+#: Columns of each table: title, key in the row, and format of the value.
+_COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
+    "server": (
+        ("robots", "robots", str),
+        ("limit", "limit", str),
+        ("time [s]", "time", "{:.1f}".format),
+        ("pace", "pace", _pace),
+        ("achieved", "achieved", "{:.2f}".format),
+        ("paused", "paused", lambda value: "yes" if value else "no"),
+        ("collisions", "collisions", str),
+        ("events/s", "eventRate", "{:.1f}".format),
+        ("map version", "mapVersion", str),
+    ),
+    "robot": (
+        ("robot", "name", _printable),
+        ("floor", "floor", _printable),
+        ("x [m]", "x", "{:.2f}".format),
+        ("y [m]", "y", "{:.2f}".format),
+        ("heading [°]", "heading", lambda value: f"{math.degrees(value):.0f}"),
+        ("speed [m/s]", "speed", "{:.2f}".format),
+        ("silent [s]", "silent", "{:.2f}".format),
+        ("calls/s", "callRate", "{:.1f}".format),
+        ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
+        ("sensor server", "sensor", _printable),
+    ),
+    "elevator": (
+        ("elevator", "name", _printable),
+        ("cabin", "cabin", lambda value: _printable(value) or "travelling"),
+        ("height [m]", "height", "{:.2f}".format),
+        ("doors", "doors", str.lower),
+        ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
+        ("riders", "riders", _printable_names),
+        ("queue", "queue", _printable_names),
+    ),
+    "sensor": (
+        ("sensor server", "name", _printable),
+        ("robots", "robots", str),
+        ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
+        ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),
+        ("scans/s", "scanRate", "{:.1f}".format),
+    ),
+}
+
+
+def filled_tables(tables: SimulationTables) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+    """Kind of row, titles and cells of each non-empty table."""
+    found = []
+    for (kind, columns), rows in zip(_COLUMNS.items(), tables, strict=True):
+        if rows:
+            shown = [column for column in columns if column[1] in rows[0]]
+            cells = [tuple(write(row[key]) for _, key, write in shown) for row in rows]
+            found.append((kind, tuple(title for title, _, _ in shown), cells))
+    return found
+
+
+def as_json(tables: SimulationTables) -> str:
+    """All tables of a running simulation as JSON, with the member names of the IDL. A robot's `at` and a sensor
+    server's `load` are flattened, `speed` is added, doors have the names of elevator_state.Doors."""
+    return json_format.dumps({**tables._asdict(), "server": tables.server[0]}, indent=2)
+
+
+def show(tables: SimulationTables) -> None:
+    """Print tables; without a terminal one line for each row: its kind, then its cells, separated by tabs."""
+    console = Console()
+    if console.is_terminal:
+        console.print(as_tables(tables))
+        return
+    for kind, _, rows in filled_tables(tables):
+        for row in rows:
+            print(kind, *row, sep="\t", flush=True)
+
+
+def as_tables(tables: SimulationTables, note: str = "", style: str = "bold red") -> Group:
+    """Tables for the terminal, with a note below."""
+    parts: list[Table | Text] = []
+    for _, titles, rows in filled_tables(tables):
+        table = Table()
+        for title in titles:
+            table.add_column(escape(title), justify="right" if "[" in title or title.endswith("/s") else "left")
+        for row in rows:
+            table.add_row(*map(escape, row))  # a name may be any text, such as [/]
+        parts.append(table)
+    return Group(*parts, *([Text(note, style)] if note else []))

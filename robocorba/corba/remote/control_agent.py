@@ -1,0 +1,83 @@
+"""Client of robots' control agents, for operators and leaders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from robocorba.control.agent import AgentState
+from robocorba.control.runner import IconBegun
+from robocorba.corba.conversion import robot
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.remote_object import Answer, translated
+from robocorba.names import ROBOTS
+from robocorba.stubs import RoboCorba
+
+#: Timeout of a call [s].
+CALL_TIMEOUT_S = 3.0
+#: Timeout of calls that check a program or start an adaptor [s].
+SLOW_CALL_TIMEOUT_S = 40.0
+
+
+class RemoteAgent:
+    """The agent of the robot `name`. Raises NotReachable if it is not found within `timeout_s`, and in calls that it
+    does not answer."""
+
+    def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
+        self.name = name
+        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
+        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, SLOW_CALL_TIMEOUT_S)
+
+    def state(self) -> AgentState:
+        return robot.agent_state_of(self._call(self._agent._get_state))
+
+    def load(self, json: str) -> None:
+        """Raises InvalidProgram, IllegalOrder."""
+        self._call(lambda: self._slow_agent.loadProgram(json))
+
+    def run(self, is_stepping: bool = False) -> None:
+        """Raises IllegalOrder."""
+        self._call(lambda: self._agent.run(is_stepping))
+
+    def begun(self, first: int) -> list[IconBegun]:
+        """Icons that have begun, from number `first`."""
+        return [robot.begun_of(struct) for struct in self._call(lambda: self._agent.iconsFrom(first))]
+
+    def pause(self) -> None:
+        """Raises IllegalOrder."""
+        self._call(self._agent.pause)
+
+    def resume(self) -> None:
+        """Raises IllegalOrder."""
+        self._call(self._agent.resume)
+
+    def step(self) -> None:
+        """Raises IllegalOrder."""
+        self._call(self._agent.step)
+
+    def abort(self) -> None:
+        self._call(self._agent.abort)
+
+    def stop(self) -> None:
+        """Emergency stop."""
+        self._call(self._agent.stop)
+
+    def reset_stop(self) -> None:
+        """Raises IllegalOrder, AdaptorFailed."""
+        self._call(self._slow_agent.resetStop)
+
+    def switch(self, adaptor: str, argv: Sequence[str]) -> None:
+        """Raises UnknownAdaptor, IllegalOrder, AdaptorFailed."""
+        self._call(lambda: self._slow_agent.switchAdaptor(adaptor, list(argv)))
+
+    def cap_speed(self, speed: float) -> None:
+        """Limit the base's speed [m/s]. Raises InvalidChoice."""
+        self._call(lambda: self._agent.setSpeedCap(speed))
+
+    def _call(self, call: Callable[[], Answer]) -> Answer:
+        with translated(f"robot {self.name}"):
+            return call()
+
+
+def robots(orb: Orb) -> list[str]:
+    """Names of the robots whose agents are bound. Raises NotReachable."""
+    return orb.names(ROBOTS)

@@ -1,0 +1,86 @@
+"""Client of the Omni database, and copies of its floors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from robocorba.corba.conversion import floors
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.remote_object import RemoteObject, translated
+from robocorba.errors.services import NotReachable
+from robocorba.spatial.floor_update import FloorUpdate, FloorView
+from robocorba.stubs import RoboCorba
+
+#: Timeout of a call to the database [s].
+CALL_TIMEOUT_S = 2.0
+
+
+def changes(database: Any, floor: str, since: int) -> FloorUpdate:
+    """Changes of a floor since a version in a RoboCorba::OmniDatabase. Raises UnknownFloor, NotReachable."""
+    with translated("the Omni database"):
+        return floors.update_of(database.floorChanges(floor, since))
+
+
+class RemoteFloor:
+    """Local copy of a floor of `database`, a RoboCorba::OmniDatabase. Not thread-safe."""
+
+    def __init__(self, database: Any, floor: str) -> None:
+        self._database = database
+        self.view = FloorView(floor)
+
+    def follow(self) -> FloorUpdate:
+        """Update `view`: the first time by the whole floor, later by changes. Returns the update.
+
+        Raises UnknownFloor, NotReachable."""
+        update = changes(self._database, self.view.floor, self.view.version)
+        self.view.apply(update)
+        return update
+
+
+class RemoteDatabase:
+    """The Omni database of a running system, resolved by the first call and after each failure. Thread-safe.
+
+    resolve_timeout_s: timeout to resolve it [s]."""
+
+    def __init__(self, orb: Orb, resolve_timeout_s: float) -> None:
+        timeouts = resolve_timeout_s, CALL_TIMEOUT_S
+        self._database = RemoteObject(orb, "OmniDatabase", RoboCorba.OmniDatabase, "the Omni database", *timeouts)
+
+    def floors(self) -> list[str]:
+        """Names of all floors. Raises NotReachable."""
+        return list(self._database.call(lambda database: database.floors()))
+
+    def changes(self, floor: str, since: int) -> FloorUpdate:
+        """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
+        return self._database.call(lambda database: changes(database, floor, since))
+
+    def set_resolve_timeout(self, timeout_s: float) -> None:
+        self._database.resolve_timeout_s = timeout_s
+
+
+class RemoteFloors:
+    """Local copies of floors of a running system, by default all; reconnects after a failure. Not thread-safe."""
+
+    def __init__(self, orb: Orb, chosen: Sequence[str] = ()) -> None:
+        self._database, self._chosen = RemoteDatabase(orb, 0.0), chosen
+        #: Copies by name.
+        self.views: dict[str, FloorView] = {}
+
+    def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
+        """Update all views. After a failure the next call loads whole floors again.
+
+        Raises UnknownFloor, and NotReachable if the database is not found within `resolve_timeout_s`."""
+        self._database.set_resolve_timeout(resolve_timeout_s)
+        try:
+            names = self._chosen or self._database.floors()
+            self.views = {name: self.views.get(name) or FloorView(name) for name in names}
+            return [self._update(view) for view in self.views.values()]
+        except NotReachable:
+            self.views = {}
+            raise
+
+    def _update(self, view: FloorView) -> FloorUpdate:
+        update = self._database.changes(view.floor, view.version)
+        view.apply(update)
+        return update

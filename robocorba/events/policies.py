@@ -1,0 +1,74 @@
+"""Timeouts and limits of proxies and links, with their defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from robocorba.backoff import Backoff
+
+
+@dataclass(frozen=True)
+class DeliveryPolicy:
+    """How a proxy delivers to a consumer that it calls."""
+
+    #: Timeout of a call from the proxy's own thread [s].
+    call_timeout_s: float = 10.0
+    #: Timeout of a probe of a stalled consumer [s].
+    probe_timeout_s: float = 1.0
+    #: Pauses between the probes of a stalled consumer.
+    backoff: Backoff = field(default=Backoff(0.05, 1.0))
+    #: A consumer is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
+    max_failures: int = 20
+    #: Pause after a stall [s]: the call that timed out ends, so that the next event cannot overtake it.
+    settle_s: float = 0.1
+    #: Events are a flood when they follow each other within this multiple of the mean call duration ...
+    flood_gap: float = 1.5
+    #: ... but at most within this time [s].
+    max_flood_gap_s: float = 0.0005
+    #: Coalescing pause [s]: more events are waiting for a consumer that takes batches, so the next call can be larger.
+    coalesce_s: float = 0.001
+
+
+@dataclass(frozen=True)
+class PollingPolicy:
+    """How a proxy polls a supplier."""
+
+    #: Intervals between polls while the supplier has no events.
+    intervals: Backoff = field(default=Backoff(0.001, 0.01))
+    #: Timeout of a poll [s].
+    call_timeout_s: float = 2.0
+    #: Pauses after failed polls.
+    backoff: Backoff = field(default=Backoff(0.05, 1.0))
+    #: A supplier is disconnected after this many failures in a row.
+    max_failures: int = 20
+
+
+@dataclass(frozen=True)
+class ProxyPolicy:
+    """Limits of the proxies of a channel, and how they call their clients."""
+
+    max_proxies: int = 10_000
+    #: At max_proxies, a proxy consumer without a known client makes room if it was unused for this time [s].
+    unused_s: float = 3600.0
+    delivery: DeliveryPolicy = field(default=DeliveryPolicy())
+    polling: PollingPolicy = field(default=PollingPolicy())
+
+
+@dataclass(frozen=True)
+class LinkPolicy:
+    """How the two ends of a link behave: the feed, which supplies, and the gateway, which consumes."""
+
+    #: Maximum number of events that wait in the feed; beyond that the oldest are discarded.
+    max_queued: int = 100_000
+    #: The feed regards the link as down when the gateway has not called for this time [s].
+    lease_s: float = 3.0
+    #: Interval at which the gateway renews its session [s]; several renewals may fail within a lease.
+    renew_interval_s: float = 0.5
+    #: A packet is lost when it is not acknowledged this long after it was sent and after the last progress [s].
+    retransmit_s: float = 0.3
+    #: Maximum interval at which the feed's thread checks for work [s].
+    recheck_s: float = 1.0
+    #: Pauses between the gateway's attempts to join the feed.
+    backoff: Backoff = field(default=Backoff(0.05, 0.5))
+    #: Maximum of these pauses while the peer answers, but refuses [s].
+    refused_pause_s: float = 5.0

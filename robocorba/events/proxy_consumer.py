@@ -1,0 +1,91 @@
+"""Proxy consumers: they receive the events of a supplier, which pushes them or is polled."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from robocorba.errors.events import ClientGone, Disconnected, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.events.account import Account
+from robocorba.events.clients import ClientPort, SupplierPort
+from robocorba.events.event import EventBatch
+from robocorba.events.policies import PollingPolicy
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+
+
+class ProxyConsumer(Proxy):
+    """For a supplier that pushes. publish: called with each batch and the account that counts it."""
+
+    kind = ProxyKind.PUSH_CONSUMER
+
+    def __init__(
+        self, lock: threading.Lock, id: str, publish: Callable[[EventBatch, Account], None], name: str = ""
+    ) -> None:
+        super().__init__(lock, id, name)
+        self.used_at = time.monotonic()
+        self._publish = publish
+
+    def push(self, batch: EventBatch) -> None:
+        """Publish a batch; called without the lock. Raises Disconnected, ProxyGone."""
+        if self.condition is not ProxyCondition.CONNECTED or self.is_ended:
+            if self.is_ended:
+                raise ProxyGone(f"proxy {self.id} was disconnected")
+            raise Disconnected(f"proxy {self.id} is not connected")
+        self._publish(batch, self.account)
+        self.used_at = time.monotonic()
+
+
+class ProxyPullConsumer(ProxyConsumer):
+    """Polls a supplier for events, also while there are no consumers.
+
+    on_client_lost: called, without the lock, with the reason when the supplier is gone or failed too often."""
+
+    kind = ProxyKind.PULL_CONSUMER
+
+    def __init__(
+        self,
+        lock: threading.Lock,
+        id: str,
+        publish: Callable[[EventBatch, Account], None],
+        policy: PollingPolicy,
+        on_client_lost: Callable[[ProxyPullConsumer, str], None],
+    ) -> None:
+        super().__init__(lock, id, publish)
+        self._on_client_lost = on_client_lost
+        self._policy = policy
+        self._ended = threading.Event()
+
+    def connect(self, client: ClientPort | None) -> None:
+        super().connect(client)
+        threading.Thread(target=self._run, args=(client,), name=f"from {self.id}", daemon=True).start()
+
+    def end(self) -> None:
+        super().end()
+        self._ended.set()
+
+    def _run(self, client: SupplierPort) -> None:
+        policy = self._policy
+        pause = policy.intervals.first_s
+        reason = ""
+        while not reason and not self._ended.wait(pause):
+            try:
+                batch = client.try_pull(policy.call_timeout_s)
+                self.failures, self.condition = 0, ProxyCondition.CONNECTED
+                if batch is None:
+                    pause = min(2 * pause, policy.intervals.max_s)
+                else:
+                    pause = 0.0
+                    self.push(batch)
+            except ClientGone as error:
+                reason = str(error)
+            except (Disconnected, ProxyGone):
+                return
+            except (NotDelivered, Unconfirmed, Refused) as error:
+                self.failures += 1
+                self.condition = ProxyCondition.STALLED
+                pause = policy.backoff.pause_s(self.failures)
+                if self.failures >= policy.max_failures:
+                    reason = f"{self.failures} failures in a row ({error})"
+        if reason:
+            self._on_client_lost(self, reason)

@@ -1,0 +1,281 @@
+"""Delivery to a consumer that the channel calls.
+
+If no event waits and the consumer is known to be fast, the supplier's own thread calls it ("inline"). Otherwise the
+event waits in the queue for the thread of the proxy, which lives while there is work. Only one thread calls the client
+at a time.
+
+When events follow each other quickly (a flood), only the thread of the proxy calls a consumer that takes batches: the
+supplier returns sooner, and larger calls raise the throughput. A plain consumer would only fall behind, since it
+takes one event per call.
+
+A consumer that does not answer is stalled: the proxy probes it with exponential backoff. When it answers, delivery
+continues where it stopped. After too many failures in a row it is disconnected.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from robocorba.errors.events import ClientGone, EventError, NotDelivered, Refused, Unconfirmed
+from robocorba.events.call_limiter import CallLimiter
+from robocorba.events.clients import ConsumerPort
+from robocorba.events.event import EventBatch, merged
+from robocorba.events.policies import DeliveryPolicy
+from robocorba.events.proxy import ProxyCondition, ProxyKind
+from robocorba.events.proxy_supplier import ProxySupplier
+from robocorba.events.queue import QueueItem, QueuePolicy
+from robocorba.events.subscription import Subscription, SubscriptionMatch
+
+#: Timeout of a call from a supplier's thread [s]. A consumer that hangs delays the others once by this time.
+INLINE_TIMEOUT_S = 0.05
+#: A consumer is fast while its mean call duration is below this [s].
+FAST_CALL_S = 0.002
+#: A proxy's thread ends after this time without work [s].
+IDLE_S = 5.0
+#: Maximum size of a call to a consumer that takes batches [events, bytes].
+CALL_EVENTS, CALL_BYTES = 1000, 2**20
+#: The thread makes a coalescing pause if more events than this arrived during its last call.
+COALESCE_ABOVE = 1
+#: Maximum number of proxy threads that call at the same time.
+CONCURRENT_CALLS = 4
+#: A call that hangs occupies its slot for at most this time [s].
+SLOT_LIMIT_S = 0.05
+#: Maximum number of calls that a thread makes in one slot.
+CALLS_PER_SLOT = 16
+
+_call_limiter = CallLimiter(CONCURRENT_CALLS, SLOT_LIMIT_S)
+_log = logging.getLogger(__name__)
+
+
+class ProxyPushSupplier(ProxySupplier):
+    """Calls a consumer. `leave` ends the service of a client, and `end` that of the proxy.
+
+    on_client_lost: called, without the lock, with the reason when the client is gone or failed too often."""
+
+    kind = ProxyKind.PUSH_SUPPLIER
+    client: ConsumerPort | None
+
+    def __init__(
+        self,
+        lock: threading.Lock,
+        id: str,
+        subscription: Subscription,
+        policy: QueuePolicy,
+        delivery: DeliveryPolicy,
+        on_client_lost: Callable[[ProxyPushSupplier, str], None],
+        name: str = "",
+    ) -> None:
+        super().__init__(lock, id, subscription, policy, name)
+        self._on_client_lost = on_client_lost
+        self._delivery = delivery
+        #: Whether a thread is calling the client, or has claimed a batch for it.
+        self._busy = False
+        #: How many events a supplier's thread may deliver in one call; 0 before the first call of the proxy's thread.
+        self._inline = 0
+        #: Mean duration of a call [s].
+        self._mean_s = 0.0
+        #: Events that arrive before this time are a flood [s, time.perf_counter].
+        self._flood_until = 0.0
+        self._thread: threading.Thread | None = None
+
+    def connect(self, client: ConsumerPort) -> None:
+        super().connect(client)
+        self.failures, self._mean_s, self._inline = 0, 0.0, 0
+        self._wake()
+
+    def leave(self) -> None:
+        """The consumer of a durable subscription has left; events wait for the next consumer."""
+        self.client, self.condition, self._inline = None, ProxyCondition.WAITING, 0
+
+    def suspend(self) -> None:
+        """Let events wait; a stalled consumer is not probed meanwhile."""
+        if self.client:
+            self.condition, self._inline = ProxyCondition.SUSPENDED, 0
+
+    def resume(self) -> None:
+        if self.condition is ProxyCondition.SUSPENDED:
+            self.condition = ProxyCondition.CONNECTED
+            self._wake()
+
+    def end(self) -> None:
+        super().end()
+        self._inline = 0
+
+    def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
+        count = len(batch.payloads)
+        if count > self._inline or self._busy or self._queue.length or match.conjunctions:
+            return super().accept(batch, match, now)
+        if self._inline > 1 and time.perf_counter() < self._flood_until:  # a flood, and the consumer takes batches
+            return super().accept(batch, match, now)
+        self.account.received += count
+        self._busy, self._in_flight = True, count
+        return True
+
+    def deliver(self, batch: EventBatch) -> bool:
+        return self._call(self.client, (batch,), INLINE_TIMEOUT_S)
+
+    def defer(self, batch: EventBatch) -> None:
+        with self._lock:
+            self._busy, self._in_flight = False, 0
+            self._requeue([batch])
+            self._wake()
+
+    def _wake(self) -> None:
+        """Wake or start the thread if there is work. While a call is in progress, its end calls this method."""
+        if self._busy or self.is_ended:
+            return
+        is_stalled = self.condition is ProxyCondition.STALLED
+        if not is_stalled and not (self.condition is ProxyCondition.CONNECTED and self._queue.length):
+            return
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name=f"to {self.id}", daemon=True)
+            self._thread.start()
+        elif not is_stalled:  # else it wakes up when the next probe is due
+            self._changed.notify()
+
+    def _run(self) -> None:
+        timeout_s = self._delivery.call_timeout_s
+        while (task := self._next_task()) is not None:
+            client, items = task
+            if not items:
+                self._probe(client)
+                continue
+            with _call_limiter.slot():
+                self._call(client, items, timeout_s)
+                for _ in range(CALLS_PER_SLOT - 1):
+                    if not (items := self._next_of_slot(client)):
+                        break
+                    self._call(client, items, timeout_s)
+            if client.takes_batches and COALESCE_ABOVE < self._queue.length < min(CALL_EVENTS, self.policy.size // 2):
+                time.sleep(self._delivery.coalesce_s)
+
+    def _next_task(self) -> tuple[ConsumerPort, list[QueueItem]] | None:
+        """Client and items to deliver; no items if the client must be probed; None when there is no more work."""
+        with self._lock:
+            idle_until = time.monotonic() + IDLE_S
+            while not self.is_ended:
+                if self.condition is ProxyCondition.STALLED and self._pause() and self.client:
+                    return self.client, []
+                if self.condition is ProxyCondition.CONNECTED and self.client and self._queue and not self._busy:
+                    items = self._claim_next(self.client)
+                    if items:
+                        return self.client, items
+                    continue
+                left = idle_until - time.monotonic()
+                if left <= 0:
+                    break
+                self._changed.wait(left)
+            self._thread = None
+            return None
+
+    def _next_of_slot(self, client: ConsumerPort) -> list[QueueItem]:
+        """Items of the next call in the same slot, for a client that takes single events; empty to end the slot."""
+        with self._lock:
+            is_over = (
+                client.takes_batches or client is not self.client or self.condition is not ProxyCondition.CONNECTED
+            )
+            return [] if is_over or self._busy or not self._queue.length else self._claim_next(client)
+
+    def _claim_next(self, client: ConsumerPort) -> list[QueueItem]:
+        """Items to deliver in one call; empty if all waiting events have expired."""
+        items: list[QueueItem] = []
+        if client.takes_batches:
+            items = self._take(CALL_EVENTS, CALL_BYTES)
+            batches = [item for item in items if isinstance(item, EventBatch)]
+            if len(batches) == len(items):
+                items = [*merged(batches)]
+        elif batch := self._take_one():
+            items = [batch]
+        if items:
+            self._busy, self._in_flight = True, sum(map(len, items))
+        return items
+
+    def _pause(self) -> bool:
+        """Wait for the next probe; False if the consumer is no longer stalled."""
+        pause = self._delivery.backoff.pause_s(self.failures)
+        return not self._changed.wait_for(lambda: self.is_ended or self.condition is not ProxyCondition.STALLED, pause)
+
+    def _call(self, client: ConsumerPort | None, items: Sequence[QueueItem], timeout_s: float) -> bool:
+        """Deliver claimed items. False if the call was slow or failed."""
+        began = time.perf_counter()
+        try:
+            if client is None:
+                raise NotDelivered("the client has left")
+            client.deliver(items, timeout_s)
+        except EventError as failure:
+            self._note_failure(failure, client, items)
+            return False
+        took = time.perf_counter() - began
+        delivery = self._delivery
+        with self._lock:
+            self.account.delivered += self._in_flight
+            self._busy, self._in_flight = False, 0
+            self.failures = 0
+            self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
+            self._flood_until = time.perf_counter() + min(delivery.flood_gap * self._mean_s, delivery.max_flood_gap_s)
+            if (
+                self._mean_s > FAST_CALL_S
+                or client is not self.client
+                or self.condition is not ProxyCondition.CONNECTED
+            ):
+                self._inline = 0
+            else:
+                self._inline = CALL_EVENTS if client.takes_batches else 1
+            if self._queue.length:
+                self._wake()
+        return took < FAST_CALL_S
+
+    def _note_failure(self, failure: EventError, client: ConsumerPort | None, items: Sequence[QueueItem]) -> None:
+        with self._lock:
+            count = self._in_flight
+            self._busy, self._in_flight = False, 0
+            if isinstance(failure, Refused):  # the client is alive
+                self.account.discarded += count
+                _log.info("%s refused an event (%s)", self.id, failure)
+            elif isinstance(failure, Unconfirmed):
+                self.account.delivered += count
+                self.account.unconfirmed += count
+            else:
+                self._requeue(items)
+            if client is not None and client is self.client and not isinstance(failure, Refused):
+                self.failures += 1
+                if self.condition is ProxyCondition.CONNECTED:
+                    self.condition, self._inline = ProxyCondition.STALLED, 0
+                    self._changed.notify()  # the thread may be waiting for work
+                    _log.info("the consumer of %s at %s is stalled (%s)", self.id, client.address, failure)
+            is_lost = isinstance(failure, ClientGone) or (
+                self.failures >= self._delivery.max_failures and not self.name
+            )
+            self._wake()
+        if is_lost:
+            self._on_client_lost(self, str(failure))
+
+    def _requeue(self, items: Sequence[QueueItem]) -> None:
+        if self.is_ended:
+            self.account.discarded += sum(map(len, items))
+        else:
+            self.account.discarded += self._queue.put_back([*items])
+
+    def _probe(self, client: ConsumerPort) -> None:
+        """Probe a stalled client; resume delivery, or report the client as lost."""
+        reason = ""
+        try:
+            is_alive = client.answers(self._delivery.probe_timeout_s)
+        except ClientGone as error:
+            is_alive, reason = False, str(error)
+        if is_alive:
+            time.sleep(self._delivery.settle_s)
+        with self._lock:
+            if client is not self.client or self.condition is not ProxyCondition.STALLED:
+                return
+            if is_alive:
+                self.condition = ProxyCondition.CONNECTED
+                return
+            self.failures += 1
+            if not reason and self.failures >= self._delivery.max_failures and not self.name:
+                reason = f"{self.failures} failures in a row"
+        if reason:
+            self._on_client_lost(self, reason)

@@ -1,0 +1,151 @@
+"""Proxy suppliers: each serves a consumer, with its subscription, its queue and its account."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from robocorba.errors.events import Disconnected, ProxyGone
+from robocorba.events.account import Totals
+from robocorba.events.correlation import Selection
+from robocorba.events.event import CorrelatedEvents, EventBatch
+from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+from robocorba.events.queue import EventQueue, OverflowRule, QueueItem, QueuePolicy
+from robocorba.events.subscription import Subscription, SubscriptionMatch
+
+
+class ProxySupplier(Proxy):
+    """Base of both kinds. A name makes the subscription durable: it outlives its consumer, and failed deliveries never
+    end it."""
+
+    def __init__(
+        self, lock: threading.Lock, id: str, subscription: Subscription, policy: QueuePolicy, name: str = ""
+    ) -> None:
+        super().__init__(lock, id, name)
+        self._changed = threading.Condition(lock)
+        self._room = threading.Condition(lock)
+        self._queue = EventQueue(policy)
+        self._selection = Selection(subscription, policy.size)
+        self._in_flight = 0
+
+    @property
+    def subscription(self) -> Subscription:
+        return self._selection.subscription
+
+    @property
+    def policy(self) -> QueuePolicy:
+        return self._queue.policy
+
+    @property
+    def is_selecting(self) -> bool:
+        """Whether it receives events; a durable proxy does also while its consumer is away."""
+        return not self.is_ended and (self.condition is not ProxyCondition.WAITING or bool(self.name))
+
+    @property
+    def is_blocking(self) -> bool:
+        return self.policy.when_full is OverflowRule.BLOCK_SUPPLIER
+
+    def select(self, subscription: Subscription) -> None:
+        """Change the subscription; queued events stay."""
+        waited = len(self._selection)
+        self._selection = Selection(subscription, self.policy.size, self._selection)
+        self.account.discarded += waited - len(self._selection)
+
+    def resize(self, policy: QueuePolicy) -> None:
+        self.account.discarded += self._queue.resize(policy)
+
+    def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
+        """Queue a batch, or let the caller claim it: see channel.Sink."""
+        if match.conjunctions:
+            for together in self._selection.correlate(batch, match, self.account, now):
+                self.account.discarded += self._queue.put(together)
+        if match.single:
+            self.account.received += len(batch)
+            self.account.discarded += self._queue.put(batch)
+        self._wake()
+        return False
+
+    def wait_for_room(self, count: int) -> None:
+        """Wait for room for `count` events, at most for the queue's time limit; releases the lock meanwhile."""
+
+        def has_room() -> bool:
+            return self.is_ended or not self.is_blocking or self._queue.room >= min(count, self.policy.size)
+
+        self._room.wait_for(has_room, self.policy.block_limit)
+
+    def deliver(self, batch: EventBatch) -> bool:
+        raise NotImplementedError
+
+    def defer(self, batch: EventBatch) -> None:
+        raise NotImplementedError
+
+    def totals(self) -> Totals:
+        return self.account.totals(len(self._queue) + self._in_flight + len(self._selection))
+
+    def oldest_s(self) -> float:
+        """Age of the next event in the queue [s], 0 if there is none."""
+        oldest = self._queue.oldest_time()
+        return max(0.0, time.time() - oldest) if oldest is not None else 0.0
+
+    def end(self) -> None:
+        """Stop deliveries and wake all waiting threads. Queued events count as discarded."""
+        super().end()
+        self.account.discarded += self._queue.clear() + len(self._selection)
+        self._selection = Selection((), 1)
+        self._changed.notify_all()
+        self._room.notify_all()
+
+    def _take(self, max_events: int, max_bytes: int = 2**62) -> list[QueueItem]:
+        """The next items to deliver; empty if all queued events have expired."""
+        items, expired = self._queue.take(max_events, time.time(), max_bytes)
+        self.account.expired += expired
+        if self.is_blocking:
+            self._room.notify_all()
+        return items
+
+    def _take_one(self) -> EventBatch | None:
+        """The next single event. Of a conjunction, the other events go back to the head of the queue."""
+        items = self._take(1)
+        if not items:
+            return None
+        if isinstance(items[0], CorrelatedEvents):
+            self.account.discarded += self._queue.put_back(list(items[0].batches[1:]))
+            return items[0].batches[0]
+        return items[0]
+
+    def _wake(self) -> None:
+        self._changed.notify_all()
+
+
+class ProxyPullSupplier(ProxySupplier):
+    """Serves a consumer that pulls events, one at a time."""
+
+    kind = ProxyKind.PULL_SUPPLIER
+    _is_released = False
+
+    def release(self) -> None:
+        """Let all waiting calls return, because the process ends."""
+        self._is_released = True
+        self._changed.notify_all()
+
+    def pull(self, limit_s: float) -> EventBatch | None:
+        """Wait for the next event, returned as a batch of one; None after `limit_s`, or when the process ends.
+
+        Called without the lock. Raises Disconnected, ProxyGone."""
+        deadline = time.monotonic() + limit_s
+        with self._lock:
+            while True:
+                if self.is_ended:
+                    raise ProxyGone(f"proxy {self.id} was disconnected")
+                if self.condition is ProxyCondition.WAITING:
+                    raise Disconnected(f"proxy {self.id} is not connected")
+                if self._queue:
+                    batch = self._take_one()
+                    if batch is not None:
+                        self.account.delivered += 1
+                        return batch
+                    continue
+                left = deadline - time.monotonic()
+                if left <= 0 or self._is_released:
+                    return None
+                self._changed.wait(left)

@@ -1,0 +1,327 @@
+"""The map building agent: a building that several clients edit concurrently.
+
+Every accepted edit is on disk before anyone can read it, raises the version by one and
+reaches the listeners before the call returns. One lock orders the edits. Readers take the
+current snapshot and never wait.
+
+An edit names the version of the element that its author read. If the element has changed
+since, the edit raises StaleEdit. Edits of different elements never conflict.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+import msgspec
+
+from robocorba.errors.maps import (
+    InvalidElement,
+    NothingToRedo,
+    NothingToUndo,
+    StaleVersion,
+    TooManyTransactions,
+    TransactionClosed,
+    UnknownElement,
+)
+from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
+from robocorba.maps.draft import Draft, EditorState, Versions
+from robocorba.maps.element_rules import size_of
+from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
+from robocorba.maps.store import DEFAULT_LIMITS, CommitKind, MapLimits, MapStore, StoredBuilding
+from robocorba.maps.validation import check_change, problems
+
+#: Blocked nodes and edges that the log lists for one edit; it counts the others.
+MAX_BLOCKED_LOGGED = 5
+
+_log = logging.getLogger(__name__)
+
+#: Called within each edit with the new building, its version and the changes, in order of versions.
+Listener = Callable[[Building, int, Sequence[Change]], None]
+
+
+class BuildingEditor:
+    """Edits the building of a store. Safe from any thread.
+
+    `clock` returns the time [s] for the timeout of transactions. If the store fails, the edit raises MapFileError
+    and changes nothing."""
+
+    def __init__(
+        self, store: MapStore, limits: MapLimits = DEFAULT_LIMITS, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._store, self._limits, self._clock = store, limits, clock
+        self._lock = threading.Lock()
+        self._listeners: list[Listener] = []
+        self._open: set[Transaction] = set()
+        self._state = _editor_state(store.load())
+
+    @property
+    def building(self) -> Building:
+        """The current building. It is immutable; the next edit replaces it."""
+        return self._state.building
+
+    @property
+    def version(self) -> int:
+        """The building's version. Each accepted edit raises it by one; it never falls."""
+        return self._state.version
+
+    @property
+    def snapshot(self) -> tuple[Building, int]:
+        """The building and its version, consistent with each other."""
+        state = self._state
+        return state.building, state.version
+
+    def read(self, kind: ElementKind, floor: str, name: str) -> tuple[Element, int]:
+        """An element and the version that last changed it. Raises UnknownElement."""
+        state, wanted = self._state, key(kind, floor, name)
+        element = state.building.find(*wanted)
+        if element is None:
+            raise UnknownElement(*wanted.words)
+        return element, state.version_of(wanted)
+
+    def elements(self, kind: ElementKind, floor: str = "") -> list[tuple[Element, int]]:
+        """All elements of a kind on a floor with their versions; `floor` is ignored for floors and elevators.
+
+        Raises UnknownElement for an unknown floor."""
+        state = self._state
+        if kind in COLLECTION_OF and floor not in state.building.floors:
+            raise UnknownElement(ElementKind.FLOOR.value, "", floor)
+        versions = state.versions.get((kind, floor if kind in COLLECTION_OF else ""), {})
+        return [(element, versions[name]) for name, element in state.building.elements(kind, floor).items()]
+
+    def create(self, floor: str, element: Element) -> int:
+        """Add an element. `floor` is ignored for floors and elevators. Returns the new version.
+
+        Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
+        return self._edit(lambda draft, state: draft.create(state, floor, element))
+
+    def change(self, floor: str, element: Element, expected: int) -> int:
+        """Replace the element of that kind, floor and name. Returns the new version.
+
+        Raises UnknownElement, StaleEdit, InvalidElement."""
+        return self._edit(lambda draft, state: draft.change(state, floor, element, expected))
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
+        """Remove an element, a floor with all its elements. Returns the new version.
+
+        Raises UnknownElement, StaleEdit, InvalidElement if a remaining element refers to it."""
+        return self._edit(lambda draft, state: draft.remove(state, kind, floor, name, expected))
+
+    def begin(self) -> Transaction:
+        """Open a transaction. Raises TooManyTransactions."""
+        with self._lock:
+            self._expire()
+            if len(self._open) >= self._limits.transactions:
+                raise TooManyTransactions(self._limits.transactions)
+            transaction = Transaction(self, self._clock())
+            self._open.add(transaction)
+            return transaction
+
+    def undo(self, expected: int) -> int:
+        """Revert the last edit, transaction or replacement. `expected` is the building's version that the caller
+        read. Returns the new version. Raises StaleVersion, NothingToUndo."""
+        with self._lock:
+            self._expect(expected)
+            commit = self._store.undoable()
+            if commit is None:
+                raise NothingToUndo("there is nothing to undo")
+            changes = inverse(commit.changes, self.version + 1)
+            return self._commit(changes, commit.name_before, CommitKind.UNDO, commit.version)
+
+    def redo(self, expected: int) -> int:
+        """Repeat the edit that undo reverted last, unless another edit followed. Returns the new version.
+
+        Raises StaleVersion, NothingToRedo."""
+        with self._lock:
+            self._expect(expected)
+            commit = self._store.redoable()
+            if commit is None:
+                raise NothingToRedo("there is nothing to redo")
+            changes = [msgspec.structs.replace(change, version=self.version + 1) for change in commit.changes]
+            return self._commit(changes, commit.name_after, CommitKind.REDO, commit.version)
+
+    def changes_since(self, version: int) -> list[Change]:
+        """The changes after `version`, in order. Raises VersionUnavailable, MapFileError."""
+        state = self._state
+        if version == state.version:
+            return []
+        return self._store.changes_since(version, state.version)
+
+    def replace(self, building: Building, expected: int) -> int:
+        """Replace the building by another one, as one edit of the elements that differ.
+
+        Returns the new version, the current one if nothing differs. Raises StaleVersion, InvalidElement."""
+        for wrong in problems(building, limit=1):
+            raise wrong
+        with self._lock:
+            self._expect(expected)
+            return self._put(difference(self.building, building), building.name)
+
+    def replace_topology(self, floor: str, topology: TopologicalMap) -> int:
+        """Replace a floor's topological map, as one edit.
+
+        Returns the new version, the current one if nothing differs. Raises UnknownElement, InvalidElement."""
+        with self._lock:
+            building = self.building
+            if floor not in building.floors:
+                raise UnknownElement(ElementKind.FLOOR.value, "", floor)
+            return self._put(difference(building, with_topology(building, floor, topology)), building.name, check=True)
+
+    def subscribe(self, listener: Listener) -> tuple[Building, int]:
+        """Call `listener` for each edit after the returned building and version.
+
+        The edit waits for the call: `listener` must be quick, and must neither raise nor edit."""
+        with self._lock:
+            self._listeners.append(listener)
+            return self.snapshot
+
+    def _edit(self, operation: Callable[[Draft, EditorState], None]) -> int:
+        with self._lock:
+            draft = Draft()
+            operation(draft, self._state)
+            return self._finish(draft)
+
+    def _finish(self, draft: Draft) -> int:
+        changes = draft.changes(self._state, self.version + 1)
+        return self._commit(changes, self.building.name, check=True) if changes else self.version
+
+    def _put(self, elements: dict[ElementKey, Element | None], name: str, check: bool = False) -> int:
+        if not elements and name == self.building.name:
+            return self.version
+        changes = ordered(
+            Change(self.version + 1, key, self.building.find(*key), element) for key, element in elements.items()
+        )
+        return self._commit(changes, name, check=check)
+
+    def _expect(self, version: int) -> None:
+        if version != self.version:
+            raise StaleVersion(version, self.version)
+
+    def _commit(
+        self,
+        changes: Sequence[Change],
+        name: str,
+        kind: CommitKind = CommitKind.EDIT,
+        source: int = 0,
+        check: bool = False,
+    ) -> int:
+        """Check and store changes, then publish them to readers and listeners. Requires the lock."""
+        before = self._state
+        building = apply(before.building, changes)
+        if name != building.name:
+            building = msgspec.structs.replace(building, name=name)
+        size = before.size + sum(size_of(change.after) - size_of(change.before) for change in changes)
+        if size > self._limits.building_size and size > before.size:
+            reason = f"the building would have more than {self._limits.building_size} elements and points"
+            raise InvalidElement(*changes[-1].key.words, reason)
+        blocked = check_change(building, [change.key for change in changes], before.building) if check else []
+        version = before.version + 1
+        self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits)
+        self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
+        if blocked:
+            named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
+            rest = len(blocked) - MAX_BLOCKED_LOGGED
+            _log.warning("version %d blocks %s", version, named + (f"; and {rest} more" if rest > 0 else ""))
+        for listener in self._listeners:
+            listener(building, version, changes)
+        self._expire()
+        return version
+
+    def _expire(self) -> None:
+        """Roll back the transactions that have timed out. Requires the lock."""
+        oldest = self._clock() - self._limits.transaction_timeout_s
+        for transaction in [each for each in self._open if each._used_at < oldest]:
+            self._drop(transaction)
+
+    def _drop(self, transaction: Transaction) -> Draft:
+        """Close a transaction and take its draft, since a caller may keep the closed transaction. Requires the lock."""
+        self._open.discard(transaction)
+        draft, transaction._draft = transaction._draft, Draft()
+        return draft
+
+    def _add_edit(
+        self, transaction: Transaction, operation: Callable[[Draft, EditorState], None], added: Element | None
+    ) -> None:
+        with self._lock:
+            self._use(transaction)
+            if added and size_of(added) + sum(other._draft.size for other in self._open) > self._limits.pending_size:
+                reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
+                raise InvalidElement(*key_of("", added).words, reason)
+            operation(transaction._draft, self._state)
+
+    def _use(self, transaction: Transaction) -> None:
+        self._expire()
+        if transaction not in self._open:
+            raise TransactionClosed("the transaction was committed or rolled back, or it has timed out")
+        transaction._used_at = self._clock()
+
+    def _close(self, transaction: Transaction, commit: bool) -> int:
+        with self._lock:
+            self._use(transaction)
+            draft = self._drop(transaction)
+            return self._finish(draft) if commit else self.version
+
+
+class Transaction:
+    """Several edits that take effect together or not at all. Nobody else sees them before `commit`.
+
+    The version of an element does not rise within a transaction: a second change of an element
+    expects the same version as the first, and 0 for an element that the transaction created.
+    Each edit checks the rules of its element alone; `commit` checks those between elements.
+    Every operation raises TransactionClosed if the transaction is closed or has timed out."""
+
+    def __init__(self, editor: BuildingEditor, now: float) -> None:
+        self._editor, self._used_at = editor, now
+        self._draft = Draft()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither committed nor rolled back, also not by its timeout."""
+        return self in self._editor._open
+
+    def create(self, floor: str, element: Element) -> None:
+        """As BuildingEditor.create."""
+        self._editor._add_edit(self, lambda draft, state: draft.create(state, floor, element), element)
+
+    def change(self, floor: str, element: Element, expected: int) -> None:
+        """As BuildingEditor.change."""
+        self._editor._add_edit(self, lambda draft, state: draft.change(state, floor, element, expected), element)
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> None:
+        """As BuildingEditor.remove."""
+        self._editor._add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
+
+    def commit(self) -> int:
+        """Make all edits as one, and close the transaction. Returns the building's version, new if anything was edited.
+
+        Raises StaleEdit, DuplicateElement or UnknownElement if another client changed a touched element,
+        InvalidElement if the result breaks a rule. The building is unchanged then."""
+        return self._editor._close(self, commit=True)
+
+    def roll_back(self) -> None:
+        """Discard all edits."""
+        self._editor._close(self, commit=False)
+
+
+def _editor_state(stored: StoredBuilding) -> EditorState:
+    versions: Versions = {}
+    for (kind, floor, name), version in stored.versions.items():
+        versions.setdefault((kind, floor), {})[name] = version
+    size = sum(size_of(element) for _, element in elements_of(stored.building))
+    return EditorState(stored.building, stored.version, versions, size)
+
+
+def _updated_versions(versions: Versions, changes: Iterable[Change]) -> Versions:
+    stamped, copied = dict(versions), set()
+    for change in changes:
+        group = change.key.kind, change.key.floor
+        if group not in copied:
+            stamped[group] = dict(versions.get(group, {}))
+            copied.add(group)
+        if change.after is None:
+            del stamped[group][change.key.name]
+        else:
+            stamped[group][change.key.name] = change.version
+    return stamped

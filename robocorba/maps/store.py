@@ -1,0 +1,377 @@
+"""A building on disk: one SQLite file, one durable transaction for each accepted edit.
+
+The file stores every element with the version that last changed it, and a journal of
+commits that serves undo, redo and the list of changes, also after a crash. The row order
+is the order of the building's dictionaries.
+
+Every failure of the file, a full disk included, raises MapFileError.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sqlite3
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from robocorba.errors.maps import MapFileError, VersionUnavailable
+from robocorba.errors.services import AlreadyRunning
+from robocorba.maps.changes import Change, ElementKey, elements_of
+from robocorba.maps.model import (
+    COLLECTION_OF,
+    TYPE_OF,
+    Building,
+    Element,
+    ElementKind,
+    FloorMap,
+)
+
+#: SQLite application id, "RoCo": identifies RoboCorba's map stores.
+APPLICATION_ID = 0x526F436F
+SCHEMA_VERSION = 1
+#: Version of the building in a new store.
+FIRST_VERSION = 1
+
+_SCHEMA = (
+    "CREATE TABLE building (name TEXT NOT NULL, version INTEGER NOT NULL)",
+    """CREATE TABLE elements (
+        id INTEGER PRIMARY KEY, kind TEXT NOT NULL, floor TEXT NOT NULL, name TEXT NOT NULL,
+        version INTEGER NOT NULL, value TEXT NOT NULL, UNIQUE (kind, floor, name))""",
+    """CREATE TABLE commits (
+        version INTEGER PRIMARY KEY, state INTEGER NOT NULL, size INTEGER NOT NULL,
+        name_before TEXT NOT NULL, name_after TEXT NOT NULL)""",
+    "CREATE INDEX commits_by_state ON commits (state, version)",
+    """CREATE TABLE changes (
+        version INTEGER NOT NULL, position INTEGER NOT NULL,
+        kind TEXT NOT NULL, floor TEXT NOT NULL, name TEXT NOT NULL, before TEXT, after TEXT,
+        PRIMARY KEY (version, position)) WITHOUT ROWID""",
+    f"PRAGMA application_id = {APPLICATION_ID}",
+    f"PRAGMA user_version = {SCHEMA_VERSION}",
+)
+_ELEMENT_COLUMNS = "kind, floor, name, version, value"
+_CHANGE_COLUMNS = "version, kind, floor, name, before, after"
+
+_decoders: dict[ElementKind, msgspec.json.Decoder[Any]] = {
+    kind: msgspec.json.Decoder(struct) for kind, struct in TYPE_OF.items()
+}
+_KINDS = {kind.value: kind for kind in ElementKind}
+
+
+@dataclass(frozen=True)
+class MapLimits:
+    """Limits of an edited map.
+
+    commits: kept for undo and for the list of changes. journal_changes: changed elements in them, over all commits.
+    building_size, pending_size: of the building, and of all open transactions together (see size_of); they bound
+    memory. transactions: open at the same time. transaction_timeout_s: after which an idle one is rolled back."""
+
+    commits: int = 10_000
+    journal_changes: int = 1_000_000
+    building_size: int = 2_000_000
+    pending_size: int = 500_000
+    transactions: int = 64
+    transaction_timeout_s: float = 300.0
+
+
+DEFAULT_LIMITS = MapLimits()
+
+
+class CommitKind(str, Enum):
+    """How a commit came about."""
+
+    EDIT = "edit"
+    UNDO = "undo"
+    REDO = "redo"
+
+
+class _CommitState(IntEnum):
+    """State of a commit in the history: undo reverts the newest DONE one, redo repeats the oldest UNDONE one."""
+
+    PAST = 0
+    DONE = 1
+    UNDONE = 2
+
+
+class StoredBuilding(NamedTuple):
+    """A loaded building. `versions` holds the version that last changed each element."""
+
+    building: Building
+    version: int
+    versions: dict[ElementKey, int]
+
+
+class Commit(NamedTuple):
+    """A commit of the journal, with the building's name before and after it."""
+
+    version: int
+    name_before: str
+    name_after: str
+    changes: list[Change]
+
+
+class MapStore:
+    """The file of a building. One process opens it at a time; one thread writes, any thread reads the journal.
+
+    Raises AlreadyRunning if another process has it open, MapFileError if the file is missing, damaged
+    or not a map store of this release."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with _guarded(self.path):
+            if not self.path.exists():
+                raise MapFileError(str(self.path), 0, "", "there is no map store")
+            self._lock = _lock(self.path)
+            try:
+                self._check()
+                self._writer = _connect(self.path, "rw")
+                self._writer.execute("PRAGMA journal_mode = WAL")
+                self._writer.execute("PRAGMA synchronous = FULL")
+                self._reader = _connect(self.path, "ro")
+                self._reading = threading.Lock()
+                self._journaled = self._writer.execute("SELECT total(size) FROM commits").fetchone()[0]
+            except BaseException:
+                os.close(self._lock)
+                raise
+
+    @classmethod
+    def create(cls, path: str | Path, building: Building) -> MapStore:
+        """Create a store with `building` at FIRST_VERSION, atomically: it gets its name once it is complete.
+
+        Raises MapFileError if the file exists, AlreadyRunning as the constructor does."""
+        file = Path(path)
+        fresh = Path(f"{file}.new")
+        with _guarded(file):
+            lock = _lock(file)
+            try:
+                if file.exists():
+                    raise MapFileError(str(file), 0, "", "there is such a file already")
+                # SQLite would apply the leftover log of a deleted store to the new one.
+                for leftover in (fresh, Path(f"{fresh}-journal"), Path(f"{file}-wal"), Path(f"{file}-shm")):
+                    leftover.unlink(missing_ok=True)
+                with closing(_connect(fresh, "rwc")) as connection:
+                    connection.execute("PRAGMA synchronous = FULL")
+                    with _transaction(connection):
+                        _fill(connection, building)
+                fresh.rename(file)
+                folder = os.open(file.absolute().parent, os.O_RDONLY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
+            finally:
+                os.close(lock)
+        return cls(file)
+
+    def _check(self) -> None:
+        with closing(_connect(self.path, "rw")) as connection:
+            if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
+                raise MapFileError(str(self.path), 0, "", "not a map store of RoboCorba")
+            schema = connection.execute("PRAGMA user_version").fetchone()[0]
+            if schema != SCHEMA_VERSION:
+                reason = f"its schema is version {schema}, this release reads {SCHEMA_VERSION}"
+                raise MapFileError(str(self.path), 0, "", reason)
+            found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if found != "ok":
+                raise MapFileError(str(self.path), 0, "", f"damaged: {found}")
+
+    def close(self) -> None:
+        """Close the file. Commits are durable without it."""
+        with self._reading:
+            self._reader.close()
+        self._writer.close()
+        os.close(self._lock)
+
+    def __enter__(self) -> MapStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def load(self) -> StoredBuilding:
+        """The building as of the last commit."""
+        with _guarded(self.path):
+            row = self._writer.execute("SELECT name, version FROM building").fetchone()
+            if row is None:
+                raise MapFileError(str(self.path), 0, "", "damaged: it holds no building")
+            versions: dict[ElementKey, int] = {}
+            layers: dict[tuple[str, str], dict[str, Any]] = {}
+            query = f"SELECT {_ELEMENT_COLUMNS} FROM elements ORDER BY id"
+            for kind, floor, name, version, value in self._writer.execute(query):
+                key = ElementKey(_KINDS[kind], floor, name)
+                versions[key] = version
+                layers.setdefault((floor, kind), {})[name] = _decoders[key.kind].decode(value)
+        floors = sorted(layers.get(("", "floor"), {}).values(), key=lambda floor: (floor.level, floor.name))
+        known = {floor.name for floor in floors} | {""}
+        lost = next((floor for floor, _ in layers if floor not in known), None)
+        if lost is not None:
+            raise MapFileError(str(self.path), 0, "", f"damaged: it has elements on {lost!r}, which is no floor")
+        entries = {
+            floor.name: FloorMap.of(floor, {kind: layers.get((floor.name, kind.value), {}) for kind in COLLECTION_OF})
+            for floor in floors
+        }
+        return StoredBuilding(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
+
+    def commit(
+        self,
+        changes: Sequence[Change],
+        version: int,
+        names: tuple[str, str],
+        kind: CommitKind = CommitKind.EDIT,
+        source: int = 0,
+        limits: MapLimits = DEFAULT_LIMITS,
+    ) -> None:
+        """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
+
+        `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
+        commit that they revert or repeat. Drops the oldest commits beyond `limits`."""
+        with _guarded(self.path), _transaction(self._writer) as writer:
+            current = writer.execute("SELECT version FROM building").fetchone()[0]
+            assert version == current + 1, (version, current)
+            writer.execute("UPDATE building SET name = ?, version = ?", (names[1], version))
+            _write_elements(writer, changes)
+            if kind is CommitKind.EDIT:
+                writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_CommitState.PAST, _CommitState.UNDONE))
+            else:
+                state = _CommitState.UNDONE if kind is CommitKind.UNDO else _CommitState.DONE
+                writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
+            dropped = self._drop_commits(version - limits.commits, limits.journal_changes - len(changes))
+            state = _CommitState.DONE if kind is CommitKind.EDIT else _CommitState.PAST
+            writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
+            writer.executemany(
+                "INSERT INTO changes VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (
+                    (version, position, *change.key.words, _text(change.before), _text(change.after))
+                    for position, change in enumerate(changes)
+                ),
+            )
+        self._journaled += len(changes) - dropped
+
+    def _drop_commits(self, up_to: int, kept: int) -> int:
+        """Drop the commits up to a version, and more until at most `kept` changes remain; the number dropped."""
+        dropped = 0
+        query = "SELECT version, size, state FROM commits ORDER BY version"
+        last, redo_lost = 0, False
+        for version, size, state in self._writer.execute(query):
+            if version > up_to and self._journaled - dropped <= kept:
+                break
+            last, dropped, redo_lost = version, dropped + size, redo_lost or state == _CommitState.UNDONE
+        if last:
+            self._writer.execute("DELETE FROM changes WHERE version <= ?", (last,))
+            self._writer.execute("DELETE FROM commits WHERE version <= ?", (last,))
+        if redo_lost:
+            # Later redos depend on the dropped one.
+            self._writer.execute(
+                "UPDATE commits SET state = ? WHERE state = ?", (_CommitState.PAST, _CommitState.UNDONE)
+            )
+        return dropped
+
+    def undoable(self) -> Commit | None:
+        """The commit that undo reverts, None if there is none."""
+        return self._commit("DESC", _CommitState.DONE)
+
+    def redoable(self) -> Commit | None:
+        """The commit that redo repeats, None if there is none."""
+        return self._commit("ASC", _CommitState.UNDONE)
+
+    def _commit(self, order: str, state: _CommitState) -> Commit | None:
+        query = f"SELECT version, name_before, name_after FROM commits WHERE state = ? ORDER BY version {order} LIMIT 1"
+        with _guarded(self.path):
+            row = self._writer.execute(query, (state,)).fetchone()
+            if row is None:
+                return None
+            query = f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version = ? ORDER BY position"
+            return Commit(row[0], row[1], row[2], _changes(self._writer.execute(query, (row[0],))))
+
+    def changes_since(self, since: int, current: int) -> list[Change]:
+        """The changes after version `since` up to `current`, in order.
+
+        Raises VersionUnavailable if the journal does not reach back to `since`, or `since` is after `current`."""
+        with _guarded(self.path), self._reading, _transaction(self._reader, "DEFERRED") as reader:
+            first = reader.execute("SELECT min(version) FROM commits").fetchone()[0]
+            oldest = current if first is None else min(first - 1, current)
+            if not oldest <= since <= current:
+                raise VersionUnavailable(since, oldest, current)
+            query = (
+                f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version > ? AND version <= ? ORDER BY version, position"
+            )
+            return _changes(reader.execute(query, (since, current)))
+
+
+def _lock(path: Path) -> int:
+    """Lock the store by a file beside it. The lock ends when the returned descriptor or the process is closed."""
+    descriptor = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise AlreadyRunning(f"{path} is in use by another process") from None
+    return descriptor
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    uri = f"{path.absolute().as_uri()}?mode={mode}"
+    return sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+
+
+@contextmanager
+def _transaction(connection: sqlite3.Connection, kind: str = "IMMEDIATE") -> Iterator[sqlite3.Connection]:
+    connection.execute(f"BEGIN {kind}")
+    try:
+        yield connection
+        connection.execute("COMMIT")
+    finally:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+
+
+@contextmanager
+def _guarded(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None
+    except sqlite3.Error as error:
+        raise MapFileError(str(path), 0, "", str(error)) from error
+    except (msgspec.DecodeError, KeyError) as error:
+        raise MapFileError(str(path), 0, "", f"damaged: {error}") from error
+
+
+def _fill(connection: sqlite3.Connection, building: Building) -> None:
+    for statement in _SCHEMA:
+        connection.execute(statement)
+    connection.execute("INSERT INTO building VALUES (?, ?)", (building.name, FIRST_VERSION))
+    _write_elements(connection, [Change(FIRST_VERSION, key, None, element) for key, element in elements_of(building)])
+
+
+def _write_elements(connection: sqlite3.Connection, changes: Sequence[Change]) -> None:
+    connection.executemany(
+        "DELETE FROM elements WHERE kind = ? AND floor = ? AND name = ?",
+        (change.key.words for change in changes if change.after is None),
+    )
+    # An update keeps the row's id, as a dictionary keeps the position of a key.
+    connection.executemany(
+        f"INSERT INTO elements ({_ELEMENT_COLUMNS}) VALUES (?, ?, ?, ?, ?) ON CONFLICT (kind, floor, name) "
+        "DO UPDATE SET version = excluded.version, value = excluded.value",
+        ((*change.key.words, change.version, _text(change.after)) for change in changes if change.after is not None),
+    )
+
+
+def _text(element: Element | None) -> str | None:
+    return None if element is None else msgspec.json.encode(element).decode()
+
+
+def _changes(rows: sqlite3.Cursor) -> list[Change]:
+    found = []
+    for version, kind, floor, name, before, after in rows:
+        key = ElementKey(_KINDS[kind], floor, name)
+        decode = _decoders[key.kind].decode
+        found.append(Change(version, key, before and decode(before), after and decode(after)))
+    return found

@@ -1,0 +1,97 @@
+"""The control of a carry: each carrier follows the trajectory of the carried body at the leader's progress."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from robocorba.errors.robots import MotionFailed
+from robocorba.missions.clock import LeaderClock
+from robocorba.missions.trajectory import Trajectory
+from robocorba.motion.motion import MotionCommand
+from robocorba.motion.robot_state import RobotState
+from robocorba.spatial.frames import turned
+
+#: Proportional gain of the position controller [1/s].
+POSITION_GAIN = 4.0
+#: Tolerance at the goal [m, rad].
+GOAL_M, GOAL_RAD = 0.01, math.radians(1.0)
+#: The carry fails if the position error exceeds this [m].
+MAX_ERROR_M = 0.25
+#: Control cycles recorded.
+MAX_TICKS = 20_000
+#: The body stops after this time without orders from the leader [s].
+LEADER_TIMEOUT_S = 0.3
+
+
+class CarryProgress:
+    """The carried body's trajectory time [s], extrapolated from the leader's orders: `trajectory_s` at `since`, and its
+    rate from then on. Times are by the leader's clock.
+
+    Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        #: (since, trajectory_s, rate) in force, and the next one.
+        self._now, self._next = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        #: When the leader sent its latest order.
+        self._last_sent = 0.0
+
+    def reset(self) -> None:
+        """Discard the orders of the previous trajectory."""
+        with self._lock:
+            self._now = self._next = (0.0, 0.0, 0.0)
+
+    def follow(self, since: float, trajectory_s: float, rate: float, sent: float) -> None:
+        """Take over an order that the leader sent at `sent`."""
+        with self._lock:
+            self._last_sent = max(self._last_sent, sent)
+            if since > self._next[0]:
+                self._now, self._next = self._next, (since, trajectory_s, rate)
+
+    def at(self, now: float) -> tuple[float, float]:
+        """Trajectory time at `now` [s], and its rate; the rate is 0 after LEADER_TIMEOUT_S without orders."""
+        with self._lock:
+            since, trajectory_s, rate = self._next if now >= self._next[0] else self._now
+            until = min(now, self._last_sent + LEADER_TIMEOUT_S)
+            return trajectory_s + rate * max(0.0, until - since), rate if now <= until else 0.0
+
+
+class CarryMotion:
+    """Keeps the base at `place`, its pose in the frame of the carried body. slip_m: returns the present distance of the
+    grip point from the hand; raises MotionFailed if the hold is lost.
+
+    Its measurements may be read by any thread."""
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        place: tuple[float, float, float],
+        progress: CarryProgress,
+        clock: LeaderClock,
+        slip_m: Callable[[], float],
+    ) -> None:
+        self._trajectory, self._place, self._progress, self._clock = trajectory, place, progress, clock
+        self._slip_m = slip_m
+        self.error_m = 0.0
+        self.max_slip_m = 0.0
+        #: Leader's time and trajectory time [s] of each control cycle.
+        self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
+
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        now = self._clock.now()
+        trajectory_s, rate = self._progress.at(now)
+        self.ticks.append((now, trajectory_s))
+        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, self._place)
+        dx, dy = x - state.x, y - state.y
+        heading_error = math.remainder(heading - state.heading, math.tau)
+        self.error_m = math.hypot(dx, dy)
+        self.max_slip_m = max(self.max_slip_m, self._slip_m())
+        if trajectory_s >= self._trajectory.duration and self.error_m <= GOAL_M and abs(heading_error) <= GOAL_RAD:
+            return None
+        if self.error_m > MAX_ERROR_M:
+            raise MotionFailed(f"{self.error_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
+        vx, vy = vx * rate + POSITION_GAIN * dx, vy * rate + POSITION_GAIN * dy
+        return MotionCommand((*turned(vx, vy, -state.heading), turn * rate + POSITION_GAIN * heading_error))

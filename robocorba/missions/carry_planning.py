@@ -1,0 +1,254 @@
+"""Plans a carry: the path of an object and its carriers as one body.
+
+The formations of the carriers are tried in turn. On each floor the whole body passes walls, objects and doors; in an
+elevator it must fit into the cabin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely import LineString, Point, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.model import Building, Elevator, Floor
+from robocorba.maps.movable import movables, object_outline
+from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossible, why_not_free
+from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, Formation, formations
+from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
+from robocorba.planning.body import body_of
+from robocorba.planning.body_search import (
+    HEADINGS,
+    STEP_M,
+    LatticeRoute,
+    distances_to_goal,
+    find_routes,
+    lay_lattice,
+    shorten,
+)
+from robocorba.planning.request import MAX_COORDINATE_M
+from robocorba.spatial.frames import out_of
+from robocorba.spatial.grids import Floats
+from robocorba.spatial.pose import Pose
+
+#: Clearance that shortened paths keep if there is room [m].
+PREFERRED_MARGIN_M = 0.15
+#: Maximum number of elevator rides of a carry.
+MAX_RIDES = 2
+
+
+class CarryLeg(NamedTuple):
+    """The path on one floor: poses (k, 3) of the object, x, y [m], unwrapped heading [rad], joined by straight
+    segments. elevator_after: the elevator in which the leg ends, empty at the goal."""
+
+    floor: str
+    poses: Floats
+    elevator_after: str
+
+
+class CarryPlan(NamedTuple):
+    """How robots carry an object: their formation, and the path on each floor. outline: of the object in its own
+    frame."""
+
+    formation: Formation
+    legs: tuple[CarryLeg, ...]
+    outline: Polygon
+
+    def footprint(self) -> BaseGeometry:
+        """The outline of object, carriers and arms, in the object's frame."""
+        return self.formation.footprint(self.outline)
+
+
+def plan_carry(
+    building: Building,
+    carried: str | Polygon,
+    start: Pose | tuple[str, float, float, float] | None,
+    goal: Pose | tuple[str, float, float, float],
+    count: int,
+    blocked: Blocked | None = None,
+) -> CarryPlan:
+    """Plan how `count` robots carry an object from the pose `start` to the pose `goal`, both met exactly.
+
+    carried: name of a movable object (see `maps.movable.movables`), or an outline in its own frame. start: None for the
+    pose of the map. blocked: additional obstacles; see BuildingObstacles. Carriers have room to approach their places
+    at the start, and to back off at the goal, on straight lines of BACK_OFF_M. Raises InvalidCarry, ImpossibleCarry."""
+    name = carried if isinstance(carried, str) else ""
+    outline, known = _outline_and_pose(building, carried)
+    if start is None and known is None:
+        raise InvalidCarry("start", "required for an object that is not on the map")
+    start, goal = Pose(*(start or known or ())), Pose(*goal)
+    for field, pose in (("start", start), ("goal", goal)):
+        if pose.floor not in building.floors:
+            raise InvalidCarry(field, f"there is no floor {pose.floor[:80]!r}")
+        if not all(map(math.isfinite, pose[1:])) or max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
+            raise InvalidCarry(field, f"{pose[1:]} is not finite or beyond {MAX_COORDINATE_M:g} m")
+    obstacles = BuildingObstacles(building, name, blocked or {})
+    routes = list(_elevator_routes(building, start, goal))
+    if not routes:
+        raise ImpossibleCarry(f"no elevator leads from {start.floor} to {goal.floor}")
+
+    attempts: list[Attempt] = []
+    collisions: list[ImpossibleCarry] = []
+    for formation in formations(outline, count):
+        body = _FormationBody(formation, outline)
+        if collision := _collision_at_ends(obstacles, body, start, goal):
+            collisions.append(collision)
+            continue
+        for route in routes:
+            if legs := _plan_legs(obstacles, body, route, start, goal, attempts):
+                return CarryPlan(formation, tuple(legs), outline)
+    if not attempts:
+        raise collisions[0]
+    raise why_impossible(obstacles, attempts)
+
+
+def warm_up() -> None:
+    """Compile or load the kernels of the planner."""
+    outline = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (0.0, 6.0))
+    room = Building("none").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
+    plan_carry(room, shapely.box(-0.3, -0.2, 0.3, 0.2), ("L1", 2.0, 3.0, 0.0), ("L1", 4.0, 3.0, 1.0), 2)
+
+
+class _FormationBody:
+    """Object, carriers and arms as shapes, and as a body for the search. approach_areas: where the carriers approach
+    and back off."""
+
+    def __init__(self, formation: Formation, outline: Polygon) -> None:
+        self.formation, self.outline = formation, outline
+        self.footprint = formation.footprint(outline)
+        lines = zip(formation.carrier_poses(), formation.carrier_poses(BACK_OFF_M), strict=True)
+        self.approach_areas = [LineString([here[:2], back[:2]]).buffer(RADIUS_M, quad_segs=16) for here, back in lines]
+        rounded = []
+        for (x, y, _), grip in zip(formation.carrier_poses(), formation.grips, strict=True):
+            rounded.append((x, y, x, y, RADIUS_M))
+            # Both sides of the arms: an obstacle between carrier and object crosses one of them.
+            across = ARMS_WIDTH_M / 2 * -math.sin(grip.facing), ARMS_WIDTH_M / 2 * math.cos(grip.facing)
+            for side in (-1, 1):
+                dx, dy = side * across[0], side * across[1]
+                rounded.append((x + dx, y + dy, grip.x + dx, grip.y + dy, 0.0))
+        self.search_body = body_of(outline, rounded)
+        middle = Point(0.0, 0.0)
+        #: Radius of the largest disc around the origin within the object [m]; -inf if the origin is outside.
+        self.core_m = outline.exterior.distance(middle) if outline.contains(middle) else -math.inf
+
+
+def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polygon, Pose | None]:
+    if isinstance(carried, Polygon):
+        return carried, None
+    known = movables(building)
+    if carried not in known:
+        raise InvalidCarry("object", f"there is no movable {carried[:80]!r}; there are {', '.join(known) or 'none'}")
+    entry, floor = known[carried]
+    return object_outline(entry), Pose(floor, *entry.at, entry.heading)
+
+
+def _collision_at_ends(
+    obstacles: BuildingObstacles, body: _FormationBody, start: Pose, goal: Pose
+) -> ImpossibleCarry | None:
+    """The error if the object or a carrier collides at the start or at the goal, else None."""
+    parts = [("the object", body.outline, MARGIN_M), ("its carriers", body.footprint, MARGIN_M)]
+    parts += [("an approaching or leaving carrier", area, 0.0) for area in body.approach_areas]
+    for (which, pose), (part, shape, margin_m) in product((("start", start), ("goal", goal)), parts):
+        if near := obstacles.on_floor(pose.floor).nearest(placed(shape, pose[1:]), margin_m):
+            return why_not_free(which, pose, part, near, margin_m)
+    return None
+
+
+# ---- legs and elevators ----
+
+
+def _elevator_routes(building: Building, start: Pose, goal: Pose) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Sequences of rides (elevator, destination floor): the fewest rides first, then the nearest first elevator."""
+    if start.floor == goal.floor:
+        yield ()
+        return
+    routes: list[tuple[tuple[str, str], ...]] = [()]
+    for _ in range(MAX_RIDES):
+        longer = []
+        for route in routes:
+            floors = [start.floor, *(floor for _, floor in route)]
+            for name, elevator in building.elevators.items():
+                served = elevator.floors()
+                if floors[-1] in served and all(name != ridden for ridden, _ in route):
+                    longer += [(*route, (name, floor)) for floor in served if floor not in floors]
+        routes = longer
+        at_goal = [route for route in routes if route[-1][1] == goal.floor]
+        yield from sorted(at_goal, key=lambda route: math.dist(building.elevators[route[0][0]].at, (start.x, start.y)))
+
+
+def _plan_legs(
+    obstacles: BuildingObstacles,
+    body: _FormationBody,
+    rides: Sequence[tuple[str, str]],
+    start: Pose,
+    goal: Pose,
+    attempts: list[Attempt],
+) -> list[CarryLeg] | None:
+    """The legs of a carry with these rides; None if there is no path: then the failure is appended to `attempts`."""
+    elevators = [obstacles.building.elevators[name] for name, _ in rides]
+    floors = [
+        obstacles.on_floor(floor, frozenset(elevator.name for elevator in elevators[max(i - 1, 0) : i + 1]))
+        for i, floor in enumerate([start.floor, *(floor for _, floor in rides)])
+    ]
+    sources = np.array([[*start[1:], 0.0]])
+    routes: list[list[LatticeRoute]] = []
+    for i, (floor, cabin) in enumerate(zip(floors, [*elevators, None], strict=True)):
+        goals = _cabin_poses(cabin, body) if cabin else np.array([goal[1:]])
+        if not len(goals):
+            attempts.append(Attempt(i, body.formation, body.footprint, floor, cabin, None))
+            return None
+        anchor = np.array([*cabin.at, cabin.heading]) if cabin else goals[0]
+        box = floor.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
+        lattice = lay_lattice(floor.grid, box, anchor, body.search_body.reach + 1.0)
+        core_m = body.core_m + MARGIN_M
+        to_goal_m = distances_to_goal(lattice, goals, core_m)
+        found, reached = find_routes(floor.grid, body.search_body, lattice, to_goal_m, sources, goals, MARGIN_M)
+        if not found:
+            from_xy = (float(sources[0, 0]), float(sources[0, 1]))
+            search = FailedSearch(lattice, to_goal_m, core_m, reached, from_xy, goals)
+            attempts.append(Attempt(i, body.formation, body.footprint, floor, cabin, search))
+            return None
+        routes.append(found)
+        sources = np.array([[*goals[route.goal], route.cost] for route in found])
+    return _cheapest_legs(body, routes, floors, elevators)
+
+
+def _cheapest_legs(
+    body: _FormationBody,
+    routes: Sequence[Sequence[LatticeRoute]],
+    floors: Sequence[FloorObstacles],
+    elevators: Sequence[Elevator],
+) -> list[CarryLeg]:
+    """The paths with the least total cost, one for each floor, traced back from the goal and shortened."""
+    legs: list[CarryLeg] = []
+    index = 0
+    for i in reversed(range(len(floors))):
+        route = routes[i][index]
+        poses = shorten(floors[i].grid, body.search_body, route.route, MARGIN_M, PREFERRED_MARGIN_M)
+        legs.insert(0, CarryLeg(floors[i].floor, poses, elevators[i].name if i < len(elevators) else ""))
+        index = route.source
+    return legs
+
+
+def _cabin_poses(elevator: Elevator, body: _FormationBody) -> Floats:
+    """Poses (n, 3) at which the whole body fits into a cabin, one for each heading of the lattice, roomiest first."""
+    corners = shapely.get_coordinates(body.footprint.convex_hull)
+    half = np.array(elevator.size) / 2
+    cabin = (*elevator.at, elevator.heading)
+    found = []
+    for heading_index in range(HEADINGS):
+        turn = math.tau * heading_index / HEADINGS
+        cos, sin = math.cos(turn), math.sin(turn)
+        box = corners @ np.array([[cos, sin], [-sin, cos]])
+        offset = -(box.min(axis=0) + box.max(axis=0)) / 2
+        offset = np.round(offset / STEP_M) * STEP_M
+        room = (half - np.abs(box + offset)).min()
+        if room >= MARGIN_M:
+            found.append((-room, (*out_of(offset[0], offset[1], cabin), elevator.heading + turn)))
+    return np.array([pose for _, pose in sorted(found)]).reshape(-1, 3)

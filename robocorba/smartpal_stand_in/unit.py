@@ -1,0 +1,225 @@
+"""What all units share: power, servo, alarms, emergency switch and pause, and the state that follows from them.
+
+The dynamics thread calls `advance` before each step. Other threads give orders, and read the state after a step."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+
+from robocorba.smartpal_stand_in.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.dynamics import Dynamics, DynamicsState
+
+#: Delay from switching a servo on until its unit is ready [s]. Assumed.
+SERVO_ON_S = 0.3
+#: Timeout within which a jog must be repeated: at power-up, and the limits for setting it [ms]. Assumed.
+JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS = 200, 20, 10_000
+#: Maximum number of alarms that a unit keeps; further ones are dropped.
+MAX_ALARMS = 16
+VERSION = "RoboCorba's stand-in for SmartPal V"
+
+
+class Unit(ABC):
+    """One unit, bound under `name`. Each order returns OK, or why it did nothing."""
+
+    #: Whether the unit stays locked after the emergency switch is released, until it is unlocked.
+    _waits_for_unlock = False
+
+    def __init__(self, name: str, dynamics: Dynamics) -> None:
+        self.name, self._dynamics = name, dynamics
+        self._lock = threading.RLock()
+        self._latest: DynamicsState = dynamics.state
+        self._is_powered = self._is_locked = self._is_switch_pressed = self._is_paused = False
+        self._jam_wanted = self._jam_applied = False
+        #: Whether the unit has stopped and the dynamics has its last setpoints.
+        self._is_idle = True
+        self._servo_ready_at: float | None = None
+        self._alarms: dict[int, Alarm] = {}
+        self._persistent_alarm: Alarm | None = None
+
+    # ---- what each kind of unit implements ----
+
+    @property
+    @abstractmethod
+    def is_moving(self) -> bool:
+        """Whether it moves or has motions left."""
+
+    @property
+    @abstractmethod
+    def is_jogging(self) -> bool:
+        """Whether it follows a jog."""
+
+    @abstractmethod
+    def _drive(self) -> None:
+        """Set the setpoints for the next step of the dynamics."""
+
+    @abstractmethod
+    def _brake(self) -> None:
+        """Drop all orders and brake as hard as the unit can."""
+
+    @abstractmethod
+    def _is_stuck(self) -> bool:
+        """Whether an axis does not follow its setpoint."""
+
+    @abstractmethod
+    def _jam(self, on: bool) -> None:
+        """Block an axis, or release it."""
+
+    def advance(self, state: DynamicsState) -> None:
+        """Called in the dynamics thread before each step."""
+        with self._lock:
+            self._latest = state
+            self._drive()
+
+    def check(self) -> None:
+        """Called every few steps in the dynamics thread."""
+        with self._lock:
+            if self._jam_applied != self._jam_wanted:
+                self._jam_applied = self._jam_wanted
+                self._jam(self._jam_applied)
+            if self.is_servo_on and FOLLOWING_ERROR not in self._alarms and self._is_stuck():
+                self.alarm(Alarm(FOLLOWING_ERROR, AlarmType.FAULT, "an axis does not follow its servo"))
+
+    # ---- states ----
+
+    @property
+    def is_power_on(self) -> bool:
+        return self._is_powered
+
+    @property
+    def is_servo_on(self) -> bool:
+        return self._servo_ready_at is not None and self._servo_ready_at <= self._latest.time
+
+    @property
+    def state(self) -> AxesState:
+        """The state as an arm reports it; other units have a subset of these states."""
+        with self._lock:
+            if self._is_locked:
+                return AxesState.LOCKED
+            if FOLLOWING_ERROR in self._alarms:
+                return AxesState.STUCK
+            if self._has_fault:
+                return AxesState.ALARM
+            if not self.is_power_on:
+                return AxesState.UNPOWERED
+            if not self.is_servo_on:
+                return AxesState.POWERED
+            if self._is_paused:
+                return AxesState.PAUSED
+            if self.is_jogging:
+                return AxesState.JOG_BUSY
+            if self.is_moving:
+                return AxesState.BUSY
+            return AxesState.CAUTION if self._alarms else AxesState.READY
+
+    @property
+    def _has_fault(self) -> bool:
+        return any(alarm.type is not AlarmType.WARNING for alarm in self._alarms.values())
+
+    def may_move(self) -> Answer:
+        """OK, or why power, servo, alarms, lock or pause forbid an order to move."""
+        state = self.state
+        if state in (AxesState.UNPOWERED, AxesState.POWERED):
+            return Answer.SERVO_OFF
+        held = (AxesState.ALARM, AxesState.STUCK, AxesState.LOCKED, AxesState.PAUSED)
+        return Answer.WRONG_STATE if state in held else Answer.OK
+
+    # ---- orders ----
+
+    def power_on(self) -> Answer:
+        with self._lock:
+            if self._is_locked or self._has_fault:
+                return Answer.WRONG_STATE
+            self._is_powered = True
+            return Answer.OK
+
+    def power_off(self) -> Answer:
+        with self._lock:
+            self.servo_off()
+            self._is_powered = False
+            return Answer.OK
+
+    def servo_on(self) -> Answer:
+        """The servo is on, and the unit ready, after SERVO_ON_S."""
+        with self._lock:
+            if self._is_locked or self._has_fault or not self.is_power_on:
+                return Answer.WRONG_STATE
+            if self._servo_ready_at is None:
+                self._servo_ready_at = self._latest.time + SERVO_ON_S
+            return Answer.OK
+
+    def servo_off(self) -> Answer:
+        """Brakes hold the axes then."""
+        with self._lock:
+            self._halt()
+            self._servo_ready_at = None
+            return Answer.OK
+
+    def stop(self) -> Answer:
+        with self._lock:
+            self._halt()
+            return Answer.OK
+
+    def pause(self) -> Answer:
+        """Pause a motion; a jog cannot be paused."""
+        with self._lock:
+            if self.state is not AxesState.BUSY:
+                return Answer.WRONG_STATE
+            self._is_paused = True
+            return Answer.OK
+
+    def resume(self) -> Answer:
+        with self._lock:
+            if not self._is_paused:
+                return Answer.WRONG_STATE
+            self._is_paused = False
+            return Answer.OK
+
+    def clear_alarms(self) -> Answer:
+        """FAILED while a persistent alarm or the emergency switch is on."""
+        with self._lock:
+            if self._persistent_alarm or self._is_switch_pressed:
+                return Answer.FAILED
+            self._alarms.clear()
+            return Answer.OK
+
+    def active_alarms(self, max_count: int) -> list[Alarm]:
+        """At most `max_count`, the oldest first."""
+        with self._lock:
+            return list(self._alarms.values())[: max(0, max_count)]
+
+    def _halt(self) -> None:
+        self._is_paused = False
+        self._brake()
+
+    # ---- faults ----
+
+    def alarm(self, alarm: Alarm) -> None:
+        """Report an alarm; a fault also brakes the unit and switches its servo off."""
+        with self._lock:
+            if alarm.code in self._alarms or len(self._alarms) < MAX_ALARMS:
+                self._alarms[alarm.code] = alarm
+            if alarm.type is not AlarmType.WARNING:
+                self.servo_off()
+
+    def set_persistent_alarm(self, alarm: Alarm | None) -> None:
+        """An alarm that can't be cleared until it is set to None."""
+        with self._lock:
+            self._persistent_alarm = alarm
+            if alarm:
+                self.alarm(alarm)
+
+    def jam(self, on: bool) -> None:
+        """Block an axis against its servo, or release it."""
+        with self._lock:
+            self._jam_wanted = on
+
+    def emergency_switch(self, pressed: bool) -> None:
+        """Pressed: brake and lock. Released: an axes unit is unlocked; the base waits for `unlock`."""
+        with self._lock:
+            if pressed:
+                self._is_locked = True
+                self.alarm(Alarm(EMERGENCY_SWITCH, AlarmType.FAULT, "the emergency switch is pressed"))
+            elif not self._waits_for_unlock:
+                self._is_locked = False
+            self._is_switch_pressed = pressed

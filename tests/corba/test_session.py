@@ -1,0 +1,88 @@
+"""A robot's client of its session: which references it holds, and what their loss means."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.corba.remote import session as module
+from robocorba.corba.remote.session import RemoteSession
+from robocorba.errors.robots import RobotLost
+from robocorba.simulation.registry import Description, Pose
+
+
+class Server:
+    """A simulation server, its ORB and its only session."""
+
+    def __init__(self) -> None:
+        self.registered, self.has_sensor = 0, True
+
+    def resolve(self, *arguments: Any) -> Server:
+        return self
+
+    def uri(self, reference: Any) -> str:
+        return "session"
+
+    def reference(self, uri: str, interface: Any, call_timeout_s: float) -> Server:
+        return self
+
+    def registerRobot(self, about: Any) -> Server:
+        self.registered += 1
+        return self
+
+    def _get_sensor(self) -> Server:
+        if not self.has_sensor:
+            raise CORBA.TRANSIENT()
+        return self
+
+    def deregister(self) -> None:
+        self.registered -= 1
+
+    def heartbeat(self) -> None:
+        if not self.registered:
+            raise CORBA.OBJECT_NOT_EXIST()
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Server:
+    monkeypatch.setattr(module, "set_call_timeout", lambda reference, timeout_s: None)
+    return Server()
+
+
+@pytest.fixture
+def session(server: Server) -> RemoteSession:
+    return RemoteSession(server, Description("A", Pose("L1", 1.0, 2.0, 0.0), 0.4))  # type: ignore[arg-type]
+
+
+def test_a_robot_is_registered_once(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    session.log_on()
+    session.heartbeat()
+    assert server.registered == 1
+
+
+def test_after_logging_off_calls_fail(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    session.log_off()
+    session.log_off()
+    assert server.registered == 0
+    with pytest.raises(RobotLost, match="A is not logged on"):
+        session.heartbeat()
+
+
+def test_a_robot_that_the_server_logged_off_registers_again(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    server.registered = 0
+    with pytest.raises(RobotLost, match="has logged the robot off"):
+        session.heartbeat()
+    session.log_on()
+    session.heartbeat()
+
+
+def test_a_session_without_a_sensor_is_given_back(session: RemoteSession, server: Server) -> None:
+    server.has_sensor = False
+    with pytest.raises(RobotLost):
+        session.log_on()
+    assert server.registered == 0

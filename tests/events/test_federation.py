@@ -1,0 +1,110 @@
+"""The advertisements of channels: versions, links and bounds."""
+
+from __future__ import annotations
+
+import pytest
+
+from robocorba.errors.events import InvalidPeer
+from robocorba.events.federation import Advertisement, Federation, check_name
+from robocorba.events.subscription import Pattern
+
+WANTS_T = (Pattern("t"),)
+
+
+def advertisement(name: str, version: int, *peers: str, interest: tuple[Pattern, ...] = WANTS_T) -> Advertisement:
+    return Advertisement(name, version, peers, interest)
+
+
+def test_only_a_higher_version_is_news() -> None:
+    lab = Federation("lab")
+    lab.advertise(["hall"], ())
+    assert lab.learn([advertisement("hall", 5, "lab")])
+    assert not lab.learn([advertisement("hall", 5, "lab")])
+    assert not lab.learn([advertisement("hall", 4)])
+    assert lab.is_wanted("hall", "t", "s", "lab")
+    assert lab.learn([advertisement("hall", 6, "lab", interest=())])
+    assert not lab.is_wanted("hall", "t", "s", "lab")
+
+
+def test_an_unchanged_advertisement_keeps_its_version() -> None:
+    lab = Federation("lab")
+    assert lab.advertise(["hall"], WANTS_T)
+    before = lab.own
+    assert not lab.advertise(["hall"], WANTS_T)
+    assert lab.own == before
+    assert lab.advertise(["hall"], ())
+    assert lab.own.version > before.version
+
+
+def test_a_link_needs_both_ends_unless_one_has_not_advertised_yet() -> None:
+    lab = Federation("lab")
+    lab.advertise(["hall"], ())
+    lab.learn([advertisement("hall", 1, "lab", "yard", interest=()), advertisement("yard", 1)])
+    assert not lab.is_wanted("hall", "t", "s", "lab")  # the yard knows of no link
+    lab.learn([advertisement("yard", 2, "hall")])
+    assert lab.is_wanted("hall", "t", "s", "lab")
+
+
+def test_an_unreachable_channel_is_ignored_until_it_is_reachable_again() -> None:
+    lab = Federation("lab")
+    lab.advertise(["hall"], ())
+    lab.learn([advertisement("hall", 1, "lab", "yard", interest=()), advertisement("yard", 1, "hall")])
+    lab.learn([advertisement("hall", 2, "lab", interest=())])
+    assert [n.name for n in lab.advertisements] == ["lab", "hall"]
+    assert not lab.is_wanted("hall", "t", "s", "lab")
+    # Only the hall has sent an advertisement, the yard has not.
+    lab.learn([advertisement("hall", 3, "lab", "yard", interest=())])
+    assert [n.name for n in lab.advertisements] == ["lab", "hall", "yard"]
+    assert lab.is_wanted("hall", "t", "s", "lab")
+
+
+def test_a_channel_that_lost_its_state_supersedes_its_earlier_advertisement() -> None:
+    """Its clock was set back as well: what the others remember has a higher version than its new advertisement."""
+    before = 2**62
+    lab, hall = Federation("lab"), Federation("hall")
+    lab.advertise(["hall"], WANTS_T)
+    hall.learn([advertisement("lab", before, "hall", interest=())])
+    hall.advertise(["lab"], ())
+    assert not hall.learn([lab.own])
+    assert lab.learn(hall.advertisements)
+    assert hall.learn([lab.own])
+    assert hall.is_wanted("lab", "t", "s", "hall")
+
+
+def test_its_own_advertisement_that_comes_back_changes_nothing() -> None:
+    lab = Federation("lab")
+    lab.advertise(["hall"], WANTS_T)
+    before = lab.own
+    assert not lab.learn([before])
+    assert lab.own is before
+
+
+def test_a_restarted_channel_has_a_newer_advertisement_with_the_same_content() -> None:
+    before = Federation("lab")
+    before.advertise(["hall"], WANTS_T)
+    after = Federation("lab", before.advertisements)
+    assert after.own.version > before.own.version
+    assert (after.own.peers, after.own.interest) == (("hall",), WANTS_T)
+
+
+def test_advertisements_are_bounded_and_unreachable_ones_make_room() -> None:
+    lab = Federation("lab", max_channels=4)
+    lab.advertise(["a"], ())
+    lab.learn([advertisement("a", 1, "lab", "b"), advertisement("far1", 1), advertisement("far2", 1)])
+    lab.learn([advertisement("b", 1, "a", "c")])
+    lab.learn([advertisement("c", 1, "b")])
+    assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
+    lab.learn([advertisement("d", 1, "c"), advertisement("c", 2, "b", "d")])
+    assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
+
+
+@pytest.mark.parametrize("name", ["", "-a", ".a", "a/b", "a b", "ä", "a" * 61, "a\n"])
+def test_names_that_no_channel_can_have(name: str) -> None:
+    with pytest.raises(InvalidPeer) as refused:
+        check_name(name, "peer")
+    assert refused.value.field == "peer"
+
+
+@pytest.mark.parametrize("name", ["lab", "L-2.east", "_", "9", "a" * 60])
+def test_names_of_channels(name: str) -> None:
+    assert check_name(name) == name

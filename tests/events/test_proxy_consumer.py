@@ -1,0 +1,91 @@
+"""Proxy consumers, with suppliers that push and suppliers that are polled."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from robocorba.backoff import Backoff
+from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.events.account import Account
+from robocorba.events.event import EventBatch
+from robocorba.events.policies import PollingPolicy
+from robocorba.events.proxy import ProxyCondition
+from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
+from robocorba.testing.processes import eventually
+from tests.events.samples import Supplier, supplied
+
+#: Shorter pauses, and fewer failures, than the defaults.
+POLICY = PollingPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
+
+
+class Published:
+    """What a proxy published, and the reasons why clients were lost."""
+
+    def __init__(self) -> None:
+        self.payloads: list[object] = []
+        self.reasons: list[str] = []
+        self.lock = threading.Lock()
+
+    def publish(self, batch: EventBatch, account: Account) -> None:
+        self.payloads += batch.payloads
+
+    def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
+        self.reasons.append(reason)
+
+    def polled(self, supplier: Supplier) -> ProxyPullConsumer:
+        one = ProxyPullConsumer(self.lock, "1", self.publish, POLICY, self.lost)
+        one.connect(supplier)
+        return one
+
+
+@pytest.fixture
+def published() -> Published:
+    return Published()
+
+
+def test_a_push_is_published_between_connect_and_end(published: Published) -> None:
+    one = ProxyConsumer(published.lock, "1", published.publish)
+    with pytest.raises(Disconnected):
+        one.push(supplied("t", b"early"))
+    one.connect(None)
+    one.push(supplied("t", b"a"))
+    one.end()
+    with pytest.raises(ProxyGone):
+        one.push(supplied("t", b"late"))
+    assert published.payloads == [b"a"]
+
+
+def test_a_supplier_is_polled_continuously(published: Published) -> None:
+    supplier = Supplier(supplied("t", b"a"), supplied("t", b"b"))
+    one = published.polled(supplier)
+    eventually(lambda: supplier.asked > 5)
+    supplier.batches.append(supplied("t", b"c"))
+    eventually(lambda: published.payloads == [b"a", b"b", b"c"])
+    one.end()
+    eventually(lambda: not any(thread.name == "from 1" for thread in threading.enumerate()))
+
+
+@pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
+def test_a_supplier_that_fails_sometimes_is_polled_further(published: Published, error: EventError) -> None:
+    supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
+    one = published.polled(supplier)
+    eventually(lambda: published.payloads == [b"a", b"b"])
+    eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
+    one.end()
+    assert published.reasons == []
+
+
+@pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
+def test_a_supplier_is_disconnected_after_max_failures(published: Published, error: EventError) -> None:
+    published.polled(Supplier(*[error] * 9))
+    eventually(lambda: published.reasons)
+    assert published.reasons == [f"4 failures in a row ({error})"]
+
+
+def test_a_supplier_that_is_gone_is_disconnected_immediately(published: Published) -> None:
+    supplier = Supplier(ClientGone("gone"), supplied("t", b"a"))
+    published.polled(supplier)
+    eventually(lambda: published.reasons == ["gone"])
+    assert (supplier.asked, published.payloads) == (1, [])

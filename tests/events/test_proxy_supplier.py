@@ -1,0 +1,511 @@
+"""Outlets: what a consumer gets, when, and its account, with real threads and consumers that fail."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robocorba.backoff import Backoff
+from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.events.account import Account, Totals
+from robocorba.events.channel import Channel
+from robocorba.events.event import CorrelatedEvents
+from robocorba.events.policies import DeliveryPolicy
+from robocorba.events.proxy import ProxyCondition
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
+from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
+from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
+from robocorba.testing.processes import eventually
+from tests.events.samples import Consumer, add, failing, is_balanced, open_channel, supplied, wanting
+
+BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
+
+
+@pytest.fixture
+def channel(tmp_path: Path) -> Iterator[Channel]:
+    with open_channel(tmp_path) as channel:
+        yield channel
+        with channel.lock:
+            for proxy in channel.proxy_suppliers.values():
+                proxy.end()
+
+
+#: A consumer that does not answer is probed sooner, and disconnected after fewer failures, than by default.
+IMPATIENT = DeliveryPolicy(backoff=Backoff(0.001, 0.002), settle_s=0.0, max_failures=4)
+
+
+class LostClients:
+    """The reasons why clients were lost."""
+
+    def __init__(self) -> None:
+        self.reasons: list[str] = []
+
+    def __call__(self, proxy: ProxyPushSupplier, reason: str) -> None:
+        self.reasons.append(reason)
+        with proxy._lock:
+            proxy.end()
+
+
+def push_supplier_of(
+    channel: Channel,
+    consumer: Consumer,
+    policy: QueuePolicy | None = None,
+    wanted: Subscription = ALL,
+    name: str = "",
+    on_client_lost: Callable[[ProxyPushSupplier, str], None] | None = None,
+    delivery: DeliveryPolicy = IMPATIENT,
+) -> ProxyPushSupplier:
+    id, lost = f"{len(channel.proxy_suppliers) + 1}", on_client_lost or LostClients()
+    proxy = ProxyPushSupplier(channel.lock, id, wanted, policy or QueuePolicy(), delivery, lost, name)
+    add(channel, proxy, consumer)
+    return proxy
+
+
+def publish(channel: Channel, *payloads: int, type: str = "t", priority: int = 0, expiry: float = 0.0) -> None:
+    channel.publish(supplied(type, *(str(n).encode() for n in payloads), priority=priority, expiry=expiry), Account())
+
+
+def received(consumer: Consumer) -> list[int]:
+    return [int(str(payload, "ascii")) for payload in consumer.payloads if isinstance(payload, bytes)]
+
+
+def totals(proxy: ProxySupplier) -> Totals:
+    with proxy._lock:
+        return proxy.totals()
+
+
+def is_settled(proxy: ProxySupplier) -> bool:
+    return totals(proxy).queued == 0
+
+
+# ---- push ----
+
+
+@pytest.mark.parametrize("takes_batches", [False, True])
+def test_events_arrive_in_order_from_the_thread_and_inline(channel: Channel, takes_batches: bool) -> None:
+    consumer = Consumer(takes_batches)
+    proxy = push_supplier_of(channel, consumer)
+    for number in range(50):
+        publish(channel, 2 * number, 2 * number + 1)
+        if number % 7 == 0:
+            eventually(lambda: is_settled(proxy))  # what comes next is called in line
+    eventually(lambda: is_settled(proxy))
+    assert received(consumer) == list(range(100))
+    assert totals(proxy) == Totals(received=100, delivered=100)
+
+
+@pytest.mark.parametrize("takes_batches", [False, True])
+def test_inline_delivery_has_ended_when_the_supplier_returns(channel: Channel, takes_batches: bool) -> None:
+    consumer = Consumer(takes_batches)
+    gap_s = 0.0 if takes_batches else 60.0  # plain consumers are called also during a flood
+    proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(max_flood_gap_s=gap_s))
+    publish(channel, 0)
+    eventually(lambda: is_settled(proxy))
+    for number in range(1, 20):
+        publish(channel, number)
+        assert received(consumer)[-1] == number
+
+
+def test_in_a_flood_suppliers_continue_and_calls_grow(channel: Channel) -> None:
+    calls: list[int] = []
+    is_called, may_end = threading.Event(), threading.Event()
+
+    def take(items: Sequence[QueueItem]) -> None:
+        calls.append(sum(map(len, items)))
+        is_called.set()
+        assert may_end.wait(20)
+
+    consumer = Consumer(answer=take)
+    proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(coalesce_s=0.3))
+    publish(channel, 0)
+    assert is_called.wait(20)
+    for number in range(1, 4):
+        publish(channel, number)  # while the first one is still being delivered
+    may_end.set()
+    for number in range(4, 9):
+        publish(channel, number)  # while the thread rests
+    eventually(lambda: is_settled(proxy))
+    assert calls == [1, 8]
+    assert received(consumer) == list(range(9))
+
+
+def test_events_that_follow_too_soon_are_left_to_the_thread(channel: Channel) -> None:
+    callers: list[str] = []
+    consumer = Consumer(answer=lambda items: callers.append(threading.current_thread().name))
+    proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(flood_gap=1e9, max_flood_gap_s=60.0))
+    for number in range(5):
+        publish(channel, number)
+        eventually(lambda: is_settled(proxy))
+    assert callers == ["to 1"] * 5
+
+
+def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer)
+
+    def supply(base: int) -> None:
+        for number in range(200):
+            publish(channel, base + number)
+
+    threads = [threading.Thread(target=supply, args=(1000 * k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+    eventually(lambda: is_settled(proxy))
+    got = received(consumer)
+    assert consumer.overlaps == 0
+    for k in range(4):
+        assert [number for number in got if number // 1000 == k] == list(range(1000 * k, 1000 * k + 200))
+
+
+@pytest.mark.parametrize(
+    ("error", "is_delivered", "account"),
+    [
+        (NotDelivered("not reachable"), True, Totals(received=3, delivered=3)),
+        (Unconfirmed("no answer"), False, Totals(received=3, delivered=3, unconfirmed=1)),
+        (Refused("no"), False, Totals(received=3, delivered=2, discarded=1)),
+    ],
+)
+@pytest.mark.parametrize("in_line", [False, True])
+def test_each_failure_is_counted_as_what_it_is(
+    channel: Channel, error: EventError, is_delivered: bool, account: Totals, in_line: bool
+) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer)
+    if in_line:
+        publish(channel, 0)
+        eventually(lambda: is_settled(proxy))
+        account = account._replace(received=4, delivered=account.delivered + 1)
+    consumer.answer = failing(error)
+    for number in (1, 2, 3):
+        publish(channel, number)
+        eventually(lambda: is_settled(proxy))
+    assert received(consumer)[-3:] == ([1, 2, 3] if is_delivered else [*([0] if in_line else []), 2, 3])
+    assert totals(proxy) == account
+    assert proxy.condition is ProxyCondition.CONNECTED
+
+
+@pytest.mark.parametrize("name", ["", "durable"])
+def test_no_event_counts_as_delivered_to_a_client_that_is_gone(channel: Channel, name: str) -> None:
+    lost = LostClients()
+    consumer = Consumer(answer=failing(ClientGone("gone")))
+    left: list[Totals] = []
+
+    def on_client_lost(proxy: ProxyPushSupplier, reason: str) -> None:
+        lost.reasons.append(reason)
+        with channel.lock:
+            proxy.leave()
+        left.append(totals(proxy))
+
+    proxy = push_supplier_of(channel, consumer, name=name, on_client_lost=on_client_lost)
+    publish(channel, 1, 2)
+    eventually(lambda: left)
+    assert lost.reasons == ["gone"]
+    assert left == [Totals(received=2, queued=2)]
+    # Its successor gets what it did not.
+    second = Consumer()
+    with channel.lock:
+        proxy.connect(second)
+    eventually(lambda: is_settled(proxy))
+    assert received(second) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("error", "answers_probes", "reason"),
+    [(Unconfirmed("no answer"), False, "4 failures in a row"), (NotDelivered("stuck"), True, "stuck")],
+)
+def test_a_consumer_that_accepts_no_events_is_disconnected_after_max_failures(
+    channel: Channel, error: EventError, answers_probes: bool, reason: str
+) -> None:
+    lost = LostClients()
+    consumer = Consumer(answer=failing(*[error] * 99))
+    consumer.is_alive = lambda: answers_probes
+    proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
+    publish(channel, 1)
+    eventually(lambda: lost.reasons)
+    assert lost.reasons == [reason]
+    assert is_balanced(totals(proxy))
+
+
+def test_failures_never_end_a_durable_subscription(channel: Channel) -> None:
+    lost = LostClients()
+    consumer = Consumer()
+    asked = []
+
+    def is_alive() -> bool:
+        asked.append(time.monotonic())
+        return len(asked) > 10
+
+    consumer.answer, consumer.is_alive = failing(NotDelivered("not reachable")), is_alive
+    proxy = push_supplier_of(channel, consumer, name="durable", on_client_lost=lost)
+    publish(channel, 1)
+    eventually(lambda: received(consumer) == [1])
+    eventually(lambda: is_settled(proxy))
+    assert lost.reasons == []
+    assert proxy.failures == 0
+
+
+def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel: Channel) -> None:
+    is_stalled = threading.Event()
+    is_stalled.set()
+
+    def answer(items: Sequence[QueueItem]) -> None:
+        if is_stalled.is_set():
+            raise NotDelivered("asleep")
+
+    asleep, awake = Consumer(answer=answer), Consumer()
+    asleep.is_alive = lambda: not is_stalled.is_set()
+    first = push_supplier_of(channel, asleep, QueuePolicy(10), delivery=replace(IMPATIENT, max_failures=10**9))
+    second = push_supplier_of(channel, awake)
+    for number in range(25):
+        publish(channel, number)
+    eventually(lambda: is_settled(second))
+    assert received(awake) == list(range(25))
+    eventually(lambda: first.condition is ProxyCondition.STALLED)
+    is_stalled.clear()
+    eventually(lambda: is_settled(first))
+    assert received(asleep) == list(range(15, 25))
+    assert totals(first) == Totals(received=25, delivered=10, discarded=15)
+
+
+def test_events_wait_in_order_while_delivery_is_suspended(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer)
+    publish(channel, 0)
+    eventually(lambda: is_settled(proxy))
+    with channel.lock:
+        proxy.suspend()
+    publish(channel, 1, 2)
+    assert totals(proxy).queued == 2
+    with channel.lock:
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
+    assert received(consumer) == [0, 1, 2]
+
+
+def test_an_event_that_expires_in_the_queue_is_not_delivered(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer)
+    with channel.lock:
+        proxy.suspend()
+    publish(channel, 1, expiry=0.01)
+    publish(channel, 2)
+    time.sleep(0.02)
+    with channel.lock:
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
+    assert received(consumer) == [2]
+    assert totals(proxy) == Totals(received=2, delivered=1, expired=1)
+
+
+def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(5, OverflowRule.BLOCK_SUPPLIER, 10.0))
+    with channel.lock:
+        proxy.suspend()
+    supplier = threading.Thread(target=publish, args=(channel, *range(12)))
+    supplier.start()
+    eventually(lambda: totals(proxy).queued == 5)
+    assert supplier.is_alive()
+    with channel.lock:
+        proxy.resume()
+    supplier.join(10)
+    assert not supplier.is_alive()
+    eventually(lambda: is_settled(proxy))
+    assert received(consumer) == list(range(12))
+
+
+def test_after_the_block_limit_the_newest_events_are_discarded(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.01))
+    with channel.lock:
+        proxy.suspend()
+    publish(channel, *range(6))
+    assert totals(proxy) == Totals(received=6, discarded=4, queued=2)
+    with channel.lock:
+        proxy.resume()
+    eventually(lambda: is_settled(proxy))
+    assert received(consumer) == [0, 1]
+
+
+def test_a_conjunction_is_delivered_together_or_to_plain_consumers_one_by_one(channel: Channel) -> None:
+    batches, plain = Consumer(), Consumer(takes_batches=False)
+    proxies = [push_supplier_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
+    publish(channel, 1, type="a")
+    publish(channel, 2, type="c")
+    assert [totals(proxy) for proxy in proxies] == [Totals(received=1, queued=1)] * 2
+    publish(channel, 3, type="b")
+    for proxy in proxies:
+        eventually(lambda proxy=proxy: is_settled(proxy))
+        assert totals(proxy) == Totals(received=2, delivered=2)
+    (item,) = batches.items
+    assert isinstance(item, CorrelatedEvents) and item.clause_number == 0
+    assert received(plain) == [1, 3]
+
+
+def test_a_conjunction_keeps_its_waiting_events_when_the_subscription_changes(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer, wanted=(*BOTH, *wanting("x")))
+    publish(channel, 1, type="a")
+    with channel.lock:
+        proxy.select((*wanting("y"), *BOTH))
+        channel.update_routes()
+    publish(channel, 2, type="b")
+    eventually(lambda: consumer.items)
+    (item,) = consumer.items
+    assert isinstance(item, CorrelatedEvents) and item.clause_number == 1
+    with channel.lock:
+        proxy.select(BOTH)
+        channel.update_routes()
+    publish(channel, 3, type="a")
+    with channel.lock:
+        proxy.select(())
+    assert totals(proxy) == Totals(received=3, delivered=2, discarded=1)
+
+
+def test_an_ended_proxy_discards_its_queue_and_calls_no_client(channel: Channel) -> None:
+    consumer = Consumer()
+    proxy = push_supplier_of(channel, consumer)
+    publish(channel, 0)
+    eventually(lambda: is_settled(proxy))
+    with channel.lock:
+        proxy.suspend()
+    publish(channel, 1, 2)
+    with channel.lock:
+        proxy.end()
+    assert totals(proxy) == Totals(received=3, delivered=1, discarded=2)
+    publish(channel, 3)  # by a route that still leads here
+    assert received(consumer) == [0]
+
+
+FAILURES = st.sampled_from([NotDelivered("not reachable"), Unconfirmed("no answer"), Refused("no"), None, None])
+
+
+@given(
+    st.lists(FAILURES, max_size=12),
+    st.lists(st.tuples(st.integers(1, 5), st.integers(0, 1), st.booleans()), min_size=1, max_size=15),
+    st.integers(1, 12),
+    st.sampled_from([OverflowRule.DISCARD_OLDEST, OverflowRule.DISCARD_NEWEST]),
+    st.booleans(),
+)
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+def test_accounts_are_exact_whatever_fails(
+    channel: Channel,
+    failures: list[EventError | None],
+    published: list[tuple[int, int, bool]],
+    size: int,
+    rule: OverflowRule,
+    takes_batches: bool,
+) -> None:
+    pending = list(failures)
+
+    def answer(items: Sequence[QueueItem]) -> None:
+        if pending and (failure := pending.pop(0)):
+            raise failure
+
+    consumer = Consumer(takes_batches, answer)
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(size, rule), (*ALL, *BOTH), name="durable")
+    number = 0
+    for count, priority, pauses in published:
+        publish(channel, *range(number, number + count), type="ab"[number % 2], priority=priority)
+        number += count
+        assert is_balanced(totals(proxy))
+        if pauses:
+            time.sleep(0.001)
+    eventually(lambda: proxy.condition is ProxyCondition.CONNECTED and not proxy._queue)
+    eventually(lambda: proxy._in_flight == 0)
+    with channel.lock:
+        proxy.end()
+        channel.proxy_suppliers.pop(proxy.id)
+        channel.update_routes()
+    final = proxy.totals()
+    assert is_balanced(final) and final.queued == 0
+    assert final.received == 2 * number  # each fits as such, and one of the patterns
+    assert final.delivered - final.unconfirmed == sum(map(len, consumer.items))
+    assert consumer.overlaps == 0
+
+
+# ---- pull ----
+
+
+def pull_supplier_of(
+    channel: Channel, policy: QueuePolicy | None = None, wanted: Subscription = ALL
+) -> ProxyPullSupplier:
+    proxy = ProxyPullSupplier(channel.lock, "pull", wanted, policy or QueuePolicy())
+    add(channel, proxy)
+    return proxy
+
+
+def test_pull_returns_one_event_at_a_time_and_then_none(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel, wanted=(*ALL, *BOTH))
+    publish(channel, 1, 2, type="a")
+    publish(channel, 3, type="b")
+    pulled = []
+    while batch := proxy.pull(0.0):
+        assert len(batch) == 1
+        pulled.append(int(batch.payloads[0]))
+        assert is_balanced(totals(proxy))
+    assert pulled == [1, 2, 1, 3, 3]  # the conjunction of 1 and 3 came true before 3 came as such
+    assert totals(proxy) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
+
+
+def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    pulled: list[int] = []
+
+    def pull() -> None:
+        batch = proxy.pull(10.0)
+        assert batch is not None
+        pulled.append(int(batch.payloads[0]))
+
+    threads = [threading.Thread(target=pull) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    time.sleep(0.05)
+    publish(channel, 1, 2, 3, 4)
+    for thread in threads:
+        thread.join(5)
+    assert sorted(pulled) == [1, 2, 3, 4]
+
+
+def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    woken: list[type[BaseException] | None] = []
+
+    def pull() -> None:
+        try:
+            proxy.pull(30.0)
+        except ProxyGone as error:
+            woken.append(type(error))
+
+    thread = threading.Thread(target=pull)
+    thread.start()
+    time.sleep(0.05)
+    with channel.lock:
+        proxy.end()
+    thread.join(5)
+    assert woken == [ProxyGone]
+
+
+def test_pull_before_connect_is_refused(channel: Channel) -> None:
+    with pytest.raises(Disconnected):
+        ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
+
+
+def test_pull_does_not_return_expired_events(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    publish(channel, 1, expiry=0.01)
+    time.sleep(0.02)
+    assert proxy.pull(0.0) is None
+    assert totals(proxy) == Totals(received=1, expired=1)

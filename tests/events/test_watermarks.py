@@ -1,0 +1,35 @@
+"""The last numbers seen of each channel, over restarts and with more channels than there is room for."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robocorba.events import watermarks
+from robocorba.events.watermarks import Watermarks
+
+
+def test_the_numbers_of_a_killed_process_are_restored(tmp_path: Path) -> None:
+    killed = Watermarks(tmp_path / "seen")
+    killed.raise_to("lab", 7)
+    killed.raise_to("hall", 2**63)
+    with Watermarks(tmp_path / "seen") as successor:  # nothing was closed, nothing flushed
+        assert [successor.last(name) for name in ("lab", "hall", "yard")] == [7, 2**63, 0]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 2 * watermarks.MAX_ORIGINS), st.integers(1, 2**64 - 1)), max_size=600))
+def test_the_most_recent_origins_are_remembered(raised: list[tuple[int, int]]) -> None:
+    expected: dict[str, int] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        with Watermarks(Path(folder) / "seen") as marks:
+            for origin, number in raised:
+                marks.raise_to(f"c{origin}", number)
+                expected.pop(f"c{origin}", None)
+                expected[f"c{origin}"] = number
+        recent = dict(list(expected.items())[-watermarks.MAX_ORIGINS :])
+        with Watermarks(Path(folder) / "seen") as again:
+            assert {name: again.last(name) for name in expected} == {name: recent.get(name, 0) for name in expected}

@@ -1,0 +1,277 @@
+"""How robots carry an object together: their path, or what blocks it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Polygon
+
+from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.geometry import Obstacle, obstacles
+from robocorba.maps.model import (
+    BoxShape,
+    Building,
+    CabinSide,
+    Door,
+    Element,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    MapObject,
+    Wall,
+)
+from robocorba.maps.samples import load_sample
+from robocorba.missions.carry_planning import CarryPlan, plan_carry, warm_up
+from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
+from robocorba.missions.obstacles import placed
+from robocorba.missions.trajectory import Trajectory
+
+BOX = shapely.box(-0.3, -0.2, 0.3, 0.2)
+TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kernels() -> None:
+    warm_up()
+
+
+def floor(name: str, width_m: float, depth_m: float, *things: Element, level: int = 1) -> Building:
+    outline = ((0.0, 0.0), (width_m, 0.0), (width_m, depth_m), (0.0, depth_m))
+    building = Building("test").with_element("", Floor(name=name, level=level, elevation=4.0 * level, outline=outline))
+    for thing in things:
+        building = building.with_element(name, thing)
+    return building
+
+
+def two_rooms(door_m: float, locked: bool = False) -> Building:
+    return floor(
+        "L1",
+        12.0,
+        7.0,
+        Wall(name="between", a=(6.0, 0.0), b=(6.0, 7.0)),
+        Door(name="narrow", a=(6.0, 3.5 - door_m / 2), b=(6.0, 3.5 + door_m / 2), locked=locked),
+    )
+
+
+def two_floors(cabin_m: float, door_m: float) -> Building:
+    building = floor("L1", 12.0, 8.0)
+    upper = floor("L2", 12.0, 8.0, level=2).floors["L2"]
+    building = Building("two floors", {**building.floors, "L2": upper})
+    doors = (ElevatorDoor("L1", width=door_m), ElevatorDoor("L2", width=door_m))
+    return building.with_element("", Elevator(name="E1", at=(6.0, 6.0), size=(cabin_m, cabin_m), doors=doors))
+
+
+def check(building: Building, plan: CarryPlan, carried: str = "", blocked: tuple[Obstacle, ...] = ()) -> None:
+    """The whole body is clear of all obstacles, all along its trajectories."""
+    footprint = plan.footprint()
+    places = plan.formation.carrier_poses()
+    for leg in plan.legs:
+        on_map = [item.geometry for item in obstacles(building, leg.floor) if item.name != carried]
+        everything = shapely.union_all([*on_map, *(item.geometry for item in blocked)])
+        shapely.prepare(everything)
+        trajectory = Trajectory(leg.poses, places)
+        for t in np.arange(0.0, trajectory.duration + 0.1, 0.1):
+            body = placed(footprint, trajectory.at(t)[0])
+            assert everything.distance(body) > MARGIN_M - 0.006, (leg.floor, t)
+        for place in plan.formation.carrier_poses(BACK_OFF_M):
+            x, y, _ = trajectory.carrier(trajectory.duration, place)[0]
+            assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > RADIUS_M - 1e-6
+
+
+def reached(pose: np.ndarray, goal: tuple[float, float, float]) -> bool:
+    turned = math.remainder(pose[2] - goal[2], math.tau)
+    return bool(np.abs([pose[0] - goal[0], pose[1] - goal[1], turned]).max() < 1e-9)
+
+
+@st.composite
+def rooms(draw: st.DrawFn) -> Building:
+    things = []
+    for i in range(draw(st.integers(0, 5))):
+        size = draw(st.floats(0.2, 2.0)), draw(st.floats(0.2, 2.0))
+        at = draw(st.floats(1.5, 7.5)), draw(st.floats(1.5, 5.5))
+        things.append(MapObject(name=f"o{i}", shape=BoxShape(size=size), at=at, heading=draw(st.floats(-3, 3))))
+    return floor("L1", 9.0, 7.0, *things)
+
+
+places = st.tuples(st.just("L1"), st.floats(1.0, 8.0), st.floats(1.0, 6.0), st.floats(-4.0, 4.0))
+
+
+@settings(max_examples=30, deadline=None)
+@given(rooms(), places, places, st.integers(2, 3), st.sampled_from((BOX, TABLE)))
+def test_carriers_and_object_touch_nothing(
+    building: Building,
+    start: tuple[str, float, float, float],
+    goal: tuple[str, float, float, float],
+    count: int,
+    outline: Polygon,
+) -> None:
+    try:
+        plan = plan_carry(building, outline, start, goal, count)
+    except ImpossibleCarry as impossible:
+        assert impossible.blockers
+        return
+    assert tuple(plan.legs[0].poses[0]) == start[1:]
+    assert reached(plan.legs[-1].poses[-1], goal[1:])
+    check(building, plan)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_the_papers_table_goes_to_its_destination(count: int) -> None:
+    building = load_sample("paper-scene")
+    plan = plan_carry(building, "table", None, ("L1", 6.7, 3.1, 0.4), count)
+    assert tuple(plan.legs[0].poses[0]) == (2.8, 3.3, 0.0)
+    assert reached(plan.legs[0].poses[-1], (6.7, 3.1, 0.4))
+    check(building, plan, "table")
+
+
+@pytest.mark.parametrize("goal", [(11.3, 3.1, math.pi / 2), (6.7, 7.75, 0.0), (6.7, 7.75, math.pi)])
+def test_two_robots_carry_the_table_through_doors(goal: tuple[float, float, float]) -> None:
+    building = load_sample("paper-scene")
+    plan = plan_carry(building, "table", None, ("L1", *goal), 2)
+    assert reached(plan.legs[0].poses[-1], goal)
+    check(building, plan, "table")
+
+
+def test_three_are_too_wide_for_the_papers_door() -> None:
+    with pytest.raises(ImpossibleCarry) as raised:
+        plan_carry(load_sample("paper-scene"), "table", None, ("L1", 11.3, 3.1, math.pi / 2), 3)
+    (blocker,) = raised.value.blockers
+    assert (blocker.kind, blocker.floor, blocker.name) == ("door", "L1", "door-between")
+    assert "1.40 m wide, 1.72 m needed" in blocker.reason
+
+
+def test_a_door_that_is_too_narrow_is_named() -> None:
+    start, goal = ("L1", 3.0, 3.5, 0.0), ("L1", 9.0, 3.5, 0.0)
+    check(two_rooms(1.0), plan_carry(two_rooms(1.0), TABLE, start, goal, 2))
+    with pytest.raises(ImpossibleCarry) as raised:
+        plan_carry(two_rooms(0.85), TABLE, start, goal, 2)
+    (blocker,) = raised.value.blockers
+    assert (blocker.kind, blocker.floor, blocker.name) == ("door", "L1", "narrow")
+    assert "0.85 m wide, 0.90 m needed" in blocker.reason
+
+
+def test_a_locked_door_is_named() -> None:
+    with pytest.raises(ImpossibleCarry) as raised:
+        plan_carry(two_rooms(2.0, locked=True), TABLE, ("L1", 3.0, 3.5, 0.0), ("L1", 9.0, 3.5, 0.0), 2)
+    assert [str(blocker) for blocker in raised.value.blockers] == ["door 'narrow' on L1: is locked"]
+
+
+def corridor(width_m: float) -> Building:
+    """East, then north round the corner of a block."""
+    inner = 9.0 - width_m
+    return floor(
+        "L1",
+        9.0,
+        9.0,
+        Wall(name="corner-south", a=(0.0, width_m), b=(inner, width_m)),
+        Wall(name="corner-east", a=(inner, width_m), b=(inner, 9.0)),
+    )
+
+
+def test_a_bend_that_a_long_table_cannot_take_is_named() -> None:
+    def start_and_goal(width_m: float) -> tuple[tuple[str, float, float, float], tuple[str, float, float, float]]:
+        middle = width_m / 2
+        return ("L1", 3.0, middle, 0.0), ("L1", 9.0 - middle, 6.0, math.pi / 2)
+
+    wide, narrow = corridor(2.6), corridor(1.5)
+    check(wide, plan_carry(wide, TABLE, *start_and_goal(2.6), 2))
+    with pytest.raises(ImpossibleCarry) as raised:
+        plan_carry(narrow, TABLE, *start_and_goal(1.5), 2)
+    (blocker,) = raised.value.blockers
+    assert blocker.name in ("L1", "corner-south", "corner-east")
+    assert "to turn at L1 (" in blocker.reason or "for it at L1 (" in blocker.reason
+
+
+def test_two_carry_a_box_up_one_floor() -> None:
+    building = two_floors(3.0, 2.0)
+    goal = (9.0, 2.5, -2.0)
+    plan = plan_carry(building, BOX, ("L1", 2.5, 2.5, 1.0), ("L2", *goal), 2)
+    assert [(leg.floor, leg.elevator_after) for leg in plan.legs] == [("L1", "E1"), ("L2", "")]
+    assert reached(plan.legs[1].poses[-1], goal)
+    assert tuple(plan.legs[0].poses[-1][:2]) == tuple(plan.legs[1].poses[0][:2])
+    assert math.remainder(plan.legs[0].poses[-1][2] - plan.legs[1].poses[0][2], math.tau) == pytest.approx(0.0)
+    cabin = shapely.box(4.5, 4.5, 7.5, 7.5).buffer(-MARGIN_M + 1e-6)
+    assert cabin.covers(placed(plan.footprint(), tuple(plan.legs[0].poses[-1])))
+    check(building, plan)
+
+
+@pytest.mark.parametrize(
+    ("cabin_m", "door_m", "outline", "reason"),
+    [(2.0, 1.8, TABLE, "2.00 m by 2.00 m"), (3.5, 0.7, BOX, "its door is 0.70 m wide")],
+)
+def test_a_cabin_or_a_door_that_is_too_small_is_named(
+    cabin_m: float, door_m: float, outline: Polygon, reason: str
+) -> None:
+    with pytest.raises(ImpossibleCarry) as raised:
+        plan_carry(two_floors(cabin_m, door_m), outline, ("L1", 2.5, 2.5, 0.0), ("L2", 9.0, 2.5, 0.0), 2)
+    (blocker,) = raised.value.blockers
+    assert (blocker.kind, blocker.name) == ("elevator", "E1")
+    assert reason in blocker.reason
+
+
+def test_closed_elevator_doors_are_obstacles() -> None:
+    """A shaft across the whole corridor, with a door on each side."""
+    doors = (ElevatorDoor("L1", side=CabinSide.LEFT, width=2.5), ElevatorDoor("L1", side=CabinSide.RIGHT, width=2.5))
+    building = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=doors))
+    with pytest.raises(ImpossibleCarry):
+        plan_carry(building, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2)
+
+
+def test_an_error_names_what_occupies_start_or_goal() -> None:
+    building = floor("L1", 9.0, 7.0, MapObject(name="shelf", shape=BoxShape(size=(2.0, 0.5)), at=(6.0, 4.2)))
+    with pytest.raises(ImpossibleCarry) as raised:
+        plan_carry(building, TABLE, ("L1", 2.5, 3.0, 0.0), ("L1", 6.0, 3.8, 0.0), 2)
+    assert "goal" in raised.value.reason
+    assert [blocker.name for blocker in raised.value.blockers] == ["shelf"]
+    with pytest.raises(ImpossibleCarry, match="start"):
+        plan_carry(building, TABLE, ("L1", 0.5, 3.0, 0.0), ("L1", 6.0, 2.0, 0.0), 2)
+
+
+def test_objects_are_avoided_where_they_are_now() -> None:
+    crate = MapObject(name="crate", shape=BoxShape(size=(1.0, 1.0)), at=(6.0, 3.5), movable=True)
+    building = floor("L1", 12.0, 7.0, crate)
+    start, goal = ("L1", 2.5, 3.5, 0.0), ("L1", 6.0, 3.5, 0.0)
+    with pytest.raises(ImpossibleCarry, match="crate"):
+        plan_carry(building, TABLE, start, goal, 2)
+    moved = Obstacle("object", "crate", shapely.box(8.5, 5.5, 9.5, 6.5))
+    plan = plan_carry(building, TABLE, start, goal, 2, blocked={"L1": [moved]})
+    check(building, plan, "crate", (moved,))
+    with pytest.raises(ImpossibleCarry):
+        plan_carry(building, TABLE, start, goal, 2, blocked={"L1": [moved, shapely.box(5.5, 3.0, 6.5, 4.0)]})
+
+
+def test_the_path_leads_around_a_robot() -> None:
+    building = floor("L1", 12.0, 7.0)
+    robot = Obstacle("robot", "C", shapely.Point(6.0, 3.5).buffer(0.4))
+    plan = plan_carry(building, TABLE, ("L1", 2.5, 3.5, 0.0), ("L1", 9.5, 3.5, 0.0), 2, blocked={"L1": [robot]})
+    assert len(plan.legs[0].poses) > 2
+    check(building, plan, "", (robot,))
+
+
+@pytest.mark.parametrize(
+    ("thing", "start", "goal", "count"),
+    [
+        ("nothing", None, ("L1", 6.0, 3.0, 0.0), 2),
+        ("table", None, ("L9", 6.0, 3.0, 0.0), 2),
+        ("table", None, ("L1", math.nan, 3.0, 0.0), 2),
+        ("table", ("L1", 1e9, 3.0, 0.0), ("L1", 6.0, 3.0, 0.0), 2),
+        ("table", None, ("L1", 6.0, 3.0, 0.0), 0),
+        (TABLE, None, ("L1", 6.0, 3.0, 0.0), 2),
+    ],
+)
+def test_invalid_requests_are_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InvalidCarry):
+        plan_carry(load_sample("paper-scene"), thing, start, goal, count)
+
+
+def test_floors_without_a_connecting_elevator() -> None:
+    building = two_floors(3.0, 2.0)
+    building = Building("apart", building.floors)
+    with pytest.raises(ImpossibleCarry, match="no elevator leads from L1 to L2"):
+        plan_carry(building, BOX, ("L1", 2.5, 2.5, 0.0), ("L2", 9.0, 2.5, 0.0), 2)
