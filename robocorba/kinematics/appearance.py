@@ -13,18 +13,18 @@ from typing import NamedTuple
 
 from robocorba.kinematics.model import (
     BASE_BACK_M,
-    BASE_HEIGHT_M,
+    BASE_FRONT_M,
     BASE_HALF_WIDTH_M,
+    BASE_HEIGHT_M,
     ELBOW_OFFSET_M,
     FIXED_FINGER_M,
     FOREARM_M,
-    BASE_FRONT_M,
     HEIGHT_M,
     LASER_M,
     LUMBAR_LOWER_HEIGHT_M,
     LUMBAR_UPPER_HEIGHT_M,
-    PROXIMITY_HEIGHT_M,
     PROXIMITY_COUNT,
+    PROXIMITY_HEIGHT_M,
     SHOULDER_M,
     UPPER_ARM_M,
 )
@@ -85,7 +85,11 @@ def _base() -> list[Part]:
         found.append(Part("base", Shape.CONE, (0.05, 0.05, 1.0, 0.05), at, (_QUARTER, 0, bearing), "glass"))
     for sensor in range(PROXIMITY_COUNT):
         bearing = sensor * math.tau / PROXIMITY_COUNT
-        at = (middle + math.cos(bearing) * half * 0.985, math.sin(bearing) * BASE_HALF_WIDTH_M * 0.985, PROXIMITY_HEIGHT_M - 0.03)
+        at = (
+            middle + math.cos(bearing) * half * 0.985,
+            math.sin(bearing) * BASE_HALF_WIDTH_M * 0.985,
+            PROXIMITY_HEIGHT_M - 0.03,
+        )
         found.append(Part("base", Shape.BOX, (0.012, 0.06, 0.03), at, (0, 0, bearing), "glass"))
     return found
 

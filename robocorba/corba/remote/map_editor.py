@@ -65,7 +65,10 @@ class RemoteMap:
                 for kind, (layer, collection) in COLLECTION_OF.items():
                     if kind not in self._omitted:
                         layers[layer][collection] = _elements(self._editor, kind, floor)
-                geometrical, topological = GeometricalMap(**layers["geometrical"]), TopologicalMap(**layers["topological"])
+                geometrical, topological = (
+                    GeometricalMap(**layers["geometrical"]),
+                    TopologicalMap(**layers["topological"]),
+                )
                 floors[floor] = FloorMap(element, geometrical, topological)
             self.building = Building(name, floors, _elements(self._editor, ElementKind.ELEVATOR))
         except CORBA.Exception as error:
