@@ -45,6 +45,11 @@ PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner
 }
 
 
+def new_mission_name(leader: str) -> str:
+    """A unique name of a mission."""
+    return f"{leader}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
+
+
 class Cooperation:
     """The interface of programs to other robots, and the robot's part in missions.
 
@@ -59,6 +64,8 @@ class Cooperation:
         self._world = RemoteWorld(orb)
         #: Set by `start` if the robot has an event channel.
         self._agent: ControlAgent | None = None
+        self._missions: MissionAgent | None = None
+        self._led = ""
 
     def start(self, agent: ControlAgent, pool: DataPool) -> None:
         """Be available for missions, if the robot has an event channel."""
@@ -76,7 +83,7 @@ class Cooperation:
                     return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
+        self._missions = missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
         self._closing.callback(missions.close)
         self._agent = agent
 
@@ -95,8 +102,18 @@ class Cooperation:
         """Publish an event. Raises EventError, NotReachable."""
         self._channel.publish(type, payload, PUBLISH_TIMEOUT_S)
 
-    def cooperate(self, icon: Icon) -> None:
-        """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
+    @property
+    def mission(self) -> str:
+        """The mission that the robot leads or takes part in; empty for none."""
+        return self._led or (self._missions.mission if self._missions else "")
+
+    @property
+    def led_mission(self) -> str:
+        """The mission that the robot leads; empty for none."""
+        return self._led
+
+    def cooperate(self, icon: Icon, mission: str = "") -> None:
+        """Lead a mission to its end; `mission` names it, empty for a new name. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
         agent = self._agent
         if agent is None:
             raise MissionFailed("the robot has no event channel; start it with --channel")
@@ -104,7 +121,7 @@ class Cooperation:
             raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
         here = Place(*agent.place[:3])
         planner = PLANNERS[type(icon)](icon, self._world, self._name, here)
-        mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
+        mission = mission or new_mission_name(self._name)
         execution = agent.robot.execution
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
             leader = Leader(
@@ -114,7 +131,11 @@ class Cooperation:
                 self._store_plan,
                 lambda: str(execution.interruption or ""),
             )
-            report = leader.lead(kind(icon).replace("_", " "), planner)
+            self._led = mission
+            try:
+                report = leader.lead(kind(icon).replace("_", " "), planner)
+            finally:
+                self._led = ""
         report.save(self._reports)
         for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
             self._plans.remove(old)

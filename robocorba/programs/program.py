@@ -57,6 +57,11 @@ def loads(text: str | bytes) -> Program:
     return _converted(plain)
 
 
+def of_icon(text: str) -> Program:
+    """A program of one icon, from the icon's JSON. Raises InvalidProgram."""
+    return loads(f'{{"name": "mission", "icons": [{text}]}}')
+
+
 def checked(program: Program) -> Program:
     """The program, validated like one from a file; for programs built in Python. Raises InvalidProgram."""
     try:

@@ -182,7 +182,7 @@ class Channel:
     def publish(self, type: str, payload: Any) -> None:
         self.said.append((type, payload))
 
-    def cooperate(self, icon: Icon) -> None:
+    def cooperate(self, icon: Icon, mission: str = "") -> None:
         raise MotionFailed("nobody else is here")
 
 

@@ -14,6 +14,8 @@ from robocorba.corba.conversion.structs import Converter, enumeration, struct_co
 from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.planning.request import PathPoint
+from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 
 
@@ -80,6 +82,23 @@ def agent_state(state: AgentState) -> Any:
 def agent_state_of(struct: Any) -> AgentState:
     state: AgentState = _AGENT_STATE.from_idl(struct)
     return state
+
+
+def path_point(point: PathPoint) -> Any:
+    """A PathPoint struct."""
+    where = RoboCorba.Point(point.floor, point.x, point.y)
+    kind = getattr(RoboCorba, point.kind.name)
+    return RoboCorba.PathPoint(kind, point.node, where, point.heading, point.distance, point.time, point.elevator)
+
+
+def program_check(report: CheckReport) -> Any:
+    """A ProgramCheck struct."""
+    errors_found = [
+        RoboCorba.ProgramFinding(RoboCorba.PROGRAM_ERROR, found.icon, found.parameter, found.reason)
+        for found in report.findings
+    ]
+    notes = [RoboCorba.ProgramFinding(RoboCorba.PROGRAM_NOTE, note.icon, "", note.what) for note in report.notes]
+    return RoboCorba.ProgramCheck([*errors_found, *notes], report.is_valid)
 
 
 def begun(icon: IconBegun) -> Any:
