@@ -71,7 +71,7 @@ PICTURES = {
 }
 
 
-class Start(NamedTuple):
+class StartPose(NamedTuple):
     """Start pose of a robot [m, rad], and its sub-network."""
 
     x: float
@@ -83,14 +83,14 @@ class Start(NamedTuple):
 class DemoScene(NamedTuple):
     """Robots by name, and the goal of the table."""
 
-    robots: dict[str, Start]
+    robots: dict[str, StartPose]
     goal: Destination
 
 
-A, B = Start(1.1, 3.3, 0.0, "lab"), Start(5.2, 1.2, 0.0, "lab")
-PAPER = DemoScene({"A": A, "B": B, "C": Start(11.3, 3.1, 0.0, "hall")}, Destination(FLOOR, 6.7, 3.1, 0.0))
+A, B = StartPose(1.1, 3.3, 0.0, "lab"), StartPose(5.2, 1.2, 0.0, "lab")
+PAPER = DemoScene({"A": A, "B": B, "C": StartPose(11.3, 3.1, 0.0, "hall")}, Destination(FLOOR, 6.7, 3.1, 0.0))
 #: The same with shorter paths.
-QUICK = DemoScene({"A": A, "B": B, "C": Start(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
+QUICK = DemoScene({"A": A, "B": B, "C": StartPose(9.5, 3.1, 0.0, "hall")}, Destination(FLOOR, 4.6, 3.2, 0.0))
 
 
 class GoalError(NamedTuple):

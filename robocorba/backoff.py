@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import random
 import time
 from collections.abc import Callable
@@ -35,23 +34,21 @@ class Backoff:
         """The answer of `operation`, repeated while it raises one of `errors`.
 
         Raises the last of them when the next attempt would begin later than `timeout_s`."""
-        deadline = time.monotonic() + timeout_s
-        for failures in itertools.count(1):
+        deadline, failures = time.monotonic() + timeout_s, 0
+        while True:
             try:
                 return operation()
             except errors:
+                failures += 1
                 pause_s = self.pause_s(failures)
                 if time.monotonic() + pause_s > deadline:
                     raise
             time.sleep(pause_s)
-        raise AssertionError("itertools.count does not end")
 
     def poll(self, condition: Callable[[], T], timeout_s: float) -> T:
         """The first true answer of `condition`, else its last answer within `timeout_s`."""
-        deadline = time.monotonic() + timeout_s
-        for failures in itertools.count(1):
-            answer = condition()
-            if answer or time.monotonic() > deadline:
-                return answer
+        deadline, failures = time.monotonic() + timeout_s, 0
+        while not (answer := condition()) and time.monotonic() <= deadline:
+            failures += 1
             time.sleep(self.pause_s(failures))
-        raise AssertionError("itertools.count does not end")
+        return answer

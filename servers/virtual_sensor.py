@@ -31,7 +31,7 @@ REPORT_INTERVAL_S = 0.5
 MAX_ROBOTS = 10_000
 
 
-class SensorServer:
+class VirtualSensorServer:
     """A virtual sensor for all robots, and a CORBA object for each robot that is assigned to this server."""
 
     def __init__(self, orb: Orb, name: str) -> None:
@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.setup(f"sensor_{settings.name}", settings.server.state / "logs")
     with (
         Orb(settings.server.naming, settings.server.endpoint) as orb,
-        contextlib.closing(SensorServer(orb, settings.name)) as server,
+        contextlib.closing(VirtualSensorServer(orb, settings.name)) as server,
     ):
         server.start()
         orb.run()

@@ -32,16 +32,16 @@ from robocorba.programs.program import dumps
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.generated_buildings import random_places
 from robocorba.testing.json_process import busy_process
-from robocorba.testing.missions import FLOOR, MissionSystem, Start, Watch, missions
+from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart, Watch, missions
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import PROGRESS, Draw, Mark, at_least, at_most, curves, quantile, summarize
 
 NAME = "missions"
 BUILDING, TABLE, LEADER = "paper-scene", "table", "A"
 CREW = {
-    "A": Start(1.1, 3.3, 0.0, "lab"),
-    "B": Start(5.2, 1.2, 0.0, "lab"),
-    "C": Start(11.3, 3.1, 0.0, "hall"),
+    "A": RobotStart(1.1, 3.3, 0.0, "lab"),
+    "B": RobotStart(5.2, 1.2, 0.0, "lab"),
+    "C": RobotStart(11.3, 3.1, 0.0, "hall"),
 }
 GOAL = (6.7, 3.1, 0.0)
 #: Range of the table's start poses: middle and half width of x, y [m] and heading [rad].

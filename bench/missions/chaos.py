@@ -33,19 +33,19 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.subplan import Carry
 from robocorba.stubs import RoboCorba
-from robocorba.testing.missions import FLOOR, MissionSystem, Start, save_three_rooms
+from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
 from robocorba.testing.missions import missions as mission_system
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import at_most, quantile, summarize
 
 TABLE, GOALS = "table", ((3.8, 2.6), (2.2, 2.6))
-#: Start poses of robots, far from both ends of the table's path.
+#: RobotStart poses of robots, far from both ends of the table's path.
 STARTS = (
-    Start(0.5, 0.5, 0.0, "lab"),
-    Start(5.4, 4.5, math.pi, "lab"),
-    Start(7.0, 2.6, math.pi, "hall"),
-    Start(8.5, 1.0, math.pi, "hall"),
-    Start(8.5, 4.0, math.pi, "hall"),
+    RobotStart(0.5, 0.5, 0.0, "lab"),
+    RobotStart(5.4, 4.5, math.pi, "lab"),
+    RobotStart(7.0, 2.6, math.pi, "hall"),
+    RobotStart(8.5, 1.0, math.pi, "hall"),
+    RobotStart(8.5, 4.0, math.pi, "hall"),
 )
 FAULTS = (
     "helper killed before it accepts",
@@ -84,7 +84,7 @@ class Chaos:
         self.place, self._random = place, random.Random(seed)
         self._count = 0
         self._parked: Any = None
-        self._crew: dict[str, Start] = {}
+        self._crew: dict[str, RobotStart] = {}
         self._restore()
 
     def mission(self, fault: str) -> Outcome:

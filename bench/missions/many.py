@@ -44,7 +44,7 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.testing.json_process import Cpu, Process, checkout_command
-from robocorba.testing.missions import FLOOR, MissionSystem, Start
+from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
 from robocorba.testing.missions import missions as mission_system
 from robocorba.testing.processes import eventually
 from robocorba.testing.report import at_least, at_most, summarize
@@ -148,7 +148,7 @@ def building(of: Sequence[Room]) -> Building:
     return found
 
 
-def crew(of: Sequence[Room], count: int) -> dict[str, Start]:
+def crew(of: Sequence[Room], count: int) -> dict[str, RobotStart]:
     """Leaders and as many other robots in the rooms, the rest in two rows along the corridor; neighbours are in
     different sub-networks."""
     places = [(room.x - 2.3, room.y + 1.7 * room.side, 0.0) for room in of]
@@ -160,7 +160,7 @@ def crew(of: Sequence[Room], count: int) -> dict[str, Start]:
         places.append((min(pitch * (number // 2 + 1), east - 0.7), 0.85 * (-1) ** number, 0.0))
     names = [room.leader for room in of] + [f"r{number}" for number in range(count - len(of))]
     return {
-        name: Start(*place, SUBNETS[(number + number // len(SUBNETS)) % len(SUBNETS)])
+        name: RobotStart(*place, SUBNETS[(number + number // len(SUBNETS)) % len(SUBNETS)])
         for number, (name, place) in enumerate(zip(names, places, strict=False))
     }
 
@@ -269,7 +269,7 @@ class Costs:
 
 
 @contextlib.contextmanager
-def started(place: MissionSystem, starts: Mapping[str, Start]) -> Iterator[None]:
+def started(place: MissionSystem, starts: Mapping[str, RobotStart]) -> Iterator[None]:
     """A ready process for each robot."""
     command = checkout_command("bench.missions.nursery")
     with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:

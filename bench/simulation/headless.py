@@ -33,7 +33,7 @@ from robocorba.spatial import floor_format
 from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
 from robocorba.spatial.grids import Floats, Longs
 from robocorba.testing.generated_buildings import RADIUS_M, office, robots
-from robocorba.testing.json_process import RemoteObject
+from robocorba.testing.json_process import ObjectProcess
 from robocorba.testing.report import Mark, at_least, at_most, bars, summarize
 
 # ---- clients of a crowd of robots with their virtual sensor, in a process of their own ----
@@ -190,7 +190,7 @@ class Crowd:
     """Robots in a building, each with a client that lets it wander by its scans. The commands at the end of a period
     are based on the state at its begin."""
 
-    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: RemoteObject) -> None:
+    def __init__(self, building: Building, case: Case, store: SimulationStore, clients: ObjectProcess) -> None:
         self.agent = ManagementAgent(building, 1, store)
         self.agent.configure(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
@@ -248,7 +248,7 @@ def crowd(building: Building, case: Case) -> Iterator[Crowd]:
     with (
         tempfile.TemporaryDirectory() as folder,
         SimulationStore(Path(folder) / "simulation.sqlite") as store,
-        RemoteObject(wanderers, building, names, case.spec, case.one_by_one) as clients,
+        ObjectProcess(wanderers, building, names, case.spec, case.one_by_one) as clients,
     ):
         found = Crowd(building, case, store, clients)
         found.lap(WARM_UP_S)
@@ -304,7 +304,7 @@ def main(rounds: int = 5, profile: int = 0) -> bool:
         return True
     laps: list[list[Lap]] = [[] for _ in CASES]
     with contextlib.ExitStack() as stack:
-        remotes = [stack.enter_context(RemoteObject(crowd, office(), case)) for case in progress(CASES, "logging on")]
+        remotes = [stack.enter_context(ObjectProcess(crowd, office(), case)) for case in progress(CASES, "logging on")]
         for _ in progress(range(rounds), "rounds"):
             for case, remote, case_laps in zip(CASES, remotes, laps, strict=True):
                 case_laps.append(remote.call("lap", case.seconds))

@@ -23,7 +23,7 @@ from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
 
-class FloorSource(Protocol):
+class FloorUpdates(Protocol):
     """Supplies the state of every floor."""
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
@@ -42,7 +42,7 @@ class DataPool:
 
     def __init__(
         self,
-        source: FloorSource,
+        source: FloorUpdates,
         map_source: MapSource,
         floor: str,
         own_name: str = "",
@@ -122,7 +122,7 @@ class _Follower:
     """Follows one floor, with the parameters of DataPool."""
 
     def __init__(
-        self, source: FloorSource, map_source: MapSource, own_name: str, clock: Callable[[], float], floor: str
+        self, source: FloorUpdates, map_source: MapSource, own_name: str, clock: Callable[[], float], floor: str
     ) -> None:
         self._source, self._map_source, self._floor = source, map_source, floor
         self._own_name, self._clock = own_name, clock

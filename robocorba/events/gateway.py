@@ -7,7 +7,6 @@ new advertisements, acknowledges packets, and joins again with exponential backo
 from __future__ import annotations
 
 import logging
-import random
 import threading
 import time
 from collections.abc import Callable
@@ -173,13 +172,12 @@ class Gateway:
     # ---- link maintenance ----
 
     def _maintain_link(self) -> None:
-        policy = self._policy
-        pause = policy.backoff.first_s
+        policy, failures = self._policy, 0
         while not self._is_ended:
-            max_pause = policy.backoff.max_s
+            backoff = policy.backoff
             try:
                 self._begin(self._join())
-                pause = policy.backoff.first_s
+                failures = 0
                 while not self._is_ended:
                     self._renew()
                     self._woken.wait(policy.renew_interval_s)
@@ -188,15 +186,16 @@ class Gateway:
                 self._set_problem(str(error))
             except InvalidPeer as error:
                 self._set_problem(f"refused: {error}")
-                max_pause = policy.refused_pause_s
+                backoff = policy.refused_backoff
             except Exception:  # a defect must not end the link permanently
                 _log.exception("gateway of %s", self.peer)
                 self._set_problem("internal fault, see the log")
             if self._is_ended:
                 return
-            is_called = self._woken.wait(pause * random.uniform(0.5, 1.0))
+            failures += 1
+            if self._woken.wait(backoff.pause_s(failures)):
+                failures = 0
             self._woken.clear()
-            pause = policy.backoff.first_s if is_called else min(2 * pause, max_pause)
 
     def _begin(self, port: FeedPort) -> None:
         with self._lock:

@@ -69,6 +69,6 @@ class LinkPolicy:
     #: Maximum interval at which the feed's thread checks for work [s].
     recheck_s: float = 1.0
     #: Pauses between the gateway's attempts to join the feed.
-    backoff: Backoff = field(default=Backoff(0.05, 0.5))
-    #: Maximum of these pauses while the peer answers, but refuses [s].
-    refused_pause_s: float = 5.0
+    backoff: Backoff = field(default=Backoff(0.05, 0.5, jitter=0.5))
+    #: The same while the peer answers, but refuses.
+    refused_backoff: Backoff = field(default=Backoff(0.05, 5.0, jitter=0.5))

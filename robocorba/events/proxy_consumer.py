@@ -66,16 +66,14 @@ class ProxyPullConsumer(ProxyConsumer):
 
     def _run(self, client: SupplierPort) -> None:
         policy = self._policy
-        pause = policy.intervals.first_s
-        reason = ""
+        pause, reason, empty_polls = policy.intervals.first_s, "", 1
         while not reason and not self._ended.wait(pause):
             try:
                 batch = client.try_pull(policy.call_timeout_s)
                 self.failures, self.condition = 0, ProxyCondition.CONNECTED
-                if batch is None:
-                    pause = min(2 * pause, policy.intervals.max_s)
-                else:
-                    pause = 0.0
+                empty_polls = empty_polls + 1 if batch is None else 0
+                pause = policy.intervals.pause_s(empty_polls)
+                if batch is not None:
                     self.push(batch)
             except ClientGone as error:
                 reason = str(error)

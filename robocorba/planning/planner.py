@@ -82,11 +82,11 @@ class PathPlanner:
                 *snapshot.world,
                 *snapshot.heuristics,
                 floor_index[start.floor],
-                start.x,
-                start.y,
+                float(start.x),  # kernels would compile again for whole numbers, for half a minute
+                float(start.y),
                 floor_index[goal.floor],
-                goal.x,
-                goal.y,
+                float(goal.x),
+                float(goal.y),
                 SMARTPAL_RADIUS_M,
                 SMARTPAL_SPEED_M_S,
             )
@@ -106,9 +106,8 @@ class PathPlanner:
         Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
         snapshot = self._snapshot
         check_request(snapshot.building, request)
-        # Kernels would compile again for whole numbers.
         start, goal = (Place(place.floor, float(place.x), float(place.y)) for place in (request.start, request.goal))
-        request = request._replace(start=start, goal=goal)
+        request = request._replace(start=start, goal=goal, radius=float(request.radius), speed=float(request.speed))
         snapshot = snapshot.variant_for(request)
         deadline = self._deadline()
         find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes

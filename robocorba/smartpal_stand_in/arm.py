@@ -14,9 +14,9 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, ARM_JOINTS, Side
 from robocorba.smartpal_stand_in.arm_kinematics import ArmKinematics
 from robocorba.smartpal_stand_in.axes import AxesUnit
-from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.codes import ReturnCode
 from robocorba.smartpal_stand_in.dynamics import Dynamics
-from robocorba.smartpal_stand_in.motion import Motion, joint_motion, max_line_rate
+from robocorba.smartpal_stand_in.motion import UnitMotion, joint_motion, max_line_rate
 from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
 from robocorba.spatial.grids import Floats
 
@@ -44,7 +44,7 @@ class Arm(AxesUnit):
     def __init__(self, side: Side, dynamics: Dynamics) -> None:
         super().__init__("MnpL" if side is Side.LEFT else "MnpR", dynamics, ARM[side])
         self.kinematics = ArmKinematics(side)
-        self._motions: deque[Motion] = deque()
+        self._motions: deque[UnitMotion] = deque()
         self._jog: Floats | None = None
         self._line_jog: tuple[bool, Floats, float] | None = None
         #: Joint speeds of a jog along a line [rad/s], and when new ones are due.
@@ -79,91 +79,91 @@ class Arm(AxesUnit):
 
     # ---- settings ----
 
-    def set_jog_timeout(self, timeout_ms: int) -> Answer:
+    def set_jog_timeout(self, timeout_ms: int) -> ReturnCode:
         if not MIN_JOG_TIMEOUT_MS <= timeout_ms <= MAX_JOG_TIMEOUT_MS:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         self._jog_timeout_ms = timeout_ms
-        return Answer.OK
+        return ReturnCode.OK
 
-    def set_joint_acceleration(self, time_ms: int) -> Answer:
-        if (answer := _check_acceleration(time_ms, MIN_JOINT_MS)) is Answer.OK:
+    def set_joint_acceleration(self, time_ms: int) -> ReturnCode:
+        if (answer := _check_acceleration(time_ms, MIN_JOINT_MS)) is ReturnCode.OK:
             self.joint_acceleration_ms = time_ms
         return answer
 
-    def set_line_acceleration(self, translation_ms: int, rotation_ms: int) -> Answer:
+    def set_line_acceleration(self, translation_ms: int, rotation_ms: int) -> ReturnCode:
         for time_ms in (translation_ms, rotation_ms):
-            if (answer := _check_acceleration(time_ms, MIN_LINE_MS)) is not Answer.OK:
+            if (answer := _check_acceleration(time_ms, MIN_LINE_MS)) is not ReturnCode.OK:
                 return answer
         self.line_acceleration_ms = (translation_ms, rotation_ms)
-        return Answer.OK
+        return ReturnCode.OK
 
-    def set_control_point_offset(self, offset: Sequence[float]) -> Answer:
+    def set_control_point_offset(self, offset: Sequence[float]) -> ReturnCode:
         """Set the offset of the control point from its pose at power-up; WRONG_STATE while the arm moves."""
         if not _are_finite(offset) or max(map(abs, offset[:3])) > 1000.0:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         with self._lock:
             if self.is_moving:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             pose = _pose(offset)
             self.kinematics.offset, self.kinematics.offset_turn = pose.position, pose.rotation
-            return Answer.OK
+            return ReturnCode.OK
 
     # ---- jogs ----
 
-    def jog_joints(self, speeds: Sequence[float]) -> Answer:
+    def jog_joints(self, speeds: Sequence[float]) -> ReturnCode:
         if len(speeds) != ARM_JOINTS or not _are_finite(speeds):
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         wanted = np.radians(speeds)
         if np.any(np.abs(wanted) > self.max_speed * (1 + _TOLERANCE_DEG)):
-            return Answer.TOO_FAST
+            return ReturnCode.TOO_FAST
         with self._lock:
-            if (answer := self._may_jog()) is Answer.OK:
+            if (answer := self._may_jog()) is ReturnCode.OK:
                 self._jog, self._line_jog, self._is_idle = wanted, None, False
             return answer
 
-    def jog_line(self, in_tool: bool, speeds: Sequence[float], redundancy_speed: float) -> Answer:
+    def jog_line(self, in_tool: bool, speeds: Sequence[float], redundancy_speed: float) -> ReturnCode:
         """Move the control point along and about the axes of its own frame or the arm's [mm/s, degrees/s]."""
         if not _are_finite([*speeds, redundancy_speed]):
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         linear, angular = np.array(speeds[:3]), np.array(speeds[3:])
         turning = max(float(np.linalg.norm(angular)), abs(redundancy_speed))
         if np.linalg.norm(linear) > MAX_LINE_MM_S + _TOLERANCE_DEG or turning > MAX_LINE_DEG_S + _TOLERANCE_DEG:
-            return Answer.TOO_FAST
+            return ReturnCode.TOO_FAST
         with self._lock:
-            if (answer := self._may_jog()) is Answer.OK:
+            if (answer := self._may_jog()) is ReturnCode.OK:
                 velocity = np.concatenate((linear / 1000.0, np.radians(angular)))
                 self._jog, self._line_jog = None, (in_tool, velocity, math.radians(redundancy_speed))
                 self._line_jog_due = 0.0
                 self._is_idle = False
             return answer
 
-    def _may_jog(self) -> Answer:
+    def _may_jog(self) -> ReturnCode:
         answer = self.may_move()
-        if answer is Answer.OK and self._motions:
-            return Answer.WRONG_STATE
-        if answer is Answer.OK:
+        if answer is ReturnCode.OK and self._motions:
+            return ReturnCode.WRONG_STATE
+        if answer is ReturnCode.OK:
             self._jog_until = self._latest.time + self._jog_timeout_ms / 1000.0
         return answer
 
     # ---- motions ----
 
-    def move_joints(self, positions: Sequence[float], speed: float, is_relative: bool = False) -> Answer:
+    def move_joints(self, positions: Sequence[float], speed: float, is_relative: bool = False) -> ReturnCode:
         if len(positions) != ARM_JOINTS or not _are_finite([*positions, speed]) or speed <= 0.0:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         if math.radians(speed) > self.max_speed.min() * (1 + _TOLERANCE_DEG):
-            return Answer.TOO_FAST
+            return ReturnCode.TOO_FAST
         with self._lock:
-            if (answer := self._may_queue()) is not Answer.OK:
+            if (answer := self._may_queue()) is not ReturnCode.OK:
                 return answer
             start = self._end
             end = np.radians(positions) + (start if is_relative else 0.0)
             tolerance = math.radians(_TOLERANCE_DEG)
             if np.any(end < self.lower - tolerance) or np.any(end > self.upper + tolerance):
-                return Answer.OUT_OF_RANGE
+                return ReturnCode.OUT_OF_RANGE
             acceleration = float(self.max_speed.min()) / (self.joint_acceleration_ms / 1000.0)
             self._motions.append(joint_motion(start, end, math.radians(speed), acceleration))
             self._is_idle = False
-            return Answer.OK
+            return ReturnCode.OK
 
     def move_line(
         self,
@@ -172,14 +172,14 @@ class Arm(AxesUnit):
         redundancy: float,
         speed: tuple[float, float],
         is_relative: bool = False,
-    ) -> Answer:
+    ) -> ReturnCode:
         """Move straight, turning evenly, at `speed` [mm/s, degrees/s]. SPEED_WARNING where a joint limits the speed."""
         if not _are_finite([*position, redundancy, *speed]) or min(speed) <= 0.0:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         if speed[0] > MAX_LINE_MM_S + _TOLERANCE_DEG or speed[1] > MAX_LINE_DEG_S + _TOLERANCE_DEG:
-            return Answer.TOO_FAST
+            return ReturnCode.TOO_FAST
         with self._lock:
-            if (answer := self._may_queue()) is not Answer.OK:
+            if (answer := self._may_queue()) is not ReturnCode.OK:
                 return answer
             start = self._end
         # The line is solved without the lock, because it takes long and the arm moves meanwhile.
@@ -189,20 +189,20 @@ class Arm(AxesUnit):
         try:
             points, length_m, turn = self._line(start, first, last, last_redundancy)
         except Unreachable:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         with self._lock:
-            if (answer := self._may_queue()) is not Answer.OK:
+            if (answer := self._may_queue()) is not ReturnCode.OK:
                 return answer
             if self._end is not start and not np.array_equal(self._end, start):
-                return Answer.WRONG_STATE  # another client queued a motion meanwhile
+                return ReturnCode.WRONG_STATE  # another client queued a motion meanwhile
             rate = _rate_limit(speed[0] / 1000.0, length_m, math.radians(speed[1]), turn)
             linear_m_s2 = MAX_LINE_MM_S / self.line_acceleration_ms[0]
             angular_rad_s2 = math.radians(MAX_LINE_DEG_S) * 1000.0 / self.line_acceleration_ms[1]
             acceleration = _rate_limit(linear_m_s2, length_m, angular_rad_s2, turn)
             max_rate = max_line_rate(points, self.max_speed)
-            self._motions.append(Motion(points, min(rate, max_rate), acceleration))
+            self._motions.append(UnitMotion(points, min(rate, max_rate), acceleration))
             self._is_idle = False
-            return Answer.OK if rate <= max_rate else Answer.SPEED_WARNING
+            return ReturnCode.OK if rate <= max_rate else ReturnCode.SPEED_WARNING
 
     def _line(self, start: Floats, first: HandPose, last: HandPose, redundancy: float) -> tuple[Floats, float, float]:
         """Joints (n, 7) along a line, its length [m], and the larger rotation of hand and elbow [rad].
@@ -228,11 +228,11 @@ class Arm(AxesUnit):
         """Joints (7,) at the end of the queue [rad]."""
         return self._motions[-1].end if self._motions else np.array([axis.position for axis in self._axes])
 
-    def _may_queue(self) -> Answer:
+    def _may_queue(self) -> ReturnCode:
         answer = self.may_move()
-        if answer is Answer.OK and (self.is_jogging or (super().is_moving and not self._motions)):
-            return Answer.WRONG_STATE
-        return Answer.QUEUE_FULL if answer is Answer.OK and len(self._motions) >= MAX_MOTIONS else answer
+        if answer is ReturnCode.OK and (self.is_jogging or (super().is_moving and not self._motions)):
+            return ReturnCode.WRONG_STATE
+        return ReturnCode.QUEUE_FULL if answer is ReturnCode.OK and len(self._motions) >= MAX_MOTIONS else answer
 
     # ---- in the dynamics thread ----
 
@@ -276,10 +276,10 @@ class Arm(AxesUnit):
         self._jog = self._line_jog = None
 
 
-def _check_acceleration(time_ms: int, min_ms: int) -> Answer:
+def _check_acceleration(time_ms: int, min_ms: int) -> ReturnCode:
     if time_ms > MAX_MS:
-        return Answer.OUT_OF_RANGE
-    return Answer.OK if time_ms >= min_ms else Answer.TOO_MUCH_ACCELERATION
+        return ReturnCode.OUT_OF_RANGE
+    return ReturnCode.OK if time_ms >= min_ms else ReturnCode.TOO_MUCH_ACCELERATION
 
 
 def _are_finite(values: Sequence[float]) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
-from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.codes import ReturnCode
 from robocorba.smartpal_stand_in.dynamics import BASE_AXES, Dynamics
 from robocorba.smartpal_stand_in.setpoint import Setpoint, braking_speed
 from robocorba.smartpal_stand_in.unit import Unit
@@ -115,7 +115,7 @@ class PositionUnit(AxesUnit):
     def is_jogging(self) -> bool:
         return False
 
-    def move(self, positions: Sequence[float | None], speed: float, acceleration: float) -> Answer:
+    def move(self, positions: Sequence[float | None], speed: float, acceleration: float) -> ReturnCode:
         """Move each axis to its position [degrees], at `speed` [degrees/s] and `acceleration` [degrees/s^2].
 
         None: the axis keeps its target."""
@@ -123,21 +123,21 @@ class PositionUnit(AxesUnit):
         targets = [(target, upper, lower) for target, (upper, lower) in limits if target is not None]
         max_speed, max_acceleration = math.degrees(self.max_speed[0]), math.degrees(self.max_acceleration[0])
         with self._lock:
-            if (answer := self.may_move()) is not Answer.OK:
+            if (answer := self.may_move()) is not ReturnCode.OK:
                 return answer
             if not all(lower - _TOLERANCE_DEG <= target <= upper + _TOLERANCE_DEG for target, upper, lower in targets):
-                return Answer.OUT_OF_RANGE
+                return ReturnCode.OUT_OF_RANGE
             if not 0.0 < speed <= max_speed + _TOLERANCE_DEG:
-                return Answer.TOO_FAST
+                return ReturnCode.TOO_FAST
             if not 0.0 < acceleration <= max_acceleration + _TOLERANCE_DEG:
-                return Answer.TOO_MUCH_ACCELERATION
+                return ReturnCode.TOO_MUCH_ACCELERATION
             self._targets = [
                 former if target is None else math.radians(target)
                 for target, former in zip(positions, self._targets, strict=True)
             ]
             self._speed, self._acceleration = math.radians(speed), math.radians(acceleration)
             self._is_idle = False
-            return Answer.OK
+            return ReturnCode.OK
 
     def _move(self) -> None:
         if self._is_paused:

@@ -34,7 +34,7 @@ class AxesState(IntEnum):
     CAUTION = 0x1A
 
 
-class Answer(IntEnum):
+class ReturnCode(IntEnum):
     """Return codes of an arm's operations; from -100 down they are warnings."""
 
     OK = 0

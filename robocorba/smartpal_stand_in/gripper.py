@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from robocorba.kinematics.smartpal import GRIP, Side
 from robocorba.smartpal_stand_in.axes import PositionUnit
-from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.codes import ReturnCode
 from robocorba.smartpal_stand_in.dynamics import Dynamics
 from robocorba.smartpal_stand_in.unit import Unit
 
 
-class Gripper(PositionUnit):
+class StandInGripper(PositionUnit):
     """arm: supplies its power."""
 
     def __init__(self, side: Side, dynamics: Dynamics, arm: Unit) -> None:
@@ -29,8 +29,8 @@ class Gripper(PositionUnit):
             self.servo_off()
         super()._drive()
 
-    def power_on(self) -> Answer:
-        return Answer.FAILED
+    def power_on(self) -> ReturnCode:
+        return ReturnCode.FAILED
 
-    def power_off(self) -> Answer:
-        return Answer.FAILED
+    def power_off(self) -> ReturnCode:
+        return ReturnCode.FAILED

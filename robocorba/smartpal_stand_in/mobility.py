@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from robocorba.kinematics.smartpal import BASE_LIMITS
-from robocorba.smartpal_stand_in.codes import Answer, AxesState, MobilityState
+from robocorba.smartpal_stand_in.codes import AxesState, MobilityState, ReturnCode
 from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
 from robocorba.smartpal_stand_in.segment import Arc, Line, Segment, from_frame, to_frame
 from robocorba.smartpal_stand_in.setpoint import Setpoint
@@ -87,65 +87,65 @@ class Mobility(Unit):
 
     # ---- settings ----
 
-    def set_position(self, x: float, y: float, theta: float) -> Answer:
+    def set_position(self, x: float, y: float, theta: float) -> ReturnCode:
         """Set the odometry to this pose; WRONG_STATE while the base moves."""
         if not _is_valid(x, y, theta):
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         with self._lock:
             if self.is_moving:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             origin = to_frame(self._pose, (0.0, 0.0, 0.0))
             self._frame = from_frame((x / 1000.0, y / 1000.0, math.radians(theta)), origin)
-            return Answer.OK
+            return ReturnCode.OK
 
-    def set_velocity(self, translation: float, rotation: float) -> Answer:
+    def set_velocity(self, translation: float, rotation: float) -> ReturnCode:
         if not (0.0 < translation <= MAX_MM_S and 0.0 < rotation <= MAX_DEG_S):
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         with self._lock:
             self._speed, self._turn = translation / 1000.0, math.radians(rotation)
-            return Answer.OK
+            return ReturnCode.OK
 
-    def set_acceleration(self, translation: float, rotation: float) -> Answer:
+    def set_acceleration(self, translation: float, rotation: float) -> ReturnCode:
         if not (0.0 < translation <= MAX_MM_S and 0.0 < rotation <= MAX_DEG_S):
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         with self._lock:
             self._acceleration, self._turn_acceleration = translation / 1000.0, math.radians(rotation)
-            return Answer.OK
+            return ReturnCode.OK
 
-    def set_jog_timeout(self, timeout_ms: int) -> Answer:
+    def set_jog_timeout(self, timeout_ms: int) -> ReturnCode:
         if not MIN_JOG_TIMEOUT_MS <= timeout_ms <= MAX_JOG_TIMEOUT_MS:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         self._jog_timeout_ms = timeout_ms
-        return Answer.OK
+        return ReturnCode.OK
 
-    def unlock(self) -> Answer:
+    def unlock(self) -> ReturnCode:
         """Unlock the base after the emergency switch was released."""
         with self._lock:
             if not self._is_locked or self._is_switch_pressed:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             self._is_locked = False
-            return Answer.OK
+            return ReturnCode.OK
 
     # ---- orders ----
 
-    def jog(self, ahead: float, left: float, turn: float) -> Answer:
+    def jog(self, ahead: float, left: float, turn: float) -> ReturnCode:
         """Drive at a velocity in the robot's frame [mm/s, degrees/s] until the jog timeout."""
         if not all(map(math.isfinite, (ahead, left, turn))):
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         tolerance = 1 + 1e-9
         if math.hypot(ahead, left) > MAX_MM_S * tolerance or abs(turn) > MAX_DEG_S * tolerance:
-            return Answer.TOO_FAST
+            return ReturnCode.TOO_FAST
         with self._lock:
-            if (answer := self.may_move()) is not Answer.OK:
+            if (answer := self.may_move()) is not ReturnCode.OK:
                 return answer
             if self._segments:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             self._jog = ahead / 1000.0, left / 1000.0, math.radians(turn)
             self._jog_until = self._latest.time + self._jog_timeout_ms / 1000.0
             self._is_idle = False
-            return Answer.OK
+            return ReturnCode.OK
 
-    def move_by(self, x: float, y: float, theta: float, is_continuous: bool = False) -> Answer:
+    def move_by(self, x: float, y: float, theta: float, is_continuous: bool = False) -> ReturnCode:
         """Move to a pose in the robot's current frame."""
 
         def segments(here: Frame) -> list[Segment]:
@@ -153,7 +153,7 @@ class Mobility(Unit):
 
         return self._move(_is_valid(x, y, theta), segments, is_continuous)
 
-    def move_to(self, x: float, y: float, theta: float) -> Answer:
+    def move_to(self, x: float, y: float, theta: float) -> ReturnCode:
         """Move to a pose in the odometry's frame, turning in the shorter direction."""
 
         def segments(here: Frame) -> list[Segment]:
@@ -162,7 +162,7 @@ class Mobility(Unit):
 
         return self._move(_is_valid(x, y, theta), segments)
 
-    def move_around(self, x: float, y: float, angle: float) -> Answer:
+    def move_around(self, x: float, y: float, angle: float) -> ReturnCode:
         """Move by `angle` around a centre in the robot's current frame."""
 
         def segments(here: Frame) -> list[Segment]:
@@ -170,7 +170,7 @@ class Mobility(Unit):
 
         return self._move(_is_valid(x, y, angle), segments)
 
-    def move_wagon(self, x: float, y: float, is_absolute: bool = False) -> Answer:
+    def move_wagon(self, x: float, y: float, is_absolute: bool = False) -> ReturnCode:
         """Turn towards a point, then drive straight."""
 
         def segments(here: Frame) -> list[Segment]:
@@ -186,19 +186,19 @@ class Mobility(Unit):
 
     def _move(
         self, is_valid: bool, segments: Callable[[Frame], Iterable[Segment]], is_continuous: bool = False
-    ) -> Answer:
+    ) -> ReturnCode:
         if not is_valid:
-            return Answer.OUT_OF_RANGE
+            return ReturnCode.OUT_OF_RANGE
         with self._lock:
-            if (answer := self.may_move()) is not Answer.OK:
+            if (answer := self.may_move()) is not ReturnCode.OK:
                 return answer
             if self.is_moving and not is_continuous:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             self._jog = None
             self._segments = deque(segment for segment in segments(self._pose) if _extent(segment) > 1e-9)
             self._begin_segment()
             self._is_idle = False
-            return Answer.OK
+            return ReturnCode.OK
 
     # ---- in the dynamics thread ----
 

@@ -8,7 +8,7 @@ from robocorba.smartpal_stand_in.setpoint import Setpoint
 from robocorba.spatial.grids import Floats
 
 
-class Motion:
+class UnitMotion:
     """points (n, 7): at least two, at equal fractions of the motion [rad]. rate, acceleration: of the fraction
     completed [1/s, 1/s^2]."""
 
@@ -42,10 +42,10 @@ class Motion:
         return self.points[index] + (progress - index) * ahead, ahead * (intervals * self._progress.speed)
 
 
-def joint_motion(start: Floats, end: Floats, speed: float, acceleration: float) -> Motion:
+def joint_motion(start: Floats, end: Floats, speed: float, acceleration: float) -> UnitMotion:
     """All joints begin and end together; the one that moves farthest has `speed` [rad/s]."""
     farthest = max(float(np.abs(end - start).max()), 1e-9)
-    return Motion(np.vstack([start, end]), speed / farthest, acceleration / farthest)
+    return UnitMotion(np.vstack([start, end]), speed / farthest, acceleration / farthest)
 
 
 def max_line_rate(points: Floats, max_joint_speed: Floats) -> float:

@@ -13,8 +13,8 @@ from robocorba.kinematics.smartpal import ARM_JOINTS, Side
 from robocorba.smartpal_stand_in.arm import Arm
 from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
 from robocorba.smartpal_stand_in.faults import Faults
-from robocorba.smartpal_stand_in.gripper import Gripper
-from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.gripper import StandInGripper
+from robocorba.smartpal_stand_in.lumbar import StandInLumbar
 from robocorba.smartpal_stand_in.mobility import Mobility
 from robocorba.smartpal_stand_in.unit import Unit
 from robocorba.spatial.frames import Frame
@@ -36,8 +36,8 @@ class SmartPal:
         self.dynamics = Dynamics(seed)
         self.mobility = Mobility(self.dynamics, start)
         self.arms = {side: Arm(side, self.dynamics) for side in Side}
-        self.grippers = {side: Gripper(side, self.dynamics, self.arms[side]) for side in Side}
-        self.lumbar = Lumbar(self.dynamics)
+        self.grippers = {side: StandInGripper(side, self.dynamics, self.arms[side]) for side in Side}
+        self.lumbar = StandInLumbar(self.dynamics)
         units: list[Unit] = [self.mobility, self.lumbar, *self.arms.values(), *self.grippers.values()]
         self.units = {unit.name: unit for unit in units}
         self.faults = Faults(self.units)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 
-from robocorba.smartpal_stand_in.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, AxesState, ReturnCode
 from robocorba.smartpal_stand_in.dynamics import Dynamics, DynamicsState
 
 #: Delay from switching a servo on until its unit is ready [s]. Assumed.
@@ -116,72 +116,72 @@ class Unit(ABC):
     def _has_fault(self) -> bool:
         return any(alarm.type is not AlarmType.WARNING for alarm in self._alarms.values())
 
-    def may_move(self) -> Answer:
+    def may_move(self) -> ReturnCode:
         """OK, or why power, servo, alarms, lock or pause forbid an order to move."""
         state = self.state
         if state in (AxesState.UNPOWERED, AxesState.POWERED):
-            return Answer.SERVO_OFF
+            return ReturnCode.SERVO_OFF
         held = (AxesState.ALARM, AxesState.STUCK, AxesState.LOCKED, AxesState.PAUSED)
-        return Answer.WRONG_STATE if state in held else Answer.OK
+        return ReturnCode.WRONG_STATE if state in held else ReturnCode.OK
 
     # ---- orders ----
 
-    def power_on(self) -> Answer:
+    def power_on(self) -> ReturnCode:
         with self._lock:
             if self._is_locked or self._has_fault:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             self._is_powered = True
-            return Answer.OK
+            return ReturnCode.OK
 
-    def power_off(self) -> Answer:
+    def power_off(self) -> ReturnCode:
         with self._lock:
             self.servo_off()
             self._is_powered = False
-            return Answer.OK
+            return ReturnCode.OK
 
-    def servo_on(self) -> Answer:
+    def servo_on(self) -> ReturnCode:
         """The servo is on, and the unit ready, after SERVO_ON_S."""
         with self._lock:
             if self._is_locked or self._has_fault or not self.is_power_on:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             if self._servo_ready_at is None:
                 self._servo_ready_at = self._latest.time + SERVO_ON_S
-            return Answer.OK
+            return ReturnCode.OK
 
-    def servo_off(self) -> Answer:
+    def servo_off(self) -> ReturnCode:
         """Brakes hold the axes then."""
         with self._lock:
             self._halt()
             self._servo_ready_at = None
-            return Answer.OK
+            return ReturnCode.OK
 
-    def stop(self) -> Answer:
+    def stop(self) -> ReturnCode:
         with self._lock:
             self._halt()
-            return Answer.OK
+            return ReturnCode.OK
 
-    def pause(self) -> Answer:
+    def pause(self) -> ReturnCode:
         """Pause a motion; a jog cannot be paused."""
         with self._lock:
             if self.state is not AxesState.BUSY:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             self._is_paused = True
-            return Answer.OK
+            return ReturnCode.OK
 
-    def resume(self) -> Answer:
+    def resume(self) -> ReturnCode:
         with self._lock:
             if not self._is_paused:
-                return Answer.WRONG_STATE
+                return ReturnCode.WRONG_STATE
             self._is_paused = False
-            return Answer.OK
+            return ReturnCode.OK
 
-    def clear_alarms(self) -> Answer:
+    def clear_alarms(self) -> ReturnCode:
         """FAILED while a persistent alarm or the emergency switch is on."""
         with self._lock:
             if self._persistent_alarm or self._is_switch_pressed:
-                return Answer.FAILED
+                return ReturnCode.FAILED
             self._alarms.clear()
-            return Answer.OK
+            return ReturnCode.OK
 
     def active_alarms(self, max_count: int) -> list[Alarm]:
         """At most `max_count`, the oldest first."""

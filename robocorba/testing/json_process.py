@@ -124,7 +124,7 @@ def _cpu_s(process: psutil.Process) -> float:
 # ---- an object in a process of its own ----
 
 
-class RemoteObject:
+class ObjectProcess:
     """The object of the context manager `make(*arguments)`, in a process that ends with the `with`."""
 
     def __init__(self, make: Callable[..., AbstractContextManager[Any]], *arguments: Any) -> None:
@@ -135,7 +135,7 @@ class RemoteObject:
         self._process.start()
         theirs.close()
 
-    def __enter__(self) -> RemoteObject:
+    def __enter__(self) -> ObjectProcess:
         self.receive()
         return self
 

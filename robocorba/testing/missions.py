@@ -66,7 +66,7 @@ def three_rooms() -> Building:
     return building
 
 
-class Start(NamedTuple):
+class RobotStart(NamedTuple):
     """Start pose of a robot [m, rad], and its sub-network. adaptor: its name and arguments, empty for a virtual robot.
     within: prefix of the command line, such as one that runs it in another network namespace."""
 
@@ -114,7 +114,7 @@ class MissionSystem:
 
     # ---- robots ----
 
-    def start(self, starts: Mapping[str, Start]) -> None:
+    def start(self, starts: Mapping[str, RobotStart]) -> None:
         """Start robots simultaneously and wait until all are ready."""
         for name, at in starts.items():
             where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import pytest
 
@@ -34,8 +35,8 @@ class Published:
     def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
         self.reasons.append(reason)
 
-    def polled(self, supplier: Supplier) -> ProxyPullConsumer:
-        one = ProxyPullConsumer(self.lock, "1", self.publish, POLICY, self.lost)
+    def polled(self, supplier: Supplier, policy: PollingPolicy = POLICY) -> ProxyPullConsumer:
+        one = ProxyPullConsumer(self.lock, "1", self.publish, policy, self.lost)
         one.connect(supplier)
         return one
 
@@ -65,6 +66,15 @@ def test_a_supplier_is_polled_continuously(published: Published) -> None:
     eventually(lambda: published.payloads == [b"a", b"b", b"c"])
     one.end()
     eventually(lambda: not any(thread.name == "from 1" for thread in threading.enumerate()))
+
+
+def test_polls_become_rare_after_an_event(published: Published) -> None:
+    supplier = Supplier(supplied("t", b"a"))
+    one = published.polled(supplier, PollingPolicy(intervals=Backoff(0.001, 3600.0, factor=1e7)))
+    eventually(lambda: supplier.asked == 3, what="the poll with the event and two without")
+    time.sleep(0.2)
+    assert supplier.asked == 3
+    one.end()
 
 
 @pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 
 import msgspec
 import numpy as np
@@ -234,6 +235,27 @@ def test_lengths_that_differ_look_different() -> None:
     for blocker in refusal.value.blockers:
         found, needed = re.findall(r"[0-9.]+(?= m)", blocker.reason)
         assert found != needed
+
+
+def kernel_versions() -> int:
+    """Compiled versions of all kernels that are loaded, one for each combination of argument types."""
+    modules = [module for name, module in list(sys.modules.items()) if name.startswith("robocorba.")]
+    kernels = {
+        id(value): value for module in modules for value in vars(module).values() if hasattr(value, "signatures")
+    }
+    return sum(len(kernel.signatures) for kernel in kernels.values())
+
+
+def test_whole_coordinates_need_no_compiling() -> None:
+    planner = PathPlanner(bent_ring())
+    whole = Place("L1", 1, 1), Place("L1", 9, 5)
+    expected = [planner.shortest(WEST, EAST).distance]
+    expected += [planner.paths(PathRequest(WEST, EAST, mode=mode, radius=0.0))[0].distance for mode in RouteMode]
+    before = kernel_versions()
+    found = [planner.shortest(*whole).distance]
+    found += [planner.paths(PathRequest(*whole, mode=mode, radius=0))[0].distance for mode in RouteMode]
+    assert found == expected
+    assert kernel_versions() == before > 0
 
 
 def test_areas_are_avoided() -> None:

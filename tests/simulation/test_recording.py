@@ -287,6 +287,9 @@ def test_the_error_names_the_kind_of_file(tmp_path: Path) -> None:
         Recording(file)
     with pytest.raises(InvalidRecording, match="Is a directory"):
         Recording(tmp_path)
+    file.touch()  # its recorder has only just begun
+    with pytest.raises(InvalidRecording, match="empty, nothing has been recorded yet"):
+        Recording(file)
     file.write_text("robocorba: 1")
     with pytest.raises(InvalidRecording, match="not an MCAP file"):
         Recording(file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from robocorba.smartpal_stand_in.codes import Answer
+from robocorba.smartpal_stand_in.codes import ReturnCode
 from robocorba.smartpal_stand_in.dynamics import STEP_S
 from robocorba.smartpal_stand_in.robot import SmartPal
 from robocorba.smartpal_stand_in.unit import SERVO_ON_S
@@ -29,13 +29,13 @@ def ready(seed: int = 1, is_fast: bool = True) -> SmartPal:
     """With power and servos on; its base's limits at their maximum (`is_fast`) or as at power-up."""
     robot = SmartPal(seed)
     for unit in (robot.mobility, robot.lumbar, *robot.arms.values()):
-        assert unit.power_on() is Answer.OK
+        assert unit.power_on() is ReturnCode.OK
     for unit in robot.units.values():
-        assert unit.servo_on() is Answer.OK
+        assert unit.servo_on() is ReturnCode.OK
     run(robot, SERVO_ON_S + 2 * STEP_S)
     if is_fast:
-        assert robot.mobility.set_velocity(1000.0, 100.0) is Answer.OK
-        assert robot.mobility.set_acceleration(1000.0, 100.0) is Answer.OK
+        assert robot.mobility.set_velocity(1000.0, 100.0) is ReturnCode.OK
+        assert robot.mobility.set_acceleration(1000.0, 100.0) is ReturnCode.OK
     return robot
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, Side
-from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer, AxesState
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, AxesState, ReturnCode
 from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready
 
@@ -29,7 +29,7 @@ class AnyOrders(RuleBasedStateMachine):
 
     @rule(unit=st.sampled_from(UNITS), order=st.sampled_from(ORDERS))
     def switch(self, unit: str, order: str) -> None:
-        assert isinstance(getattr(self.robot.units[unit], order)(), Answer)
+        assert isinstance(getattr(self.robot.units[unit], order)(), ReturnCode)
 
     @rule(unit=st.sampled_from(UNITS), kind=st.sampled_from(AlarmType), lasts=st.booleans())
     def alarm(self, unit: str, kind: AlarmType, lasts: bool) -> None:
@@ -72,16 +72,16 @@ class AnyOrders(RuleBasedStateMachine):
     def stop_all(self) -> None:
         """Whatever it does, it stops within half a second."""
         for unit in self.robot.units.values():
-            assert unit.stop() is Answer.OK
+            assert unit.stop() is ReturnCode.OK
         for _ in range(250):
             self.robot.step()
         assert not any(unit.is_moving for unit in self.robot.units.values())
         assert not self.robot.dynamics.base_velocity.any()
         assert not self.robot.dynamics.joint_velocities.any()
 
-    def moves(self, side: Side, answer: Answer) -> None:
+    def moves(self, side: Side, answer: ReturnCode) -> None:
         may = self.robot.arms[side].state in (AxesState.BUSY, AxesState.JOG_BUSY)
-        assert answer is not Answer.OK or may
+        assert answer is not ReturnCode.OK or may
 
     @invariant()
     def limits_are_kept(self) -> None:
@@ -106,7 +106,7 @@ class AnyOrders(RuleBasedStateMachine):
                     AxesState.LOCKED,
                 )
                 assert not unit.is_jogging
-                assert unit.may_move() is not Answer.OK
+                assert unit.may_move() is not ReturnCode.OK
 
 
 AnyOrders.TestCase.settings = settings(max_examples=15, stateful_step_count=25, deadline=None)

@@ -11,16 +11,16 @@ import pytest
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, Side
 from robocorba.smartpal_stand_in.arm import MAX_MOTIONS, Arm
-from robocorba.smartpal_stand_in.codes import Answer, AxesState
+from robocorba.smartpal_stand_in.codes import AxesState, ReturnCode
 from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (
-    Answer.OK,
-    Answer.WRONG_STATE,
-    Answer.OUT_OF_RANGE,
-    Answer.TOO_FAST,
-    Answer.SERVO_OFF,
+    ReturnCode.OK,
+    ReturnCode.WRONG_STATE,
+    ReturnCode.OUT_OF_RANGE,
+    ReturnCode.TOO_FAST,
+    ReturnCode.SERVO_OFF,
 )
 BENT = [5.0, -10.0, 0.0, 80.0, 0.0, 5.0, 0.0]
 NAN = math.nan
@@ -70,10 +70,10 @@ def test_from_power_up_to_ready() -> None:
         (lambda arm: arm.move_line(False, [2000.0, *[0.0] * 5], 0.0, (100.0, 10.0)), RANGE),
         (lambda arm: arm.move_line(False, [100.0, *[0.0] * 5], 0.0, (100.0, 0.0)), RANGE),
         (lambda arm: arm.move_line(False, [100.0, *[0.0] * 5], 0.0, (701.0, 10.0)), FAST),
-        (lambda arm: arm.set_joint_acceleration(499), Answer.TOO_MUCH_ACCELERATION),
+        (lambda arm: arm.set_joint_acceleration(499), ReturnCode.TOO_MUCH_ACCELERATION),
         (lambda arm: arm.set_joint_acceleration(10_001), RANGE),
         (lambda arm: arm.set_joint_acceleration(500), OK),
-        (lambda arm: arm.set_line_acceleration(250, 249), Answer.TOO_MUCH_ACCELERATION),
+        (lambda arm: arm.set_line_acceleration(250, 249), ReturnCode.TOO_MUCH_ACCELERATION),
         (lambda arm: arm.set_line_acceleration(250, 250), OK),
         (lambda arm: arm.set_jog_timeout(19), RANGE),
         (lambda arm: arm.set_jog_timeout(100), OK),
@@ -83,7 +83,7 @@ def test_from_power_up_to_ready() -> None:
         (lambda arm: arm.stop(), OK),
     ],
 )
-def test_answers_while_it_stands(order: Callable[[Arm], Answer], answer: Answer) -> None:
+def test_answers_while_it_stands(order: Callable[[Arm], ReturnCode], answer: ReturnCode) -> None:
     assert order(ready().arms[Side.LEFT]) is answer
 
 
@@ -92,7 +92,7 @@ def test_motions_wait_their_turn_and_the_queue_is_bounded() -> None:
     arm = robot.arms[Side.LEFT]
     for _ in range(MAX_MOTIONS):
         assert arm.move_joints([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 60.0, is_relative=True) is OK
-    assert arm.move_joints(BENT, 60.0) is Answer.QUEUE_FULL
+    assert arm.move_joints(BENT, 60.0) is ReturnCode.QUEUE_FULL
     assert arm.state is AxesState.BUSY
     assert arm.jog_joints([1.0] * 7) is WRONG
     assert arm.jog_line(False, [1.0] * 6, 0.0) is WRONG
@@ -183,9 +183,9 @@ def test_a_line_that_no_joint_can_follow_as_fast_is_slower() -> None:
     robot, arm = bent()
     start = arm.control_point(arm.command)
     slow = [*start[:5], start[5] + 20.0]
-    assert arm.move_line(False, slow, start[6], (700.0, 90.0)) in (OK, Answer.SPEED_WARNING)
+    assert arm.move_line(False, slow, start[6], (700.0, 90.0)) in (OK, ReturnCode.SPEED_WARNING)
     fast = arm.move_line(True, [-250.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0, (700.0, 90.0))
-    assert fast is Answer.SPEED_WARNING
+    assert fast is ReturnCode.SPEED_WARNING
     for _ in range(200):
         run(robot, 0.01)
         assert np.abs(robot.dynamics.joint_velocities[ARM[Side.LEFT]]).max() <= math.radians(90.0) * 1.01

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import pytest
 
 from robocorba.kinematics.smartpal import Side
-from robocorba.smartpal_stand_in.codes import Answer, AxesState
-from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.codes import AxesState, ReturnCode
+from robocorba.smartpal_stand_in.lumbar import StandInLumbar
 from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, until_stopped
 
-OK, WRONG, RANGE, FAST = Answer.OK, Answer.WRONG_STATE, Answer.OUT_OF_RANGE, Answer.TOO_FAST
-ACCELERATION = Answer.TOO_MUCH_ACCELERATION
+OK, WRONG, RANGE, FAST = ReturnCode.OK, ReturnCode.WRONG_STATE, ReturnCode.OUT_OF_RANGE, ReturnCode.TOO_FAST
+ACCELERATION = ReturnCode.TOO_MUCH_ACCELERATION
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,9 @@ ACCELERATION = Answer.TOO_MUCH_ACCELERATION
         (lambda lumbar: lumbar.move_cooperative(-4.0, 30.0, 60.0), (-4.0, 0.0)),
     ],
 )
-def test_the_lumbar_goes_where_it_shall(order: Callable[[Lumbar], Answer], ends: tuple[float, float]) -> None:
+def test_the_lumbar_goes_where_it_shall(
+    order: Callable[[StandInLumbar], ReturnCode], ends: tuple[float, float]
+) -> None:
     robot = ready()
     assert order(robot.lumbar) is OK
     assert robot.lumbar.state is AxesState.BUSY
@@ -51,7 +53,7 @@ def test_the_lumbar_goes_where_it_shall(order: Callable[[Lumbar], Answer], ends:
         (lambda lumbar: lumbar.pause(), WRONG),
     ],
 )
-def test_what_the_lumbar_refuses(order: Callable[[Lumbar], Answer], answer: Answer) -> None:
+def test_what_the_lumbar_refuses(order: Callable[[StandInLumbar], ReturnCode], answer: ReturnCode) -> None:
     assert order(ready().lumbar) is answer
 
 

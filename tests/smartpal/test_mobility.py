@@ -8,17 +8,17 @@ from typing import Any
 
 import pytest
 
-from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer, MobilityState
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, MobilityState, ReturnCode
 from robocorba.smartpal_stand_in.mobility import Mobility
 from robocorba.smartpal_stand_in.robot import SmartPal
 from tests.smartpal.robots import ready, run, speed, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (
-    Answer.OK,
-    Answer.WRONG_STATE,
-    Answer.OUT_OF_RANGE,
-    Answer.TOO_FAST,
-    Answer.SERVO_OFF,
+    ReturnCode.OK,
+    ReturnCode.WRONG_STATE,
+    ReturnCode.OUT_OF_RANGE,
+    ReturnCode.TOO_FAST,
+    ReturnCode.SERVO_OFF,
 )
 NAN = math.nan
 
@@ -64,7 +64,7 @@ def test_from_power_up_to_ready() -> None:
         (lambda base: base.clear_alarms(), OK),
     ],
 )
-def test_answers_while_it_stands(order: Callable[[Mobility], Answer], answer: Answer) -> None:
+def test_answers_while_it_stands(order: Callable[[Mobility], ReturnCode], answer: ReturnCode) -> None:
     assert order(ready().mobility) is answer
 
 
@@ -175,7 +175,7 @@ def test_an_alarm_stops_it_until_it_is_cleared() -> None:
     assert base.active_alarms(0) == base.active_alarms(-3) == []
     run(robot, 0.1)
     assert speed(robot) < 0.005
-    assert base.clear_alarms() is Answer.FAILED
+    assert base.clear_alarms() is ReturnCode.FAILED
     base.set_persistent_alarm(None)
     assert base.clear_alarms() is OK
     assert base.mobility_state is MobilityState.POWERED
@@ -198,7 +198,7 @@ def test_the_emergency_switch_locks_it() -> None:
     robot.faults.emergency_switch(True)
     assert {unit.state.name for unit in robot.units.values()} == {"LOCKED"}
     assert base.unlock() is WRONG
-    assert base.clear_alarms() is Answer.FAILED
+    assert base.clear_alarms() is ReturnCode.FAILED
     robot.faults.emergency_switch(False)
     assert base.mobility_state is MobilityState.LOCKED
     assert robot.lumbar.state.name == "ALARM"

@@ -17,7 +17,7 @@ import pytest
 
 from robocorba.testing.missions import (
     MissionSystem,
-    Start,
+    RobotStart,
     Watch,
     missions,
     save_three_rooms,
@@ -29,12 +29,12 @@ pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(400)]
 #: A table for three and a desk for two, and where either may stand.
 GOALS = {"table": ((3.8, 2.6), (2.2, 2.6)), "desk": ((3.8, 7.6), (2.2, 7.6))}
 TABLE_CREW = {
-    "A": Start(0.7, 1.0, 0.0, "lab"),
-    "B": Start(4.6, 3.6, math.pi, "lab"),
-    "C": Start(5.2, 1.0, math.pi, "hall"),
-    "D": Start(7.0, 2.6, math.pi, "hall"),
+    "A": RobotStart(0.7, 1.0, 0.0, "lab"),
+    "B": RobotStart(4.6, 3.6, math.pi, "lab"),
+    "C": RobotStart(5.2, 1.0, math.pi, "hall"),
+    "D": RobotStart(7.0, 2.6, math.pi, "hall"),
 }
-DESK_CREW = {"E": Start(0.7, 6.2, 0.0, "yard"), "F": Start(4.6, 8.6, math.pi, "hall")}
+DESK_CREW = {"E": RobotStart(0.7, 6.2, 0.0, "yard"), "F": RobotStart(4.6, 8.6, math.pi, "hall")}
 
 
 class Ended(NamedTuple):
@@ -47,7 +47,7 @@ class Ended(NamedTuple):
 class Crew:
     """Robots that carry something: one mission after the other."""
 
-    def __init__(self, place: MissionSystem, crew: dict[str, Start], thing: str) -> None:
+    def __init__(self, place: MissionSystem, crew: dict[str, RobotStart], thing: str) -> None:
         self.place, self.crew, self.thing = place, set(crew), thing
 
     @property

@@ -52,9 +52,12 @@ def robots(system: Running, system_orb: Orb) -> Iterator[None]:
 
     driver = threading.Thread(target=drive)
     driver.start()
-    yield
-    ended.set()
-    driver.join()
+    try:
+        eventually(lambda: all(session.state().moving.ahead > 0.0 for session in sessions), PATIENCE_S, "moving robots")
+        yield
+    finally:
+        ended.set()
+        driver.join()
     for session in sessions:
         session.deregister()
 

@@ -10,10 +10,10 @@ from omniORB import CORBA
 
 from robocorba.smartpal_stand_in.arm import Arm
 from robocorba.smartpal_stand_in.axes import AxesUnit
-from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, Answer
+from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, ReturnCode
 from robocorba.smartpal_stand_in.faults import Faults, InvalidFault
-from robocorba.smartpal_stand_in.gripper import Gripper
-from robocorba.smartpal_stand_in.lumbar import Lumbar
+from robocorba.smartpal_stand_in.gripper import StandInGripper
+from robocorba.smartpal_stand_in.lumbar import StandInLumbar
 from robocorba.smartpal_stand_in.mobility import WHEELS, Mobility
 from robocorba.smartpal_stand_in.unit import VERSION, Unit
 from robocorba.stubs import (
@@ -45,20 +45,20 @@ def _with_network_faults(servant: Servant) -> Servant:
     return servant
 
 
-def _is_ok(answer: Answer) -> bool:
-    return answer is Answer.OK
+def _is_ok(answer: ReturnCode) -> bool:
+    return answer is ReturnCode.OK
 
 
-def _accepts(operation: Callable[..., Answer]) -> Callable[..., bool]:
+def _accepts(operation: Callable[..., ReturnCode]) -> Callable[..., bool]:
     """A method of a servant that calls this operation of its unit; returns whether the unit accepts it."""
 
     def method(self: Any, *arguments: Any) -> bool:
-        return getattr(self._unit, operation.__name__)(*arguments) is Answer.OK
+        return getattr(self._unit, operation.__name__)(*arguments) is ReturnCode.OK
 
     return method
 
 
-def _answers(operation: Callable[..., Answer]) -> Callable[..., Answer]:
+def _answers(operation: Callable[..., ReturnCode]) -> Callable[..., ReturnCode]:
     """As `_accepts`, but returns the unit's answer."""
 
     def method(self: Any, *arguments: Any) -> Any:
@@ -166,41 +166,41 @@ class ArmServant(_GlobalIDL__POA.ArmUnit):
     setJointAcceleration = _answers(Arm.set_joint_acceleration)
 
     def getActiveAlarm(self, max_count: int) -> tuple[int, int, list[Any]]:
-        return (Answer.OK, *_alarms(self._unit, max_count))
+        return (ReturnCode.OK, *_alarms(self._unit, max_count))
 
     def getCommandPos(self, frame: Any) -> tuple[int, list[float]]:
-        return Answer.OK, self._in_frame(frame, self._unit.command)
+        return ReturnCode.OK, self._in_frame(frame, self._unit.command)
 
     def getFeedbackPos(self, frame: Any) -> tuple[int, list[float]]:
-        return Answer.OK, self._in_frame(frame, self._unit.feedback)
+        return ReturnCode.OK, self._in_frame(frame, self._unit.feedback)
 
     def _in_frame(self, frame: Any, joints: list[float]) -> list[float]:
         return joints if frame == _GlobalIDL.JOINT else self._unit.control_point(joints)
 
     def getJointAcceleration(self) -> tuple[int, int]:
-        return Answer.OK, self._unit.joint_acceleration_ms
+        return ReturnCode.OK, self._unit.joint_acceleration_ms
 
     def getLinearAcceleration(self) -> tuple[int, Any]:
-        return Answer.OK, _GlobalIDL.Acceleration(*self._unit.line_acceleration_ms)
+        return ReturnCode.OK, _GlobalIDL.Acceleration(*self._unit.line_acceleration_ms)
 
     def getJointSoftLimit(self) -> tuple[int, list[Any]]:
-        return Answer.OK, [_GlobalIDL.LimitValue(upper, lower) for upper, lower in self._unit.soft_limits]
+        return ReturnCode.OK, [_GlobalIDL.LimitValue(upper, lower) for upper, lower in self._unit.soft_limits]
 
     def getMaxJointVelocity(self) -> tuple[int, list[float]]:
-        return Answer.OK, self._unit.max_speed_deg
+        return ReturnCode.OK, self._unit.max_speed_deg
 
     def getMaxJointAcceleration(self) -> tuple[int, list[float]]:
-        return Answer.OK, self._unit.max_acceleration_deg
+        return ReturnCode.OK, self._unit.max_acceleration_deg
 
     def getMotionRate(self) -> tuple[int, int]:
-        return Answer.OK, self._unit.motion_rate
+        return ReturnCode.OK, self._unit.motion_rate
 
     def getState(self) -> tuple[int, int, str]:
         state = self._unit.state
-        return Answer.OK, int(state), _state_text(state)
+        return ReturnCode.OK, int(state), _state_text(state)
 
     def getVersion(self) -> tuple[int, str]:
-        return Answer.OK, VERSION
+        return ReturnCode.OK, VERSION
 
     def isMoving(self) -> bool:
         return self._unit.is_moving
@@ -245,7 +245,7 @@ def _soft_limits(unit: AxesUnit) -> tuple[bool, int, list[Any]]:
 class _AxesServant:
     """Base of the servants of gripper and lumbar."""
 
-    _unit: Gripper | Lumbar
+    _unit: StandInGripper | StandInLumbar
     _faults: Faults
 
     servoOn = _accepts(AxesUnit.servo_on)
@@ -282,7 +282,7 @@ _with_network_faults(_AxesServant)
 class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
     """GripperUnit."""
 
-    def __init__(self, unit: Gripper, faults: Faults) -> None:
+    def __init__(self, unit: StandInGripper, faults: Faults) -> None:
         self._unit, self._faults = unit, faults
 
     def move(self, position: float, speed: float, acceleration: float) -> bool:
@@ -299,13 +299,13 @@ class GripperServant(_AxesServant, _GlobalIDL__POA.GripperUnit):
 class LumbarServant(_AxesServant, _GlobalIDL__POA.LumbarUnit):
     """LumbarUnit."""
 
-    def __init__(self, unit: Lumbar, faults: Faults) -> None:
-        self._unit: Lumbar = unit
+    def __init__(self, unit: StandInLumbar, faults: Faults) -> None:
+        self._unit: StandInLumbar = unit
         self._faults = faults
 
-    powerOn = _accepts(Lumbar.power_on)
-    powerOff = _accepts(Lumbar.power_off)
-    moveCooperative = _accepts(Lumbar.move_cooperative)
+    powerOn = _accepts(StandInLumbar.power_on)
+    powerOff = _accepts(StandInLumbar.power_off)
+    moveCooperative = _accepts(StandInLumbar.move_cooperative)
 
     def getState(self) -> tuple[bool, int, str]:
         state = self._unit.state
