@@ -43,7 +43,7 @@ MAX_VALID_S = 5.0
 class SimulatedRobot:
     """A robot in the building. Its methods and `holding` are thread-safe."""
 
-    __slots__ = ("_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
+    __slots__ = ("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
 
     def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
         self.description, self.number = description, number
@@ -52,7 +52,7 @@ class SimulatedRobot:
         self.collisions = 0
         #: Name of the robot or object of the last collision; empty for a static obstacle.
         self.touched = ""
-        self._last = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0))
+        self._last, self._held = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0)), ""
 
     @property
     def name(self) -> str:
@@ -74,8 +74,11 @@ class SimulatedRobot:
 
     @property
     def holding(self) -> str:
-        """Name of the held object; empty for none."""
-        return _owner(self.physics.holding(self.body))
+        """Name of the held object after the last step; empty for none."""
+        snapshot = self.physics.snapshot
+        if self.body in snapshot.row_of:  # else it was just added or is changing floors
+            self._held = _owner(snapshot.held.get(self.body, ""))
+        return self._held
 
     def state(self) -> RobotMotion:
         """Pose and velocity after the last step."""
@@ -219,11 +222,13 @@ class SimulatedBuilding:
             reason = f"{point} is {gap_m:.2f} m off its outline; at most {MAX_GRIP_DISTANCE_M:g} m"
             raise CannotGrip(object_name, reason)
         robot.physics.grip(robot.body, _object_body(object_name), at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+        robot.physics.refresh()
 
     def release(self, name: str) -> None:
         """Release the held object, if any. Raises UnknownRobot."""
         robot = self._robot(name)
         robot.physics.release(robot.body)
+        robot.physics.refresh()
 
     def call_elevator(self, name: str, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
         """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.

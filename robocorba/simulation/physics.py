@@ -186,11 +186,6 @@ class FloorPhysics:
         x, y = grip.joint.a.local_to_world(grip.joint.anchor_a)
         return grip.held, (x, y)
 
-    def holding(self, robot: str) -> str:
-        """Name of the object that a robot holds; empty for none. Thread-safe."""
-        grip = self._grips.get(robot)
-        return grip.held if grip else ""
-
     def distance(self, name: str, at: tuple[float, float]) -> float:
         """Distance from a point to a body [m]; 0 or negative inside. Raises KeyError."""
         return float(min(shape.point_query(at).distance for shape in self._bodies[name].shapes))
@@ -253,6 +248,7 @@ class FloorPhysics:
         names = [self._name_of.get(id, "") for id in self._batched.rebuild()]  # includes the static body
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
+        self._held = {robot: grip.held for robot, grip in self._grips.items()}
         self._commands = np.empty((len(names), 4))
         self._commanded = [name if name in self._robots else "" for name in names]
         self._has_changed, self._has_new_commands = False, True
@@ -292,7 +288,9 @@ class FloorPhysics:
         contacts = self._contacts
         if contacts:
             self._contacts = []
-        return StepResult(contacts, self._drop_slipped_grips() if self._grips else [])
+        lost = self._drop_slipped_grips() if self._grips else []
+        self._rebuild_rows_if_changed()
+        return StepResult(contacts, lost)
 
     def set_steps(self, steps: int) -> None:
         """Set the number of passed steps, and the time accordingly."""
@@ -325,7 +323,8 @@ class FloorPhysics:
 
     def _take_snapshot(self) -> None:
         self._batched.read()
-        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, self._batched.state.copy())
+        rows = self._batched.state.copy()
+        self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, rows, self._held)
 
     def _contact_began(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Record a contact; pymunk calls this within a step."""

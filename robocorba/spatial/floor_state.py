@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cached_property, partial
 from itertools import repeat
 
@@ -30,11 +31,13 @@ class FloorState:
     """Immutable snapshot of a floor after a step.
 
     names: of the bodies, row by row; empty for the static body. row_of: row of each name. rows: (n, 6) of x, y [m],
-    heading [rad], velocity along x and y [m/s], turn [rad/s]."""
+    heading [rad], velocity along x and y [m/s], turn [rad/s]. held: body that each robot's body holds, by name."""
 
-    def __init__(self, floor: str, time: float, names: list[str], row_of: dict[str, int], rows: Floats) -> None:
+    def __init__(
+        self, floor: str, time: float, names: list[str], row_of: dict[str, int], rows: Floats, held: Mapping[str, str]
+    ) -> None:
         self.floor, self.time = floor, time
-        self.names, self.row_of, self.rows = names, row_of, rows
+        self.names, self.row_of, self.rows, self.held = names, row_of, rows, held
 
     @cached_property
     def states(self) -> list[RobotMotion]:

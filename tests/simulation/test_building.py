@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import pytest
@@ -13,7 +15,7 @@ from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.elevator import RidePhase
-from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import area_request
 from robocorba.simulation.world_record import WorldRecord
@@ -170,7 +172,7 @@ def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -
         pytest.fail("B was never let in")
 
 
-def test_riders_keep_their_grips_on_the_other_floor() -> None:
+def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     building = tower()
     table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
     world = SimulatedBuilding(building.with_element("L1", table))
@@ -180,9 +182,24 @@ def test_riders_keep_their_grips_on_the_other_floor() -> None:
         world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
         world.step()
     world.grip("A", "T2", (5.0, 5.3))
+    seen = []
+
+    def looked_at_before(change: Callable[..., Any]) -> Callable[..., Any]:
+        """`change`, before which another thread reads the state of A."""
+
+        def looking(*args: Any) -> Any:
+            seen.append(world.robots["A"].holding)
+            return change(*args)
+
+        return looking
+
+    for name in ("add_robot", "add_object", "remove", "grip", "step"):
+        monkeypatch.setattr(FloorPhysics, name, looked_at_before(getattr(FloorPhysics, name)))
     while world.pose("A").floor == "L1":
         world.step()
+    world.step()
     assert world.robots["A"].holding == "T2"
+    assert set(seen) == {"T2"}
     assert world.objects["T2"][1] == "L2"
 
 
