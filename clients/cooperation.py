@@ -113,7 +113,9 @@ class Cooperation:
         return self._led
 
     def cooperate(self, icon: Icon, mission: str = "") -> None:
-        """Lead a mission to its end; `mission` names it, empty for a new name. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
+        """Lead a mission to its end; `mission` names it, empty for a new name.
+
+        Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
         agent = self._agent
         if agent is None:
             raise MissionFailed("the robot has no event channel; start it with --channel")

@@ -20,7 +20,7 @@ from robocorba.spatial.floor_update import Body, FloorView
 KEPT_S = 1800.0
 #: Shortest interval between the moments of a floor [s].
 INTERVAL_S = 0.2
-#: Maximum memory of the rows of all moments [bytes]; beyond, the oldest moments of the floor with most of them are forgotten.
+#: Maximum memory of the rows of all moments [bytes]; beyond, the oldest moments of the fullest floor are forgotten.
 MAX_BYTES = 256 * 1024 * 1024
 
 

@@ -20,9 +20,13 @@ from robocorba.console.access import Access
 from robocorba.console.history import History
 from robocorba.console.live_floors import LiveFloors
 from robocorba.console.live_plans import LivePlans
+from robocorba.console.map_operations import MapOperations
+from robocorba.console.mission_operations import MissionOperations
 from robocorba.console.operations import Operations
 from robocorba.console.pages import add_pages
+from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.settings import ConsoleSettings
+from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
@@ -49,6 +53,8 @@ class Console:
         self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
         self.plans = LivePlans(orb, self.viewers.notify)
         self.operations = Operations(orb)
+        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb), SimulationOperations(orb)):
+            self.operations.add(part)
 
     def app(self) -> Access:
         """The web application."""

@@ -96,7 +96,8 @@ TaskT = TypeVar("TaskT", bound=Task)
 
 
 class ControlAgent:
-    """Thread-safe. others: for events and cooperative icons. check: checks a program from the present state. ticks: records programs. nearby: other robots and obstacles; see Robot."""
+    """Thread-safe. others: for events and cooperative icons. check: checks a program from the present state. ticks:
+    records programs. nearby: other robots and obstacles; see Robot."""
 
     def __init__(
         self,

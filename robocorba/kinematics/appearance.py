@@ -34,8 +34,8 @@ Vector = tuple[float, float, float]
 
 
 class Shape(Enum):
-    """What `Part.size` means. Box: its sides along x, y, z. Cone, upright: radii along x and y at the bottom, those at the
-    top relative to these (1: a cylinder), and height. Ellipsoid: its radii."""
+    """What `Part.size` means. Box: its sides along x, y, z. Cone, upright: radii along x and y at the bottom, those at
+    the top relative to these (1: a cylinder), and height. Ellipsoid: its radii."""
 
     BOX = "box"
     CONE = "cone"

@@ -1,9 +1,9 @@
 """The console's pages."""
 
-from robocorba.console.pages import monitor, simulator3d
+from robocorba.console.pages import map, missions, monitor, program, simulator3d
 
 
 def add_pages() -> None:
     """Register all pages with NiceGUI."""
-    monitor.add_page()
-    simulator3d.add_page()
+    for page in (monitor, simulator3d, program, map, missions):
+        page.add_page()

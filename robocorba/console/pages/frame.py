@@ -10,7 +10,13 @@ from nicegui import ui
 
 STATIC = Path(__file__).parent.parent / "static"
 #: Address, title and icon of each page.
-PAGES = (("/", "Monitor", "sensors"), ("/3d", "3D", "view_in_ar"))
+PAGES = (
+    ("/", "Monitor", "sensors"),
+    ("/3d", "3D", "view_in_ar"),
+    ("/program", "Program", "extension"),
+    ("/map", "Map", "map"),
+    ("/missions", "Missions", "groups"),
+)
 
 
 class PageHeader(ui.element, component=STATIC / "page_header.js"):

@@ -36,7 +36,8 @@ _OBSTACLE_KINDS = {"walls": ElementKind.WALL, "objects": ElementKind.OBJECT, "do
 class RemoteMap:
     """A copy of the geometrical maps and elevators of the building, loaded once and then updated by changes.
 
-    with_topology: also of the topological maps. Raises NotReachable if there is no map editor within `timeout_s`, or if loading fails."""
+    with_topology: also of the topological maps. Raises NotReachable if there is no map editor within `timeout_s`, or if
+    loading fails."""
 
     def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S, with_topology: bool = False) -> None:
         self._omitted = () if with_topology else _TOPOLOGICAL_KINDS

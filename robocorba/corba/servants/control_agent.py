@@ -19,8 +19,8 @@ MAX_MISSION_NAME = 200
 
 
 class Missions(Protocol):
-    """The robot's part in missions. mission: the one that it leads or takes part in, led_mission: the one that it leads;
-    empty for none."""
+    """The robot's part in missions. mission: the one that it leads or takes part in; led_mission: the one that it
+    leads; empty for none."""
 
     @property
     def mission(self) -> str: ...

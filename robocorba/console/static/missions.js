@@ -1,0 +1,3 @@
+export default {
+  template: `<div class="console-empty">not written yet</div>`,
+};
