@@ -189,6 +189,14 @@ class Orb:
         with contextlib.suppress(PortableServer.POA.ObjectNotActive):
             self._named_adapter.deactivate_object(key.encode())
 
+    def is_own(self, reference: Any) -> bool:
+        """Whether this process serves the object of a reference under a name or a key."""
+        try:
+            self._named_adapter.reference_to_id(reference)
+        except (PortableServer.POA.WrongAdapter, CORBA.SystemException):
+            return False
+        return True
+
     def uri(self, reference: Any) -> str:
         """The stringified form of a reference, which `reference` converts back in any process."""
         return str(self._orb.object_to_string(reference))
