@@ -42,14 +42,14 @@ def evict(robot: str, state: State = None) -> None:
 
 @app.command()
 def pace(
-    seconds: Annotated[
+    factor: Annotated[
         float, typer.Argument(help="Simulated seconds per second; 1: real time, 0: as fast as possible.")
     ],
     state: State = None,
 ) -> None:
     """Set the pace of simulated time."""
     with _administrator(state) as administrator:
-        administrator.setPace(seconds)
+        administrator.setPace(factor)
 
 
 @app.command()

@@ -166,7 +166,8 @@ class Orb:
         self._bound_names.start(served)
 
     def activate(self, servant: Any, key: str = "") -> Any:
-        """A reference to an object that lives until `deactivate`, at most as long as this process.
+        """A reference to an object that lives until `deactivate`, or with a key `deactivate_key`, at most as long as
+        this process.
 
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
@@ -180,13 +181,21 @@ class Orb:
         return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
 
     def deactivate(self, servant: Any) -> None:
-        """Deactivate a servant; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
+        """Deactivate a servant without a key; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
         self._root_adapter.deactivate_object(self._root_adapter.servant_to_id(servant))
 
     def deactivate_key(self, key: str) -> None:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
         with contextlib.suppress(PortableServer.POA.ObjectNotActive):
             self._named_adapter.deactivate_object(key.encode())
+
+    def is_own(self, reference: Any) -> bool:
+        """Whether this process serves the object of a reference under a name or a key."""
+        try:
+            self._named_adapter.reference_to_id(reference)
+        except (PortableServer.POA.WrongAdapter, CORBA.SystemException):
+            return False
+        return True
 
     def uri(self, reference: Any) -> str:
         """The stringified form of a reference, which `reference` converts back in any process."""
