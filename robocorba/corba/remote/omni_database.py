@@ -62,7 +62,7 @@ class RemoteDatabase:
         """Scans on a floor after a simulated time [s], the last one of each sensor.
 
         Raises UnknownFloor, NotReachable."""
-        return [scans.robot_scan_of(scan) for scan in self._database.call(lambda to: to.scansSince(floor, time_s))]
+        return self._database.call(lambda to: [scans.robot_scan_of(scan) for scan in to.scansSince(floor, time_s)])
 
     def postures(self, floor: str, time_s: float) -> list[Posture]:
         """Postures that robots on a floor reported after a simulated time [s]. Raises UnknownFloor, NotReachable."""
