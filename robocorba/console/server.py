@@ -25,6 +25,7 @@ from robocorba.console.map_operations import MapOperations
 from robocorba.console.mission_operations import MissionOperations
 from robocorba.console.operations import Operations
 from robocorba.console.pages import add_pages
+from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.settings import ConsoleSettings
 from robocorba.console.simulation_operations import SimulationOperations
@@ -57,8 +58,10 @@ class Console:
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
         self.operations = Operations(orb)
-        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb), SimulationOperations(orb)):
+        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
             self.operations.add(part)
+        self.operations.add(SimulationOperations(orb, settings.administrator, settings.supervisor))
+        self.operations.add(ProcessOperations(orb, settings.supervisor))
 
     def app(self) -> Access:
         """The web application."""
