@@ -9,6 +9,7 @@ from robocorba.corba.conversion import floors
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.services import NotReachable
+from robocorba.simulation.store import Mission
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
@@ -54,6 +55,11 @@ class RemoteDatabase:
     def changes(self, floor: str, since: int) -> FloorUpdate:
         """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
         return self._database.call(lambda database: changes(database, floor, since))
+
+    def put_mission(self, mission: Mission) -> int:
+        """Store a mission; return its new version. Raises InvalidMission, StaleMission, NotReachable."""
+        record = RoboCorba.MissionRecord(mission.name, mission.version, mission.document)
+        return int(self._database.call(lambda database: database.putMission(record)))
 
     def set_resolve_timeout(self, timeout_s: float) -> None:
         self._database.resolve_timeout_s = timeout_s
