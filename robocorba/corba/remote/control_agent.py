@@ -57,6 +57,10 @@ class RemoteAgent:
     def abort(self) -> None:
         self._call(self._agent.abort)
 
+    def abort_mission(self, mission: str) -> None:
+        """Abort this mission. Raises UnknownMission if the robot does not lead it."""
+        self._call(lambda: self._agent.abortMission(mission))
+
     def stop(self) -> None:
         """Emergency stop."""
         self._call(self._agent.stop)
