@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from fastapi import WebSocket, WebSocketDisconnect
 
 from robocorba.console.live_floors import LiveFloors
+from robocorba.console.live_missions import LiveMissions, MissionFeed
 from robocorba.console.live_plans import LivePlans
 from robocorba.errors.paths import UnknownFloor
 
@@ -38,6 +39,8 @@ class Viewers:
         self._state_text: tuple[float, str] = 0.0, ""
         self.floors: LiveFloors
         self.plans: LivePlans
+        #: The building's missions; None without mission control.
+        self.missions: LiveMissions | None = None
 
     def attach(self, floors: LiveFloors, plans: LivePlans) -> None:
         """Serve viewers of these floors and plans with the running event loop."""
@@ -68,6 +71,7 @@ class Viewers:
     def overview(self) -> str:
         """Floors, map version and problems as a message."""
         problems = {"floors": self.floors.problem, "map": self.plans.problem}
+        problems["missions"] = self.missions.problem if self.missions else ""
         return json.dumps({"floors": self.floors.names, "map": self.plans.version, "problems": problems})
 
     async def serve(self, socket: WebSocket) -> None:
@@ -85,6 +89,7 @@ class Viewers:
         finally:
             self._viewers.discard(viewer)
             self.floors.watch(viewer, ())
+            viewer.missions.want(False)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -101,6 +106,7 @@ class Viewer:
         #: Version of each watched floor that the browser has.
         self._sent: dict[str, int] = {}
         self._overview = ""
+        self.missions = MissionFeed(viewers.missions)
 
     async def send(self) -> None:
         loop = asyncio.get_running_loop()
@@ -112,6 +118,8 @@ class Viewer:
                 self._overview = overview
             for name in list(self._sent):
                 await self._send_floor(name)
+            if missions := self.missions.message():
+                await self._socket.send_text(missions)
             if loop.time() >= next_state_s:
                 next_state_s = loop.time() + STATE_INTERVAL_S
                 await self._socket.send_text(self._viewers.state_text())
@@ -135,8 +143,10 @@ class Viewer:
             if len(text) > MAX_MESSAGE:
                 return
             try:
-                wanted = json.loads(text)["watch"]
+                message = json.loads(text)
+                wanted = message["watch"]
                 names = [name for name in wanted if isinstance(name, str)][:MAX_FLOORS]
+                self.missions.want(message.get("missions") is True)
             except (ValueError, KeyError, TypeError):
                 return
             self._sent = {name: self._sent.get(name, 0) for name in names}

@@ -15,7 +15,7 @@ from robocorba.simulation.store import MAX_DOCUMENT
 #: Texts of a record; CORBA strings have no NUL.
 Text = Annotated[str, Meta(max_length=2000, pattern="^[^\x00]*$")]
 Seconds = Annotated[float, Meta(ge=0.0, le=1e12)]
-Count = Annotated[int, Meta(ge=0, lt=2**31)]
+Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 #: Maximum number of members and of phases.
 MAX_MEMBERS, MAX_PHASES = 100, 1000
 #: Maximum length of the leader's part in a new mission's name [characters].
@@ -58,7 +58,7 @@ class MissionContent(Struct, frozen=True, kw_only=True):
     kind: Text
     about: Text
     leader: Text
-    term: Annotated[int, Meta(ge=0, lt=2**63)] = 1
+    term: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
     members: Annotated[tuple[MemberRecord, ...], Meta(max_length=MAX_MEMBERS)] = ()
     phases: Annotated[tuple[PhaseRecord, ...], Meta(max_length=MAX_PHASES)] = ()
     phases_in_all: Count = 0
