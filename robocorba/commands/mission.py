@@ -84,11 +84,14 @@ def list_missions(naming: Naming = None, as_json: Json = False) -> None:
     if as_json:
         typer.echo(json.dumps([_as_json(state) for state in states], indent=1))
         return
-    table = Table("mission", "task", "leader", "began", "duration", "phase", "result")
+    table = Table()
+    for head in ("mission", "task", "leader", "began", "took", "phase", "result"):
+        table.add_column(head, no_wrap=head in ("mission", "result"))  # names are for copying
     for state in states:
         content = state.content
         seconds = (content.ended or time.time()) - content.begun
-        began = time.strftime("%m-%d %H:%M:%S", time.localtime(content.begun))
+        is_today = time.time() - content.begun < 43200
+        began = time.strftime("%H:%M:%S" if is_today else "%m-%d %H:%M", time.localtime(content.begun))
         task = f"{content.kind.replace('_', ' ')} {content.about}"
         phase = content.phases[-1].name if content.phases and content.is_running else ""
         cells = state.name, task, content.leader, began, f"{max(0.0, seconds):.0f} s", phase, content.result.value
@@ -261,14 +264,16 @@ class MissionStatus(NamedTuple):
     reason: str
 
 
-def follow_mission(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) -> Iterator[MissionStatus]:
+def follow_mission(
+    agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object], name: str = ""
+) -> Iterator[MissionStatus]:
     """The progress of the mission that a robot leads, until its end; `wait` is called with the seconds in between.
 
-    Raises NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
+    name: of the mission; without it, an earlier mission's phase is reported until there is a new plan. Raises NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
     outage = Outage()
     while True:
         try:
-            report, stored = agent.state().program, _latest(pool)
+            report, stored = agent.state().program, _latest(pool, name)
             outage.note_answer()
         except NotReachable as error:
             outage.note_failure(error)
@@ -293,7 +298,7 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal, name
             time.sleep(seconds)
 
     with progress(1.0) as bar:
-        for now in follow_mission(agent, pool, wait):
+        for now in follow_mission(agent, pool, wait, name):
             if now.result:
                 return now.result, now.reason, now.seconds
             if now.phase != printed:
@@ -307,8 +312,9 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal, name
     raise NotReachable(f"robot {agent.name} reports no result")  # not reached: follow_mission ends with one
 
 
-def _latest(pool: RemotePool) -> StoredPlan | None:
+def _latest(pool: RemotePool, name: str = "") -> StoredPlan | None:
+    """The last plan of a mission, or of all."""
     from robocorba.missions.subplan import StoredPlan
 
-    plans = pool.plans()
+    plans = [plan for plan in pool.plans() if plan.name.startswith(name)]
     return StoredPlan.decode(plans[-1].content) if plans else None
