@@ -19,6 +19,7 @@ from nicegui import ui
 from robocorba.console.access import Access
 from robocorba.console.history import History
 from robocorba.console.live_floors import RESOLVE_TIMEOUT_S, LiveFloors
+from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_plans import LivePlans
 from robocorba.console.live_sensors import LiveSensors
 from robocorba.console.map_operations import MapOperations
@@ -32,6 +33,7 @@ from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
@@ -43,6 +45,8 @@ STATIC = Path(__file__).parent / "static"
 MAX_BODY = 8 * 1024 * 1024
 #: The server ends at most this long after a signal, also while browsers are connected [s].
 SHUTDOWN_S = 2
+#: Timeout of each attempt to find mission control [s].
+MISSIONS_RESOLVE_S = 1.0
 
 
 class Console:
@@ -57,6 +61,8 @@ class Console:
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
+        self.missions = LiveMissions(RemoteMissionControl(orb, MISSIONS_RESOLVE_S), self.viewers.notify)
+        self.viewers.missions = self.missions
         self.operations = Operations(orb)
         for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
             self.operations.add(part)
@@ -88,7 +94,7 @@ class Console:
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
         self.viewers.attach(self.floors, self.plans, self.sensors)
-        parts = (self.state, self.plans, self.floors, self.sensors)
+        parts = (self.state, self.plans, self.floors, self.sensors, self.missions)
         for part in parts:
             part.start()
         try:
