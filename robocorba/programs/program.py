@@ -59,7 +59,10 @@ def loads(text: str | bytes) -> Program:
 
 def of_icon(text: str) -> Program:
     """A program of one icon, from the icon's JSON. Raises InvalidProgram."""
-    return loads(f'{{"name": "mission", "icons": [{text}]}}')
+    program = loads(f'{{"name": "mission", "icons": [{text}]}}')
+    if len(program.icons) != 1:
+        raise InvalidProgram("icons", "", f"has {len(program.icons)} icons, not one")
+    return program
 
 
 def checked(program: Program) -> Program:
