@@ -8,7 +8,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import NamedTuple, Protocol, TypeVar, get_args
+from typing import NamedTuple, Protocol, TypeVar
 
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control import model_switcher
@@ -21,15 +21,14 @@ from robocorba.control.session import SessionState
 from robocorba.control.tick_file import Tick, TickFile
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, MotionFailed, RobotError, RobotLost
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
 from robocorba.errors.simulation import InvalidChoice, SimulationError
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.planning.request import PathPoint
 from robocorba.programs.base_checks import Planner
-from robocorba.programs.icons import CooperativeIcon, kind
-from robocorba.programs.program import Program
+from robocorba.programs.program import Program, require_cooperative
 from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
@@ -193,11 +192,9 @@ class ControlAgent:
             self._begin(Runner(self._program, robot, self._others, mission))
 
     def start_mission(self, mission: str, program: Program) -> None:
-        """Load and run a program of one cooperative icon as the mission of this name. Raises InvalidProgram, also for
-        any other program; IllegalOrder."""
-        if len(program.icons) != 1 or not isinstance(program.icons[0], CooperativeIcon):
-            known = ", ".join(kind(icon) for icon in get_args(CooperativeIcon))
-            raise InvalidProgram("icons", "", f"a mission is one cooperative icon: {known}")
+        """Load and run a program of one cooperative icon as the mission of this name. Raises InvalidProgram,
+        IllegalOrder."""
+        require_cooperative(program)
         with self._lock:
             self.load(program)
             self.run(mission=mission)

@@ -308,6 +308,9 @@ class HandOver(_Icon, frozen=True):
     giver: Text | None = None
 
 
+#: The icons of missions.
+COOPERATIVE = (MoveTable, HandOver)
+
 Condition = CloserThan | FartherThan | Holding | Event | Result
 Icon = (
     MbasePath
@@ -330,8 +333,6 @@ Icon = (
     | HandOver
 )
 Body = Annotated[tuple[Icon, ...], Meta(min_length=1)]
-#: Icons that a robot performs together with others, as the leader of a mission.
-CooperativeIcon = MoveTable | HandOver
 
 #: Every icon and condition by its tag.
 ICONS: dict[str, type[Icon]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Icon)}

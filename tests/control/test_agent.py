@@ -153,7 +153,7 @@ def test_a_mission_is_started_by_its_name(agent: ControlAgent, channel: Channel)
 def test_a_mission_is_one_cooperative_icon(agent: ControlAgent, channel: Channel) -> None:
     two = ProgramBuilder("two").hand_over("cup", "B").hand_over("cup", "C").program()
     for other in (SHORT, two):
-        with pytest.raises(InvalidProgram, match="one cooperative icon: move_table, hand_over"):
+        with pytest.raises(InvalidProgram, match="cooperative icon"):
             agent.start_mission("carry-1", other)
     assert agent.program is None
     agent.load(LONG)
