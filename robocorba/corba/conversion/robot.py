@@ -101,6 +101,16 @@ def program_check(report: CheckReport) -> Any:
     return RoboCorba.ProgramCheck([*errors_found, *notes], report.is_valid)
 
 
+def program_check_of(struct: Any) -> CheckReport:
+    report = CheckReport()
+    for found in struct.findings:
+        if found.kind == RoboCorba.PROGRAM_NOTE:
+            report.add_note(found.icon, found.reason)
+        else:
+            report.add_finding(found.icon, found.parameter, found.reason)
+    return report
+
+
 def begun(icon: IconBegun) -> Any:
     return RoboCorba.IconBegun(*icon)
 

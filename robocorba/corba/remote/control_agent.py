@@ -10,6 +10,7 @@ from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated
 from robocorba.names import ROBOTS
+from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s].
@@ -37,6 +38,14 @@ class RemoteAgent:
     def channel(self) -> str:
         """The event channel of its sub-network; empty for none."""
         return str(self._call(self._agent._get_channel))
+
+    def program(self) -> str:
+        """The loaded program in JSON; empty if there is none."""
+        return str(self._call(self._agent._get_program))
+
+    def check(self, json: str) -> CheckReport:
+        """Check a program from the robot's present state, also while another one runs."""
+        return robot.program_check_of(self._call(lambda: self._slow_agent.checkProgram(json)))
 
     def load(self, json: str) -> None:
         """Raises InvalidProgram, IllegalOrder."""
@@ -80,6 +89,10 @@ class RemoteAgent:
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
         """Raises UnknownAdaptor, IllegalOrder, AdaptorFailed."""
         self._call(lambda: self._slow_agent.switchAdaptor(adaptor, list(argv)))
+
+    def adaptors(self) -> list[str]:
+        """Names of the installed adaptors."""
+        return list(self._call(self._agent.adaptors))
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""

@@ -72,6 +72,7 @@ class RemoteDatabase:
     def reservations(self) -> list[ReservedAreas]:
         """All reservations of areas, granted or waiting. Raises NotReachable."""
         return [simulation.reserved_areas_of(record) for record in self._database.call(lambda to: to.reservations())]
+
     def put_mission(self, mission: Mission) -> int:
         """Store a mission; return its new version. Raises InvalidMission, StaleMission, NotReachable."""
         record = RoboCorba.MissionRecord(mission.name, mission.version, mission.document)
