@@ -1,9 +1,13 @@
 // Draws a floor on a canvas, +y up, with pan, zoom and picking: the plan, bodies, and the overlays of its owner.
+// The plan is drawn to a canvas of its own, and again only when the view or the map has changed.
+import { LabelPlacer, around } from "/static/label_placement.js";
 
 const MARGIN_PX = 24;
 const MIN_PX_PER_M = 0.5;
 const MAX_PX_PER_M = 2000;
 const PICK_PX = 10;
+const LABEL_FONT = "12px system-ui, sans-serif";
+const LABEL_PX = 14;
 
 // Colours that are told apart without red and green (after Okabe and Ito), for light and dark pages.
 export const COLORS = {
@@ -27,12 +31,19 @@ export class FloorCanvas {
   constructor(canvas, handlers = {}) {
     this.canvas = canvas;
     this.context = canvas.getContext("2d");
+    this.layer = document.createElement("canvas");
+    this.layerContext = this.layer.getContext("2d");
+    this.layerOf = [];
+    this.labels = new LabelPlacer();
     this.handlers = handlers;
     this.plan = null;
     this.paths = null;
     this.floor = null;
     this.underlay = null;
+    // Each may have below, above (metres) and labels (pixels), called with the context and the canvas.
     this.overlays = [];
+    // Of a robot: {color, note}, a colour other than its usual one, and a word to its name. Either may be missing.
+    this.describe = () => ({});
     this.selected = "";
     this.isShownRoadmap = false;
     this.areNamesShown = true;
@@ -214,40 +225,64 @@ export class FloorCanvas {
   draw() {
     const { context, colors } = this;
     const ratio = this.canvas.width / this.width;
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.fillStyle = colors.outside;
-    context.fillRect(0, 0, this.width, this.height);
-    if (!this.plan) return;
-    this.inWorld(ratio);
-    this.drawPlan();
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    if (!this.plan) {
+      context.fillStyle = colors.outside;
+      context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+      return;
+    }
+    this.drawLayer(ratio);
+    context.drawImage(this.layer, 0, 0);
+    this.inWorld(context, ratio);
     if (this.floor) this.drawElevators();
     for (const overlay of this.overlays) overlay.below?.(context, this);
     if (this.floor) this.drawBodies();
     for (const overlay of this.overlays) overlay.above?.(context, this);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.labels.begin();
     if (this.areNamesShown) this.drawNames();
     for (const overlay of this.overlays) overlay.labels?.(context, this);
-    this.drawScaleBar();
+    this.labels.end();
   }
 
-  inWorld(ratio) {
+  // The plan, if it is not there already.
+  drawLayer(ratio) {
+    const { layer, layerContext: context, colors, paths, scale, centre } = this;
+    const of = [
+      paths, colors, scale, ...centre, this.canvas.width, this.canvas.height, this.isShownRoadmap, this.underlay?.image,
+      this.underlay?.x, this.underlay?.y, this.underlay?.resolution, Boolean(this.floor),
+    ];
+    if (of.every((value, index) => value === this.layerOf[index])) return;
+    this.layerOf = of;
+    if (layer.width !== this.canvas.width) layer.width = this.canvas.width;
+    if (layer.height !== this.canvas.height) layer.height = this.canvas.height;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.fillStyle = colors.outside;
+    context.fillRect(0, 0, this.width, this.height);
+    this.inWorld(context, ratio);
+    this.drawPlan(context);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.drawScaleBar(context);
+  }
+
+  inWorld(context, ratio) {
     const [px, py] = this.pixel(0, 0);
     const scale = this.scale * ratio;
-    this.context.setTransform(scale, 0, 0, -scale, px * ratio, py * ratio);
+    context.setTransform(scale, 0, 0, -scale, px * ratio, py * ratio);
   }
 
   px(pixels) {
     return pixels / this.scale;
   }
 
-  drawPlan() {
-    const { context, colors, paths } = this;
+  drawPlan(context) {
+    const { colors, paths } = this;
     context.lineJoin = "round";
     context.lineCap = "round";
     context.fillStyle = colors.ground;
     context.fill(paths.ground);
-    this.drawUnderlay();
-    this.drawGrid();
+    this.drawUnderlay(context);
+    this.drawGrid(context);
     context.globalAlpha = 0.08;
     context.fillStyle = colors.area;
     context.fill(paths.areas);
@@ -288,10 +323,9 @@ export class FloorCanvas {
     }
   }
 
-  drawUnderlay() {
+  drawUnderlay(context) {
     if (!this.underlay?.image) return;
     const { image, x, y, resolution } = this.underlay;
-    const { context } = this;
     context.save();
     context.globalAlpha = 0.45;
     context.translate(x, y + image.height * resolution);
@@ -300,8 +334,8 @@ export class FloorCanvas {
     context.restore();
   }
 
-  drawGrid() {
-    const { context, colors } = this;
+  drawGrid(context) {
+    const { colors } = this;
     const step = gridStep(this.scale);
     const [x0, y1] = this.world(0, 0);
     const [x1, y0] = this.world(this.width, this.height);
@@ -354,7 +388,7 @@ export class FloorCanvas {
         context.fill();
         context.restore();
       } else {
-        context.fillStyle = colors.robot;
+        context.fillStyle = this.describe(body).color ?? colors.robot;
         disc(context, body.x, body.y, body.radius);
         const radius = body.radius;
         context.strokeStyle = "#ffffff";
@@ -387,41 +421,71 @@ export class FloorCanvas {
     line(context, to, [to[0] - head * (ux - uy * 0.5), to[1] - head * (uy + ux * 0.5)]);
   }
 
+  // Robots always have their names; objects and areas where there is room.
   drawNames() {
     const { context, colors } = this;
-    context.font = "12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
-    context.fillStyle = colors.area;
-    for (const area of this.plan.areas) {
-      const [px, py] = this.pixel(...middleOf(area.polygon));
-      if (this.isVisible(px, py)) context.fillText(shortened(area.name, 24), px, py);
+    context.lineJoin = "round";
+    const bodies = [...(this.floor?.bodies.values() ?? [])].filter((body) => this.isVisible(...this.pixel(body.x, body.y)));
+    const robots = bodies.filter((body) => body.kind !== "object");
+    for (const body of robots) {
+      const size = 2 * body.radius * this.scale;
+      this.labels.block(...this.pixel(body.x, body.y), size, size);
     }
-    for (const elevator of this.plan.elevators) {
-      const [px, py] = this.pixel(...elevator.at);
-      if (this.isVisible(px, py)) context.fillText(shortened(elevator.name, 16), px, py);
+    robots.sort((a, b) => (b.name === this.selected) - (a.name === this.selected));
+    for (const body of robots) {
+      const { note } = this.describe(body);
+      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold: body.name === this.selected, mustShow: true });
     }
-    context.textBaseline = "bottom";
-    for (const body of this.floor?.bodies.values() ?? []) {
-      const [px, py] = this.pixel(body.x, body.y);
-      if (!this.isVisible(px, py)) continue;
-      context.font = `${body.name === this.selected ? "bold " : ""}12px system-ui, sans-serif`;
-      const text = shortened(body.name, 20);
-      const top = py - body.radius * this.scale - 3;
-      context.lineWidth = 3;
-      context.strokeStyle = colors.ground;
-      context.strokeText(text, px, top);
-      context.fillStyle = colors.text;
-      context.fillText(text, px, top);
-    }
+    for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
+    for (const elevator of this.plan.elevators) this.drawAreaName(shortened(elevator.name, 16), elevator.at);
+    for (const area of this.plan.areas) this.drawAreaName(shortened(area.name, 24), middleOf(area.polygon));
+    context.fillStyle = colors.text;
+  }
+
+  // A name beside a disc {x, y, radius} of the floor.
+  drawLabel(key, text, disc, { note = "", isBold = false, mustShow = false } = {}) {
+    const { context, colors } = this;
+    context.font = isBold ? `bold ${LABEL_FONT}` : LABEL_FONT;
+    const lines = note ? [text, note] : [text];
+    const width = Math.max(...lines.map((line) => this.labels.width(context, line))) + 4;
+    const height = LABEL_PX * lines.length;
+    const [px, py] = this.pixel(disc.x, disc.y);
+    const place = this.labels.place(key, around(px, py, disc.radius * this.scale, width, height), width, height, mustShow);
+    if (!place) return;
+    lines.forEach((line, index) => {
+      const y = place[1] - height / 2 + LABEL_PX * (index + 0.5);
+      this.drawText(line, place[0], y, index ? colors.collision : colors.text);
+    });
+  }
+
+  drawAreaName(text, at) {
+    const { context, colors } = this;
+    context.font = LABEL_FONT;
+    const [px, py] = this.pixel(...at);
+    if (!this.isVisible(px, py)) return;
+    const offers = [0, 1, -1, 2, -2].map((lines) => [px, py + lines * LABEL_PX]);
+    const place = this.labels.place(text, offers, this.labels.width(context, text) + 4, LABEL_PX);
+    if (place) this.drawText(text, ...place, colors.area);
+  }
+
+  // A line of text in the context's font, with a halo.
+  drawText(text, px, py, color) {
+    const { context, colors } = this;
+    context.lineWidth = 3;
+    context.strokeStyle = colors.ground;
+    context.strokeText(text, px, py);
+    context.fillStyle = color;
+    context.fillText(text, px, py);
   }
 
   isVisible(px, py) {
     return px > -50 && py > -20 && px < this.width + 50 && py < this.height + 20;
   }
 
-  drawScaleBar() {
-    const { context, colors } = this;
+  drawScaleBar(context) {
+    const { colors } = this;
     const step = gridStep(this.scale);
     const length = step * this.scale;
     context.strokeStyle = context.fillStyle = colors.text;
