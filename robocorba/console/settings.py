@@ -23,7 +23,8 @@ class ConsoleSettings:
     """Settings of the console.
 
     port: 0 for any free one. password: empty for none. certificate, key: PEM files, None without TLS.
-    administrator: file with the reference of the simulation's administrator, None for no such rights."""
+    administrator: file with the reference of the simulation's administrator, None for no such rights. recording: a file
+    to look at beside the running system, or None."""
 
     common: Settings
     host: str
@@ -32,6 +33,7 @@ class ConsoleSettings:
     certificate: Path | None
     key: Path | None
     administrator: Path | None
+    recording: Path | None = None
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -41,7 +43,7 @@ class ConsoleSettings:
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
         """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
-        [--naming HOST:PORT] [--state DIR]`.
+        [--recording FILE] [--naming HOST:PORT] [--state DIR]`.
 
         Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
         for unknown arguments."""
@@ -59,6 +61,7 @@ class ConsoleSettings:
             metavar="FILE",
             help="administrator.ior of the state folder: allows to pause, evict and place robots",
         )
+        parser.add_argument("--recording", type=Path, metavar="FILE", help="a recording to look at")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(arguments)
@@ -79,6 +82,7 @@ class ConsoleSettings:
             given.certificate,
             given.key,
             given.administrator,
+            given.recording,
         )
 
 
