@@ -67,12 +67,15 @@ def _differences(before: Rows, now: Rows) -> Iterator[Difference]:
     yield from _of_server(before["server"], now["server"])
     for name, row in now["robots"].items():
         old = before["robots"].get(name)
-        if old is None:
+        if old is None and before["robots"]:
             yield "robot", name, _floor(row), f"{name} has started"
-        else:
+        elif old is not None:
             yield from _of_robot(name, old, row)
     for name, row in now["channels"].items():
-        yield from _of_channel(name, before["channels"].get(name), row)
+        if name in before["channels"]:
+            yield from _of_channel(name, before["channels"][name], row)
+        elif before["channels"]:
+            yield "channel", "", "", f"channel {name} has started"
 
 
 def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
@@ -131,10 +134,7 @@ def _of_program(name: str, floor: str, old: Rows, new: Rows) -> Iterator[Differe
         yield "program", name, floor, f"{name} has ended {program['name']}, {program['result'].lower()}{reason}"
 
 
-def _of_channel(name: str, before: Rows | None, now: Rows) -> Iterator[Difference]:
-    if before is None:
-        yield "channel", "", "", f"channel {name} has started"
-        return
+def _of_channel(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
     if bool(before["problem"]) != bool(now["problem"]):
         problem = now["problem"]
         yield "channel", "", "", f"channel {name}: {problem}" if problem else f"channel {name} answers again"

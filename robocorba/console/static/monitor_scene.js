@@ -4,7 +4,6 @@ import { ageText } from "/static/robot_rows.js";
 
 // How long the reason of a refusal stays at its place [ms].
 const REFUSAL_MS = 6000;
-const LAST_NODES = 200;
 
 export class MonitorScene {
   constructor(canvas) {
@@ -86,6 +85,13 @@ export class MonitorScene {
       && robot.isLost);
   }
 
+  // The lost robot at a point of the floor, or undefined.
+  lostAt([x, y]) {
+    if (this.isPast) return undefined;
+    const reach = Math.max(0.2, this.canvas.px(12));
+    return this.lostRobots().find(({ at }) => Math.hypot(at.x - x, at.y - y) < reach);
+  }
+
   drawScan(context, { pose, mount, angles, ranges, hits, rim, sensor }) {
     const { canvas } = this;
     const isLaser = sensor === "laser";
@@ -123,22 +129,23 @@ export class MonitorScene {
   }
 
   drawWay(context, robot) {
-    const points = robot.path?.[this.floorName];
-    if (!points || points.length < 2 || robot.isSilent) return;
+    const runs = (robot.path ?? []).filter((run) => run.floor === this.floorName && run.points.length > 1);
+    if (!runs.length || robot.isSilent) return;
     const { canvas } = this;
-    const isSelected = robot.name === canvas.selected;
-    context.strokeStyle = context.fillStyle = canvas.colors.path;
-    context.lineWidth = canvas.px(isSelected ? 4 : 2);
-    context.setLineDash([canvas.px(8), canvas.px(5)]);
-    context.beginPath();
-    points.slice(-LAST_NODES).forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
-    context.stroke();
-    context.setLineDash([]);
-    const end = points[points.length - 1];
-    const size = canvas.px(6);
-    context.lineWidth = canvas.px(2);
-    line(context, [end[0] - size, end[1] - size], [end[0] + size, end[1] + size]);
-    line(context, [end[0] - size, end[1] + size], [end[0] + size, end[1] - size]);
+    context.strokeStyle = canvas.colors.path;
+    for (const { points } of runs) {
+      context.lineWidth = canvas.px(robot.name === canvas.selected ? 4 : 2);
+      context.setLineDash([canvas.px(8), canvas.px(5)]);
+      context.beginPath();
+      points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+      context.stroke();
+      context.setLineDash([]);
+      const [x, y] = points[points.length - 1];
+      const size = canvas.px(6);
+      context.lineWidth = canvas.px(2);
+      line(context, [x - size, y - size], [x + size, y + size]);
+      line(context, [x - size, y + size], [x + size, y - size]);
+    }
   }
 
   drawReservation(context, { areas, phase }) {
