@@ -3,6 +3,8 @@
 import { LabelPlacer, around } from "/static/label_placement.js";
 
 const MARGIN_PX = 24;
+// Room at the right for the buttons of a page [px].
+const TOOLS_PX = 36;
 const MIN_PX_PER_M = 0.5;
 const MAX_PX_PER_M = 2000;
 const PICK_PX = 10;
@@ -110,10 +112,10 @@ export class FloorCanvas {
   fit() {
     if (!this.plan || !this.width) return;
     const [x0, y0, x1, y1] = this.plan.bounds;
-    const across = (this.width - 2 * MARGIN_PX) / Math.max(x1 - x0, 0.1);
+    const across = (this.width - 2 * MARGIN_PX - TOOLS_PX) / Math.max(x1 - x0, 0.1);
     const down = (this.height - 2 * MARGIN_PX) / Math.max(y1 - y0, 0.1);
     this.scale = Math.min(Math.max(Math.min(across, down), MIN_PX_PER_M), MAX_PX_PER_M);
-    this.centre = [(x0 + x1) / 2, (y0 + y1) / 2];
+    this.centre = [(x0 + x1) / 2 + TOOLS_PX / 2 / this.scale, (y0 + y1) / 2];
     this.isFitted = true;
     this.redraw();
   }

@@ -24,7 +24,7 @@ export default {
   },
   methods: {
     clock(at) {
-      return new Date(at * 1000).toLocaleTimeString();
+      return new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
     },
     sign(kind) {
       return SIGNS[kind] ?? kind;

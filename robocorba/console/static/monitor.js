@@ -99,7 +99,7 @@ export default {
     },
     pastNote() {
       if (!this.past.at) return "";
-      const at = new Date(this.past.at * 1000).toLocaleTimeString();
+      const at = new Date(this.past.at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
       const last = this.past.recording ? undefined
         : this.happenings.filter((each) => each.at <= this.past.at && each.at > this.past.at - BEFORE_S).pop();
       return last ? `${at}: ${last.text}` : at;

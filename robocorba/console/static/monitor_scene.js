@@ -132,8 +132,10 @@ export class MonitorScene {
     const runs = (robot.path ?? []).filter((run) => run.floor === this.floorName && run.points.length > 1);
     if (!runs.length || robot.isSilent) return;
     const { canvas } = this;
+    const body = canvas.floor?.body(robot.name);
     context.strokeStyle = canvas.colors.path;
-    for (const { points } of runs) {
+    for (const run of runs) {
+      const points = body ? ahead(run.points, body) : run.points;
       context.lineWidth = canvas.px(robot.name === canvas.selected ? 4 : 2);
       context.setLineDash([canvas.px(8), canvas.px(5)]);
       context.beginPath();
@@ -254,6 +256,19 @@ export class MonitorScene {
     context.textBaseline = "middle";
     lines.forEach((text, index) => context.fillText(text, px, py - height / 2 + 14 + 18 * index));
   }
+}
+
+// The part of a way that is left from a body's place, beginning there.
+function ahead(points, { x, y }) {
+  let nearest = { distance: Infinity, index: 0 };
+  for (let index = 0; index < points.length - 1; index++) {
+    const [ax, ay] = points[index], [bx, by] = points[index + 1];
+    const dx = bx - ax, dy = by - ay;
+    const along = Math.max(0, Math.min(1, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));
+    const distance = Math.hypot(x - ax - along * dx, y - ay - along * dy);
+    if (distance <= nearest.distance) nearest = { distance, index };
+  }
+  return [[x, y], ...points.slice(nearest.index + 1)];
 }
 
 function wrapped(context, text, width) {

@@ -95,7 +95,7 @@ function stateFacts({ at, agent, client, condition, problem, age, mission, isHer
     rows.push(["speed", `${speed.toFixed(2)} m/s of at most ${agent.speedCap.toFixed(2)}, turning ${degrees(moving.turn)}/s`]);
   }
   if (mission) rows.push(["mission", mission]);
-  if (client?.since) rows.push(["logged on", new Date(client.since * 1000).toLocaleTimeString()]);
+  if (client?.since) rows.push(["logged on", new Date(client.since * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" })]);
   return rows;
 }
 

@@ -56,12 +56,12 @@ export default {
         <span v-if="film?.phase === 'making'" class="time-note" role="status">the film is being made</span>
         <span v-else-if="begin >= end" class="time-note">go to a time and press the button beside "to"</span>
       </div>
-      <div v-if="error" class="time-row is-problem" role="alert">{{ error }}</div>
+      <div v-if="error || lost" class="time-row is-problem" role="alert">{{ error || lost }}</div>
     </div>`,
   data() {
     return {
       isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [], isOpening: false,
-      error: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
+      error: "", lost: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
     };
   },
   computed: {
@@ -90,9 +90,11 @@ export default {
       this.error = "";
       this.film = null;
       const chosen = this.recordings.find((each) => each.key === this.recording);
-      this.begin = this.end = 0;
-      if (!chosen) return this.goLive();
-      [this.from, this.to] = chosen.past;
+      if (!chosen) {
+        this.begin = this.end = 0;
+        return this.goLive();
+      }
+      [this.from, this.to] = [this.begin, this.end] = chosen.past;
       this.isPlaying = false;
       this.$emit("show", { isLive: false, floors: chosen.floors, recording: chosen.key, at: this.from });
       this.seek(this.from);
@@ -111,7 +113,7 @@ export default {
   },
   methods: {
     clock(at) {
-      return at ? new Date(at * 1000).toLocaleTimeString() : "-";
+      return at ? new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" }) : "-";
     },
     news() {
       const past = live.state?.past;
@@ -125,7 +127,7 @@ export default {
       this.isLive = true;
       this.isPlaying = false;
       this.recording = "";
-      this.error = "";
+      this.error = this.lost = "";
       this.news();
       this.$emit("show", { isLive: true });
     },
@@ -170,11 +172,11 @@ export default {
           const { header, offset } = readFrame(buffer);
           this.past.name = floor;
           this.past.apply(header, buffer, offset);
-          this.error = "";
+          this.lost = "";
           this.$emit("show", { isLive: false, floor: this.past, at, recording: this.recording });
         } while (loaded !== `${this.floor} ${this.at} ${this.recording}`);
       } catch (error) {
-        this.error = error instanceof TypeError ? "the console does not answer" : error.message;
+        this.lost = error instanceof TypeError ? "the console does not answer" : error.message;
         this.isPlaying = false;
       } finally {
         this.isLoading = false;
