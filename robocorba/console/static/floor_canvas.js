@@ -55,6 +55,7 @@ export class FloorCanvas {
     this.isDrawn = false;
     this.drag = null;
     this.pointers = new Map();
+    this.covered = [];
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas.parentElement);
     this.listeners = {
@@ -105,6 +106,11 @@ export class FloorCanvas {
     this.canvas.height = Math.round(box.height * ratio);
     this.canvas.style.width = `${box.width}px`;
     this.canvas.style.height = `${box.height}px`;
+    // Where buttons cover the canvas, labels are not put [px].
+    this.covered = [...this.canvas.parentElement.querySelectorAll(".console-tools")].map((tools) => {
+      const { left, top, right, bottom } = tools.getBoundingClientRect();
+      return [left - box.left - 4, top - box.top - 4, right - box.left + 4, bottom - box.top + 4];
+    });
     if (this.isFitted) this.fit();
     this.redraw();
   }
@@ -241,7 +247,7 @@ export class FloorCanvas {
     if (this.floor) this.drawBodies();
     for (const overlay of this.overlays) overlay.above?.(context, this);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this.labels.begin();
+    this.labels.begin(this.width, this.height, this.covered);
     if (this.areNamesShown) this.drawNames();
     for (const overlay of this.overlays) overlay.labels?.(context, this);
     this.labels.end();
@@ -441,9 +447,18 @@ export class FloorCanvas {
       this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold: body.name === this.selected, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
-    for (const elevator of this.plan.elevators) this.drawAreaName(shortened(elevator.name, 16), elevator.at);
+    for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator.name), elevator.at);
     for (const area of this.plan.areas) this.drawAreaName(shortened(area.name, 24), middleOf(area.polygon));
     context.fillStyle = colors.text;
+  }
+
+  // An elevator's name, where its cabin is and how many wait.
+  elevatorText(name) {
+    const state = this.floor?.elevators[name];
+    const text = shortened(name, 16);
+    if (!state) return text;
+    const where = state.cabin === this.plan.name ? "" : state.cabin ? ` at ${shortened(state.cabin, 8)}` : " moving";
+    return `${text}${where}${state.queue.length ? `, ${state.queue.length} waiting` : ""}`;
   }
 
   // A name beside a disc {x, y, radius} of the floor.
@@ -468,7 +483,7 @@ export class FloorCanvas {
     const [px, py] = this.pixel(...at);
     if (!this.isVisible(px, py)) return;
     const offers = [0, 1, -1, 2, -2].map((lines) => [px, py + lines * LABEL_PX]);
-    const place = this.labels.place(text, offers, this.labels.width(context, text) + 4, LABEL_PX);
+    const place = this.labels.place(`area ${text}`, offers, this.labels.width(context, text) + 4, LABEL_PX);
     if (place) this.drawText(text, ...place, colors.area);
   }
 

@@ -9,8 +9,10 @@ export class LabelPlacer {
     this.before = new Map();
   }
 
-  begin() {
-    this.taken = [];
+  // A new picture of this size, with boxes [x0, y0, x1, y1] that are covered [px].
+  begin(width, height, covered = []) {
+    [this.pictureWidth, this.pictureHeight] = [width, height];
+    this.taken = [...covered];
     this.now = new Map();
   }
 
@@ -47,6 +49,7 @@ export class LabelPlacer {
 
   isFree(px, py, width, height) {
     const x0 = px - width / 2, y0 = py - height / 2, x1 = px + width / 2, y1 = py + height / 2;
+    if (x0 < 0 || y0 < 0 || x1 > this.pictureWidth || y1 > this.pictureHeight) return false;
     return !this.taken.some((box) => x0 < box[2] && x1 > box[0] && y0 < box[3] && y1 > box[1]);
   }
 }
