@@ -33,7 +33,8 @@ class ConsoleSettings:
 
     port: 0 for any free one. password: empty for none. certificate, key: PEM files, None without TLS.
     administrator: file with the reference of the simulation's administrator, None for no such rights.
-    supervisor: file with the reference of the system's supervisor; it need not exist."""
+    supervisor: file with the reference of the system's supervisor; it need not exist. recording: a file to look at
+    beside the running system, or None."""
 
     common: Settings
     host: str
@@ -43,6 +44,7 @@ class ConsoleSettings:
     key: Path | None
     administrator: Path | None
     supervisor: Path
+    recording: Path | None = None
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -52,7 +54,7 @@ class ConsoleSettings:
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
         """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
-        [--supervisor FILE] [--naming HOST:PORT] [--state DIR]`.
+        [--supervisor FILE] [--recording FILE] [--naming HOST:PORT] [--state DIR]`.
 
         Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
         for unknown arguments."""
@@ -76,6 +78,7 @@ class ConsoleSettings:
             metavar="FILE",
             help="the system's supervisor, for processes and robots [supervisor.ior of the state folder]",
         )
+        parser.add_argument("--recording", type=Path, metavar="FILE", help="a recording to look at")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(arguments)
@@ -100,6 +103,7 @@ class ConsoleSettings:
             given.key,
             given.administrator,
             given.supervisor or common.state / SUPERVISOR,
+            given.recording,
         )
 
 
