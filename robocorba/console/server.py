@@ -18,6 +18,7 @@ from nicegui import ui
 
 from robocorba.console.access import Access
 from robocorba.console.history import History
+from robocorba.console.kinematics_operations import KinematicsOperations
 from robocorba.console.live_floors import LiveFloors
 from robocorba.console.live_plans import LivePlans
 from robocorba.console.map_operations import MapOperations
@@ -55,6 +56,7 @@ class Console:
         self.operations = Operations(orb)
         for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb), SimulationOperations(orb)):
             self.operations.add(part)
+        self.operations.add(KinematicsOperations())
 
     def app(self) -> Access:
         """The web application."""
@@ -65,6 +67,7 @@ class Console:
         app.add_api_route("/plan", self._plan)
         app.add_api_route("/past", self._past)
         app.add_api_route("/robot-model", self._robot_model)
+        app.add_api_route("/robot.urdf", self._robot_urdf)
         app.add_api_route("/call/{name}", self._call, methods=["POST"])
         app.add_api_websocket_route("/live", self._live)
         add_pages()
@@ -104,6 +107,16 @@ class Console:
         from robocorba.kinematics.link_tree import as_json  # imported here, since it loads the physics engine
 
         return JSONResponse(await asyncio.to_thread(as_json))
+
+    async def _robot_urdf(self) -> Response:
+        """The robot for other viewers."""
+        from robocorba.kinematics.urdf import urdf
+
+        return Response(
+            await asyncio.to_thread(urdf),
+            media_type="application/xml",
+            headers={"Content-Disposition": 'attachment; filename="smartpal.urdf"'},
+        )
 
     async def _past(self, floor: str, at: float) -> Response:
         """The frame of a floor at POSIX time `at` [s]."""
