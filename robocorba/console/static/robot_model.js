@@ -39,6 +39,22 @@ function partGeometry(part) {
   return geometry.translate(...part.at);
 }
 
+let loading;
+
+// The robot's shape, loaded once a page. Throws an Error if the server has none; then the next call tries again.
+export function loadRobotShape() {
+  loading ??= fetch("/robot-model")
+    .then(async (answer) => {
+      if (!answer.ok) throw new Error("the robot's model is not available");
+      return new RobotShape(await answer.json());
+    })
+    .catch((error) => {
+      loading = undefined;
+      throw error;
+    });
+  return loading;
+}
+
 // Geometry of the links, shared by all robots.
 export class RobotShape {
   constructor(model) {
@@ -121,6 +137,21 @@ export class ArticulatedRobot {
     screen.fillText(text, 0, 22, 170);
     screen.restore();
     this.texture.needsUpdate = true;
+  }
+
+  // Where a mount (such as left_hand) is in the robot's frame: {position, quaternion}.
+  mount(name) {
+    const { link, at, attitude } = this.shape.model.mounts.find((mount) => mount.name === name);
+    this.group.updateMatrixWorld(true);
+    const own = new THREE.Matrix4().compose(
+      new THREE.Vector3(...at),
+      new THREE.Quaternion(attitude[1], attitude[2], attitude[3], attitude[0]),
+      new THREE.Vector3(1, 1, 1),
+    );
+    const pose = this.group.matrixWorld.clone().invert().multiply(this.links.get(link).matrixWorld).multiply(own);
+    const found = { position: new THREE.Vector3(), quaternion: new THREE.Quaternion() };
+    pose.decompose(found.position, found.quaternion, new THREE.Vector3());
+    return found;
   }
 
   // joints: angles [rad] in the order of the model.
