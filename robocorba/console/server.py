@@ -26,11 +26,13 @@ from robocorba.console.mission_operations import MissionOperations
 from robocorba.console.operations import Operations
 from robocorba.console.pages import add_pages
 from robocorba.console.program_operations import ProgramOperations
+from robocorba.console.robot_views import RobotViews
 from robocorba.console.settings import ConsoleSettings
 from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.robot_view import RemoteRobotView
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 
@@ -53,6 +55,7 @@ class Console:
         self.viewers = Viewers(self.state)
         self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
         self.plans = LivePlans(orb, self.viewers.notify)
+        self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
         self.operations = Operations(orb)
         for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb), SimulationOperations(orb)):
             self.operations.add(part)
@@ -70,6 +73,7 @@ class Console:
         app.add_api_route("/robot.urdf", self._robot_urdf)
         app.add_api_route("/call/{name}", self._call, methods=["POST"])
         app.add_api_websocket_route("/live", self._live)
+        app.add_api_websocket_route("/robot-view", self._robot_view)
         add_pages()
         ui.run_with(
             app,
@@ -95,6 +99,10 @@ class Console:
 
     async def _live(self, socket: WebSocket) -> None:
         await self.viewers.serve(socket)
+
+    async def _robot_view(self, socket: WebSocket) -> None:
+        wanted = socket.query_params
+        await self.robot_views.serve(socket, wanted.get("robot", ""), wanted.get("pool") == "yes")
 
     async def _plan(self, floor: str) -> Response:
         try:
