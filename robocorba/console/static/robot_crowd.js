@@ -2,7 +2,7 @@
 // and its ghost at the end of the path that it drives.
 import { THREE } from "nicegui-scene";
 import { ArticulatedRobot, PlainRobots } from "/static/robot_model.js";
-import { closeSprite, textSprite } from "/static/text_sprite.js";
+import { closeSprite, sizeSprite, textSprite } from "/static/text_sprite.js";
 
 // Articulated robots and names at most; of robots, fewer if drawing is slow.
 const MOST = 6, FEWEST = 3, NAMES = 12;
@@ -94,6 +94,7 @@ export class RobotCrowd {
         this.group.add(sprite);
       }
       sprite.position.set(x, y, z + NAME_HEIGHT_M);
+      sizeSprite(sprite, this.view.spritePixel);
     }
   }
 

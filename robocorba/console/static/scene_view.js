@@ -141,18 +141,32 @@ export class SceneView {
     for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) corners.push([x, y, z]);
     const middle = new THREE.Vector3(...low).add(new THREE.Vector3(...high)).multiplyScalar(0.5);
     const away = new THREE.Vector3(...direction).normalize();
-    const isInside = (distance) => {
+    // Bounds of the box on the screen, from -1 to 1, seen from a distance; null if a corner is behind the camera.
+    const seenFrom = (distance) => {
       this.camera.position.copy(middle).addScaledVector(away, distance);
       this.camera.lookAt(middle);
       this.camera.updateMatrixWorld();
-      return corners.every((corner) => {
-        const seen = new THREE.Vector3(...corner).project(this.camera);
-        return seen.z < 1 && Math.abs(seen.x) < 0.97 && Math.abs(seen.y) < 0.94;
-      });
+      const seen = corners.map((corner) => new THREE.Vector3(...corner).project(this.camera));
+      if (seen.some((corner) => corner.z > 1)) return null;
+      const [xs, ys] = [seen.map(({ x }) => x), seen.map(({ y }) => y)];
+      return { left: Math.min(...xs), right: Math.max(...xs), bottom: Math.min(...ys), top: Math.max(...ys) };
     };
+    const right = new THREE.Vector3(), up = new THREE.Vector3();
     let distance = 1;
-    while (distance < 280 && !isInside(distance)) distance *= 1.04;
-    isInside(distance);
+    for (let round = 0; round < 4; round++) {
+      let seen = null;
+      for (distance = 1; distance < 280; distance *= 1.03) {
+        seen = seenFrom(distance);
+        if (seen && seen.right - seen.left < 1.86 && seen.top - seen.bottom < 1.86) break;
+      }
+      if (!seen) break;
+      // Near edges look larger than far ones: move to the middle of what is seen.
+      const half = distance * Math.tan((this.camera.fov * Math.PI) / 360);
+      right.setFromMatrixColumn(this.camera.matrixWorld, 0).multiplyScalar(((seen.left + seen.right) / 2) * half * this.camera.aspect);
+      up.setFromMatrixColumn(this.camera.matrixWorld, 1).multiplyScalar(((seen.bottom + seen.top) / 2) * half);
+      middle.add(right).add(up);
+    }
+    seenFrom(distance);
     this.orbit.target.copy(middle);
     this.orbit.update();
     this.redraw();
@@ -169,6 +183,11 @@ export class SceneView {
     this.camera.position.copy(this.orbit.target).add(new THREE.Vector3(turned.x, -turned.z, turned.y));
     this.orbit.update();
     this.redraw();
+  }
+
+  // The scale of a sprite without attenuation that makes it one pixel high.
+  get spritePixel() {
+    return (2 * Math.tan((this.camera.fov * Math.PI) / 360)) / Math.max(1, this.box.clientHeight);
   }
 
   // A point of the world on the canvas [px], or null behind the camera.

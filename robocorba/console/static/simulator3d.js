@@ -16,6 +16,8 @@ const CUT_M = 1.1;
 const CLICK_PX = 5;
 // A robot without news for this time is lost [s].
 const LOST_S = 3;
+// In the stack heights are drawn larger by this factor.
+const STACK_SPREAD = 2.5;
 const STACKED = "\u0000stack";
 
 export default {
@@ -40,7 +42,7 @@ export default {
       <div class="console-scene" ref="scene">
         <div v-if="message" class="console-overlay"><span>{{ message }}</span></div>
         <div class="console-tools">
-          <q-btn dense round color="primary" icon="fit_screen" aria-label="Show everything" title="show everything (0)" @click="look" />
+          <q-btn dense round color="primary" icon="fit_screen" aria-label="Show everything" title="show everything (0)" @click="lookAtAll" />
           <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
           <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
           <q-btn dense round :color="isFollowing ? 'accent' : 'primary'" icon="my_location" :disable="!selected" :aria-pressed="isFollowing"
@@ -139,6 +141,10 @@ export default {
       if (kind === "state") this.updateRobots();
       if (kind === "scans") this.updateRays();
     },
+    // Floors that are stacked are drawn apart, so that one sees into each.
+    drawn(height) {
+      return this.isStacked ? STACK_SPREAD * height : height;
+    },
     shown() {
       if (this.isPool) return this.link?.floor ? [this.link.floor.name] : [];
       return this.isStacked ? this.floors : [this.current].filter(Boolean);
@@ -162,33 +168,36 @@ export default {
       if (!this.view) return;
       const shown = this.shown();
       for (const [name, mesh] of this.meshes) {
-        if (shown.includes(name) && mesh.plan === live.plan(name)) continue;
+        if (shown.includes(name) && mesh.plan === live.plan(name) && mesh.group.position.z === this.drawn(mesh.plan.elevation)) continue;
         mesh.close();
         this.meshes.delete(name);
       }
       for (const name of shown) {
         const plan = live.plan(name);
         if (!plan || this.meshes.has(name)) continue;
-        const mesh = new FloorMesh(plan, this.cut, this.isStacked);
+        const mesh = new FloorMesh(plan, this.cut, this.drawn(plan.elevation));
         this.meshes.set(name, mesh);
         this.view.scene.add(mesh.group);
       }
       if (this.isNew && shown.length && this.meshes.size === shown.length) {
         this.isNew = false;
-        this.look();
+        if (!this.isFollowing) this.look();
       }
       this.say();
       this.update();
     },
+    lookAtAll() {
+      this.isFollowing = false;
+      this.look();
+    },
     look() {
       const plans = [...this.meshes.values()].map((mesh) => mesh.plan);
       if (!plans.length) return;
-      this.isFollowing = false;
       const of = (most, index) => most(...plans.map((plan) => plan.bounds[index]));
-      const heights = plans.map((plan) => plan.elevation);
+      const heights = plans.map((plan) => this.drawn(plan.elevation));
       const low = [of(Math.min, 0), of(Math.min, 1), Math.min(...heights)];
       const high = [of(Math.max, 2), of(Math.max, 3), Math.max(...heights) + this.cut];
-      this.view.fit([low, high], this.isStacked ? [-0.5, -0.9, 0.5] : undefined);
+      this.view.fit([low, high], this.isStacked ? [-0.5, -0.9, 0.75] : undefined);
     },
     // ---- what is in the scene ----
     update() {
@@ -213,7 +222,7 @@ export default {
       const row = live.state?.robots[body.name];
       const agent = row?.state;
       return {
-        name: body.name, x: body.x, y: body.y, z: heightOf(body, plan, floor), heading: body.heading, radius: body.radius,
+        name: body.name, x: body.x, y: body.y, z: this.drawn(heightOf(body, plan, floor)), heading: body.heading, radius: body.radius,
         speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: this.joints(body.name), ...displayed(agent),
         isLost: Boolean(row) && row.age !== null && row.age > LOST_S,
       };
@@ -269,7 +278,7 @@ export default {
       if (!this.rays) return;
       const scans = [];
       for (const [name, mesh] of this.hasRays ? this.meshes : []) {
-        for (const scan of live.scansOn(name)) scans.push({ ...scan, z: mesh.plan.elevation });
+        for (const scan of live.scansOn(name)) scans.push({ ...scan, z: mesh.group.position.z });
       }
       // Those of the selected robot first, since the number of rays is limited.
       scans.sort((one, other) => (other.robot === this.selected) - (one.robot === this.selected));
@@ -279,9 +288,9 @@ export default {
       const path = [];
       let heading = 0;
       for (const point of this.link && this.link.robot === this.selected ? this.link.path : []) {
-        const plan = this.meshes.get(point.floor)?.plan;
-        if (!plan) continue;
-        path.push({ x: point.x, y: point.y, z: plan.elevation });
+        const mesh = this.meshes.get(point.floor);
+        if (!mesh) continue;
+        path.push({ x: point.x, y: point.y, z: mesh.group.position.z });
         heading = point.heading;
       }
       const robot = this.crowd.robot(this.selected);
@@ -363,7 +372,7 @@ export default {
         "+": [0, 0, 0.85], "-": [0, 0, 1.18],
       };
       if (turns[event.key]) this.view.turn(...turns[event.key]);
-      else if (event.key === "0") this.look();
+      else if (event.key === "0") this.lookAtAll();
       else return;
       event.preventDefault();
     },
@@ -433,7 +442,14 @@ export default {
       this.updateRays();
     },
     hasNames() { this.update(); },
-    isPosing() { this.isPosing ? this.pose() : this.endPose(); },
+    isPosing() {
+      if (!this.isPosing) {
+        this.endPose();
+        return;
+      }
+      this.isFollowing = true;
+      this.pose();
+    },
     side() { this.pose(); },
   },
 };

@@ -2,7 +2,8 @@
 import { THREE } from "nicegui-scene";
 
 const MAX_CHARACTERS = 22;
-const HEIGHT_PX = 40;
+// Height of its picture, and on the screen [px].
+const HEIGHT_PX = 40, SHOWN_PX = 20;
 
 // color: of the plate. Names may be of any script; they are drawn, never interpreted.
 export function textSprite(text, color = "#20262c") {
@@ -27,11 +28,15 @@ export function textSprite(text, color = "#20262c") {
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
   const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, sizeAttenuation: false, depthTest: false, depthWrite: false }));
-  const height = 0.026;
-  sprite.scale.set((height * canvas.width) / HEIGHT_PX, height, 1);
+  sprite.userData.shape = canvas.width / HEIGHT_PX;
   sprite.center.set(0.5, 0);
   sprite.renderOrder = 5;
   return sprite;
+}
+
+// pixel: the scale for one pixel, SceneView.spritePixel.
+export function sizeSprite(sprite, pixel) {
+  sprite.scale.set(SHOWN_PX * pixel * sprite.userData.shape, SHOWN_PX * pixel, 1);
 }
 
 export function closeSprite(sprite) {
