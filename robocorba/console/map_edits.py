@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, NamedTuple, Protocol
 
 from robocorba.errors.base import RoboCorbaError
@@ -85,9 +86,9 @@ def apply_edits(editor: MapReader, session: Any, edits: list[Edit]) -> int:
     wanted = {edit.key: edit.element for edit in edits}
     created = {edit.key for edit in edits if edit.do == "create"}
     steps = [
-        (key, after, key in created or (key not in wanted and building.find(*key) is None))
-        for key, after in with_consequences(building, wanted).items()
-        if key in wanted or building.find(*key) != after
+        (touched, after, touched in created or (touched not in wanted and building.find(*touched) is None))
+        for touched, after in with_consequences(building, wanted).items()
+        if touched in wanted or building.find(*touched) != after
     ]
     steps.sort(key=lambda step: _rank(step[0], step[1]))
     try:
@@ -145,20 +146,18 @@ def _problems(session: Any, steps: list[Step], versions: dict[ElementKey, int]) 
 
 
 def _fill(transaction: Any, steps: list[Step], versions: dict[ElementKey, int]) -> None:
-    for key, after, is_new in steps:
+    for touched, after, is_new in steps:
         if after is None:
-            transaction.remove(*key, versions.get(key, 0))
+            transaction.remove(*touched, versions.get(touched, 0))
         elif is_new:
-            transaction.create(key.floor, after)
+            transaction.create(touched.floor, after)
         else:
-            transaction.change(key.floor, after, versions.get(key, 0))
+            transaction.change(touched.floor, after, versions.get(touched, 0))
 
 
 def _roll_back(transaction: Any) -> None:
-    try:
+    with contextlib.suppress(RoboCorbaError):  # it has ended, or ends by itself
         transaction.roll_back()
-    except RoboCorbaError:
-        pass  # it has ended, or ends by itself
 
 
 def stale_of(error: Exception) -> dict[str, str] | None:

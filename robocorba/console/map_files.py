@@ -38,8 +38,8 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
     """The building in uploaded files, by name in base64: a map, and the pictures and maps that it names.
 
     unknown, specks: as in read_map. topology: generate roads for floors without, for robots of `radius_m`.
-    Returns `document` (a native map file), `format`, `summary`, `losses` and `warnings`, sentences. Raises InvalidUpload,
-    MapFileError."""
+    Returns `document` (a native map file), `format`, `summary`, `losses` and `warnings` (sentences).
+    Raises InvalidUpload, MapFileError."""
     # Imported here and below: the formats and the generator take most of a second to load.
     from robocorba.maps import checking, native
     from robocorba.maps.formats import read_map

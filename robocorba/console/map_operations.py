@@ -12,8 +12,7 @@ from robocorba.console.map_sessions import TabSession, TabSessions
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.edit_session import RemoteMapEditor
 from robocorba.corba.remote.path_planner import RemotePlanner
-from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.maps import InvalidElement, MapError, SessionEnded, VersionUnavailable
+from robocorba.errors.maps import DuplicateElement, InvalidElement, MapError, SessionEnded, VersionUnavailable
 from robocorba.errors.paths import InvalidRequest, PathError
 from robocorba.maps.edits import Finding
 from robocorba.maps.element_json import as_json, form_members
@@ -70,10 +69,10 @@ class MapOperations:
     def map_edit(self, session: str, edits: list[Any]) -> Answer:
         """Make edits as one step for undo, with what has to change with them.
 
-        Each has `do` (create, change, remove, rename), `kind`, `floor`, `name`, but for create `version`, for create and
-        change `members`, for rename, which stands alone, `to`. The answer has the new `version`, or `refused`: the
-        `reason`, `problems` (each with kind, floor, name, x, y, reason) and, if somebody else has changed an element
-        meanwhile, `stale` (its kind, floor and name)."""
+        Each has `do` (create, change, remove, rename), `kind`, `floor`, `name`, but for create `version`, for create
+        and change `members`, for rename, which stands alone, `to`. The answer has the new `version`, or `refused`: the
+        `reason`, `problems` (each with kind, floor, name, x, y, reason), whether a name is `taken`, and, if somebody
+        else has changed an element meanwhile, `stale` (its kind, floor and name)."""
         wanted = read_edits(edits)
         return self._in_session(session, lambda tab: self._edit(tab, wanted))
 
@@ -97,13 +96,12 @@ class MapOperations:
         None if they are not kept; `version`, and what this session can undo and redo."""
         tab = self._sessions.find(session)
         try:
-            records = self._editor.edits_since(since)[-MAX_NEWS:]
+            edits: list[Answer] | None = [
+                {"version": one.version, "author": one.author, "summary": one.summary, "changes": one.changes}
+                for one in self._editor.edits_since(since)[-MAX_NEWS:]
+            ]
         except VersionUnavailable:
-            records = None
-        edits = records and [
-            {"version": one.version, "author": one.author, "summary": one.summary, "changes": one.changes}
-            for one in records
-        ]
+            edits = None
         with tab.lock:
             try:
                 undoable, redoable, note = tab.remote.undoable(), tab.remote.redoable(), ""
@@ -123,12 +121,20 @@ class MapOperations:
                     self._sessions.renew(tab)
                     version, note = edit(tab), _NEW_SESSION
             except MapError as error:
-                return {"refused": {"reason": str(error), **_places(error), "stale": stale_of(error)}}
+                is_taken = isinstance(error, DuplicateElement)
+                return {
+                    "refused": {"reason": str(error), **_places(error), "stale": stale_of(error), "taken": is_taken}
+                }
         return {"version": version, "note": note}
 
     def map_build_roads(self, floor: str, radius: float) -> int:
         """Replace nodes and edges of a floor by generated ones for robots of a radius [m]. Returns the version."""
         return self._editor.build_topological_map(floor, _number("radius", radius))
+
+    def map_undo_whole(self, version: int) -> int:
+        """Undo the last edit, of generated roads or of the whole building, if it made this version. Returns the new
+        one."""
+        return self._editor.undo(version)
 
     # ---- checking and planning ----
 
@@ -136,10 +142,7 @@ class MapOperations:
         """What keeps a robot of a radius [m] from parts of a floor, or of the building if `floor` is empty: `findings`
         (kind, floor, name, x, y, reason) of `version`, and how many there are in all."""
         version = self._editor.version()
-        if floor:
-            found = self._editor.check_floor(floor, _number("radius", radius))
-        else:
-            found = self._editor.check()
+        found = self._editor.check_floor(floor, _number("radius", radius)) if floor else self._editor.check()
         return {
             "version": version,
             "count": len(found),
@@ -181,7 +184,7 @@ class MapOperations:
         return map_files.read_upload(files, unknown, specks, topology, _number("radius", radius))
 
     def map_replace(self, document: str, version: int) -> int:
-        """Replace the whole building by that of a native map file. version: the one of the building that it replaces."""
+        """Replace the whole building by a native map file's. version: of the building that it replaces."""
         return self._editor.import_map(document, version)
 
     def map_underlay(self, floor: str) -> Answer | None:
@@ -240,6 +243,3 @@ def _number(what: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InvalidRequest(what, "not a number")
     return float(value)
-
-
-__all__ = ["MapOperations", "RoboCorbaError", "finding_json"]

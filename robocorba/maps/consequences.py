@@ -1,4 +1,4 @@
-"""What else an edit has to change so that the building stays valid: edges of a removed node, nodes of a moved elevator."""
+"""What an edit changes beside its elements, so that the building stays valid: the edges of a removed node and the like."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def with_consequences(building: Building, wanted: Outcome) -> Outcome:
     """The wanted elements, and the others that have to change with them.
 
     The edges of a removed node go with it, and so do the nodes and doors of a removed elevator or floor. The nodes in a
-    cabin follow their elevator, and an elevator gets one on each floor that it serves newly. Raises InvalidElement for the removal of a node in a cabin whose elevator stays."""
+    cabin follow their elevator, and an elevator gets one on each floor that it serves newly.
+    Raises InvalidElement for the removal of a node in a cabin whose elevator stays."""
     outcome = dict(wanted)
     for key, after in wanted.items():
         if after is None and key.kind is ElementKind.FLOOR:
@@ -38,9 +39,9 @@ def with_consequences(building: Building, wanted: Outcome) -> Outcome:
                 if floor in building.floors and floor not in served:
                     outcome.setdefault(*_new_node(building, outcome, floor, after))
     for key, after in list(outcome.items()):
-        node = building.find(*key)
-        if isinstance(node, PathNode) and after is None:
-            _check_removal(key, node, building, outcome)
+        before = building.find(*key)
+        if isinstance(before, PathNode) and after is None:
+            _check_removal(key, before, building, outcome)
             for name, edge in building.floors[key.floor].topological.edges.items():
                 if key.name in (edge.a, edge.b) and not _leads_elsewhere(outcome, key, name):
                     outcome[ElementKey(ElementKind.EDGE, key.floor, name)] = None
@@ -104,4 +105,3 @@ def _check_removal(key: ElementKey, node: PathNode, building: Building, outcome:
 def _leads_elsewhere(outcome: Outcome, node: ElementKey, edge: str) -> bool:
     after = outcome.get(ElementKey(ElementKind.EDGE, node.floor, edge))
     return after is not None and node.name not in (getattr(after, "a", ""), getattr(after, "b", ""))
-

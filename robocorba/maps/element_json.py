@@ -76,7 +76,10 @@ def _type(kind: ElementKind, name: str, found: inspect.Type) -> dict[str, Any]:
         return {"type": "choice", "choices": [choice.value for choice in found.cls]}
     if isinstance(found, inspect.UnionType):
         shapes = [shape for shape in found.types if isinstance(shape, inspect.StructType)]
-        return {"type": "variants", "variants": {str(one.tag): [_member(kind, f) for f in one.fields] for one in shapes}}
+        return {
+            "type": "variants",
+            "variants": {str(one.tag): [_member(kind, f) for f in one.fields] for one in shapes},
+        }
     if isinstance(found, inspect.TupleType):
         return {"type": "point"}
     if isinstance(found, inspect.VarTupleType):
@@ -86,4 +89,3 @@ def _type(kind: ElementKind, name: str, found: inspect.Type) -> dict[str, Any]:
         return {"type": "points" if isinstance(item, inspect.TupleType) else "names"}
     simple = {inspect.FloatType: "number", inspect.IntType: "integer", inspect.BoolType: "boolean"}
     return {"type": simple.get(type(found), "text")}
-
