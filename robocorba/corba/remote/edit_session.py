@@ -56,15 +56,11 @@ class RemoteMapEditor:
         """The whole building and its version. Raises NotReachable if edits never pause for long enough to read it."""
         for _ in range(MAX_READS):
             version, name = self.version(), self.building_name()
-            floors = {element.name: element for element, _ in self.elements(ElementKind.FLOOR)}
             contents = {
-                floor: FloorMap.of(
-                    element,
-                    {kind: {each.name: each for each, _ in self.elements(kind, floor)} for kind in COLLECTION_OF},
-                )
-                for floor, element in floors.items()
+                floor: FloorMap.of(element, {kind: self._by_name(kind, floor) for kind in COLLECTION_OF})
+                for floor, element in self._by_name(ElementKind.FLOOR).items()
             }
-            elevators = {element.name: element for element, _ in self.elements(ElementKind.ELEVATOR)}
+            elevators = self._by_name(ElementKind.ELEVATOR)
             if self.version() == version:
                 return Building(name, contents, elevators), version
         raise NotReachable("the building is being edited too often to be read; try again")
@@ -77,6 +73,9 @@ class RemoteMapEditor:
         """All elements of a kind on a floor, with the version that last changed each. Raises UnknownElement."""
         records = self._editor.call(lambda editor: editor.elements(maps.enumerator_of(kind), floor))
         return [(maps.element_of(record.value), record.changedAt) for record in records]
+
+    def _by_name(self, kind: ElementKind, floor: str = "") -> dict[str, Any]:
+        return {element.name: element for element, _ in self.elements(kind, floor)}
 
     def read(self, kind: ElementKind, floor: str, name: str) -> tuple[Element, int]:
         """An element and the version that last changed it. Raises UnknownElement."""
