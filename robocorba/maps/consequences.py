@@ -1,4 +1,5 @@
-"""What an edit changes beside its elements, so that the building stays valid: the edges of a removed node and the like."""
+"""What an edit changes beside its elements, so that the building stays valid: the edges of a removed node and the
+like."""
 
 from __future__ import annotations
 
