@@ -28,9 +28,12 @@ class Operations:
         self.add(self)
 
     def add(self, part: object) -> None:
-        """Add the public methods of `part`."""
-        for name, method in inspect.getmembers(part, inspect.ismethod):
-            if not name.startswith("_") and name not in ("add", "call"):
+        """Add the public methods of `part`. Raises ValueError for a name that another part has."""
+        for name in dir(type(part)):
+            method = None if name.startswith("_") or name in ("add", "call") else getattr(part, name)
+            if inspect.ismethod(method):
+                if name in self._known:
+                    raise ValueError(f"two operations are called {name}")
                 self._known[name] = method
 
     def call(self, name: str, arguments: dict[str, Any]) -> Any:

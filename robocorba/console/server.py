@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import json
 import logging
+import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import PortInUse, ServiceError
 
 _log = logging.getLogger(__name__)
 
@@ -134,9 +137,11 @@ async def _json(request: Request) -> dict[str, Any]:
             raise RoboCorbaError(f"the request is longer than {MAX_BODY} bytes")
     try:
         arguments = json.loads(body)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise RoboCorbaError(f"the request is not JSON: {error}") from None
-    if request.headers.get("content-type") != "application/json" or not isinstance(arguments, dict):
+    if request.headers.get("content-type", "").partition(";")[0] != "application/json" or not isinstance(
+        arguments, dict
+    ):
         raise RoboCorbaError("the request is not a JSON object")
     return arguments
 
@@ -151,28 +156,40 @@ class _Static(StaticFiles):
 
 
 def serve(console: Console, settings: ConsoleSettings) -> None:
-    """Serve until SIGINT or SIGTERM."""
+    """Serve until SIGINT or SIGTERM. Raises PortInUse, ServiceError."""
     config = uvicorn.Config(
         console.app(),
-        host=settings.host,
-        port=settings.port,
         log_level="warning",
         ssl_certfile=settings.certificate,
         ssl_keyfile=settings.key,
         timeout_graceful_shutdown=SHUTDOWN_S,
         ws_max_size=64 * 1024,
     )
-    _Server(config).run()
+    with listening(settings.host, settings.port) as listener:
+        _Server(config, settings.host).run([listener])
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens there. Raises PortInUse, ServiceError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family, backlog=128)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise PortInUse(host, port, "the console") from None
+        raise ServiceError(f"can't listen on {host}, port {port}: {error.strerror}") from None
 
 
 class _Server(uvicorn.Server):
-    """Prints the address when it accepts connections."""
+    """Prints its address when it accepts connections."""
 
-    async def startup(self, sockets: list[Any] | None = None) -> None:
+    def __init__(self, config: uvicorn.Config, host: str) -> None:
+        super().__init__(config)
+        self._host = host if ":" not in host else f"[{host}]"
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
-        if self.started:
-            port = self.servers[0].sockets[0].getsockname()[1]
+        if self.started and sockets:
             scheme = "https" if self.config.ssl_certfile else "http"
-            host = self.config.host if ":" not in self.config.host else f"[{self.config.host}]"
-            print(f"{scheme}://{host}:{port}/", flush=True)
+            print(f"{scheme}://{self._host}:{sockets[0].getsockname()[1]}/", flush=True)
             print("ready", flush=True)
