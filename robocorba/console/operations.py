@@ -29,12 +29,11 @@ class Operations:
 
     def add(self, part: object) -> None:
         """Add the public methods of `part`. Raises ValueError for a name that another part has."""
-        for name in dir(type(part)):
-            method = None if name.startswith("_") or name in ("add", "call") else getattr(part, name)
-            if inspect.ismethod(method):
+        for name, _ in inspect.getmembers(type(part), inspect.isfunction):
+            if not name.startswith("_") and name not in ("add", "call"):
                 if name in self._known:
                     raise ValueError(f"two operations are called {name}")
-                self._known[name] = method
+                self._known[name] = getattr(part, name)
 
     def call(self, name: str, arguments: dict[str, Any]) -> Any:
         """The answer of an operation, as JSON types. Raises RoboCorbaError."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import json
-import logging
 import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -19,6 +17,7 @@ from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from robocorba.console.access import Access
+from robocorba.console.calls import answer_call
 from robocorba.console.history import History
 from robocorba.console.live_floors import LiveFloors
 from robocorba.console.live_plans import LivePlans
@@ -33,15 +32,10 @@ from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import PortInUse, ServiceError
 
-_log = logging.getLogger(__name__)
-
 STATIC = Path(__file__).parent / "static"
-#: Largest body of a call [bytes].
-MAX_BODY = 8 * 1024 * 1024
 #: The server ends at most this long after a signal, also while browsers are connected [s].
 SHUTDOWN_S = 2
 
@@ -119,31 +113,7 @@ class Console:
             return JSONResponse({"error": str(error)}, 404)
 
     async def _call(self, name: str, request: Request) -> Response:
-        try:
-            arguments = await _json(request)
-            return JSONResponse({"answer": await asyncio.to_thread(self.operations.call, name, arguments)})
-        except RoboCorbaError as error:
-            return JSONResponse({"error": str(error)})
-        except Exception:
-            _log.exception("operation %r failed", name[:80])
-            return JSONResponse({"error": "the console failed; its log says why"})
-
-
-async def _json(request: Request) -> dict[str, Any]:
-    body = b""
-    async for piece in request.stream():
-        body += piece
-        if len(body) > MAX_BODY:
-            raise RoboCorbaError(f"the request is longer than {MAX_BODY} bytes")
-    try:
-        arguments = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise RoboCorbaError(f"the request is not JSON: {error}") from None
-    if request.headers.get("content-type", "").partition(";")[0] != "application/json" or not isinstance(
-        arguments, dict
-    ):
-        raise RoboCorbaError("the request is not a JSON object")
-    return arguments
+        return await answer_call(self.operations, name, request)
 
 
 class _Static(StaticFiles):

@@ -59,7 +59,5 @@ async def answer(
 
     await app(scope, receive, send)
     status = next((message["status"] for message in sent if "status" in message), 0)
-    found = {
-        name.decode().lower(): value.decode() for message in sent for name, value in message.get("headers", ())
-    }
+    found = {name.decode().lower(): value.decode() for message in sent for name, value in message.get("headers", ())}
     return Answer(status, found, b"".join(message.get("body", b"") for message in sent))
