@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 
@@ -9,7 +10,6 @@ import pytest
 
 from robocorba.console.floor_plan import floor_plan
 from robocorba.testing.buildings import two_floors
-import itertools
 
 
 def test_every_floor_is_json_with_finite_numbers() -> None:
