@@ -157,10 +157,10 @@ def play(
     with contextlib.ExitStack() as stack:
         subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
         with _starting("Servers", console):
-            options = ("--building", str(sample_path(BUILDING)), "--subnets", subnets)
+            options = ["--building", str(sample_path(BUILDING)), "--subnets", subnets]
             if with_browser:
                 check_installed()
-                options += ("--console", "--console-port", "0")
+                options += ["--console", "--console-port", "0"]
             naming = stack.enter_context(servers(state, *options))
         if with_browser:
             console.print(f"  [bold]console: {_console_address(state)}[/bold]")
