@@ -269,7 +269,8 @@ def follow_mission(
 ) -> Iterator[MissionStatus]:
     """The progress of the mission that a robot leads, until its end; `wait` is called with the seconds in between.
 
-    name: of the mission; without it, an earlier mission's phase is reported until there is a new plan. Raises NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
+    name: of the mission; without it, an earlier mission's phase is reported until there is a new plan. Raises
+    NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
     outage = Outage()
     while True:
         try:

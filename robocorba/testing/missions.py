@@ -190,7 +190,7 @@ class MissionSystem:
         assert process.returncode == 1, err
         return err
 
-    def running(self, leader: str) -> str:
+    def led_by(self, leader: str) -> str:
         """The name of the mission that a robot leads, by mission control."""
         (name,) = (
             state.name

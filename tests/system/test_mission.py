@@ -153,7 +153,7 @@ def desk_story(place: MissionSystem) -> DeskStory:
 
     user = crew.carry("E")
     place.at_phase("E", "approaching", user)
-    name = place.running("E")
+    name = place.led_by("E")
     assert f"{name}: move table desk, running" in " ".join(place.command("anybody", "status", name).split())
     place.command("anybody", "abort", name)
     aborted = crew.end(user)
@@ -162,7 +162,7 @@ def desk_story(place: MissionSystem) -> DeskStory:
 
     user = crew.carry("E")
     place.carrying("E", "desk", user)
-    name = place.running("E")
+    name = place.led_by("E")
     crew.kill("E")
     killed_leader = crew.end(user)
     reason = place.agent("F").state().program.reason
