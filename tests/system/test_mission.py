@@ -248,6 +248,9 @@ def test_missions_that_ended_survive_a_kill_of_the_server(told: Told) -> None:
     told.table.result()
     told.desk.result()
     place, control = told.place, told.place.control
+    eventually(
+        lambda: not any(state.content.is_running for state in control.missions_since(0)), 30.0, "all ends are recorded"
+    )
     before = {state.name: state.content for state in control.missions_since(0)}
     reports = {name: control.report(name) for name in before}
     since = max(state.version for state in control.missions_since(0))
