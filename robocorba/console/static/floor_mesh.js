@@ -4,7 +4,7 @@ import { merged } from "/static/robot_model.js";
 
 const WALL_M = 0.10, CUT_M = 0.03;
 const COLORS = {
-  ground: [0.90, 0.91, 0.92], wall: [0.83, 0.82, 0.79], cut: [0.33, 0.34, 0.36], object: [0.55, 0.58, 0.62], door: [0.10, 0.45, 0.70],
+  ground: [0.83, 0.85, 0.87], wall: [0.83, 0.82, 0.79], cut: [0.33, 0.34, 0.36], object: [0.55, 0.58, 0.62], door: [0.10, 0.45, 0.70],
   locked: [0.69, 0.0, 0.41], shaft: [0.66, 0.68, 0.70], cabin: [0.90, 0.72, 0.0],
 };
 
@@ -14,7 +14,7 @@ export class FloorMesh {
     this.plan = plan;
     this.group = new THREE.Group();
     this.group.position.z = z;
-    this.material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
+    this.material = new THREE.MeshBasicMaterial({ vertexColors: true });
     this.movables = new Map();
     this.build(cutHeight);
   }
@@ -48,7 +48,7 @@ export class FloorMesh {
     for (const elevator of plan.elevators) pieces.push(...shaftWalls(elevator, Math.min(2.2, cutHeight)));
     this.mesh?.removeFromParent();
     this.mesh?.geometry.dispose();
-    this.mesh = new THREE.Mesh(merged(pieces), this.material);
+    this.mesh = new THREE.Mesh(lit(merged(pieces)), this.material);
     this.mesh.matrixAutoUpdate = false;
     this.group.add(this.mesh);
     this.buildDoors(Math.min(2, cutHeight));
@@ -125,6 +125,17 @@ export class FloorMesh {
     this.group.traverse((object) => object.geometry?.dispose());
     this.group.removeFromParent();
   }
+}
+
+// Put the light on what never moves into its colours, which is cheaper than to compute it for each pixel of each picture.
+function lit(geometry) {
+  const { color, normal } = geometry.attributes;
+  for (let vertex = 0; vertex < color.count; vertex++) {
+    const [x, y, z] = [normal.getX(vertex), normal.getY(vertex), normal.getZ(vertex)];
+    const light = 0.62 + 0.16 * z + 0.2 * Math.max(0, -0.31 * x - 0.55 * y + 0.78 * z) + 0.05 * Math.abs(x);
+    color.setXYZ(vertex, color.getX(vertex) * light, color.getY(vertex) * light, color.getZ(vertex) * light);
+  }
+  return geometry;
 }
 
 function prism(points, height) {

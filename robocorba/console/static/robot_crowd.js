@@ -5,7 +5,7 @@ import { ArticulatedRobot, PlainRobots } from "/static/robot_model.js";
 import { closeSprite, sizeSprite, textSprite } from "/static/text_sprite.js";
 
 // Articulated robots and names at most; of robots, fewer if drawing is slow.
-const MOST = 6, FEWEST = 3, NAMES = 12;
+const MOST = 8, FEWEST = 4, NAMES = 12;
 const NAME_HEIGHT_M = 1.42;
 const SELECTED = "#0072b2", PLATE = "#20262c", GHOST = 0x8a4fbf;
 
@@ -47,7 +47,7 @@ export class RobotCrowd {
   }
 
   update() {
-    const most = this.view.ratio < 0.8 ? FEWEST : MOST;
+    const most = this.view.isSoftware || this.view.ratio < 0.8 ? FEWEST : MOST;
     const sorted = this.nearest();
     const near = new Set(sorted.slice(0, most));
     for (const robot of near) this.articulate(robot);

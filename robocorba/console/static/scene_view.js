@@ -22,6 +22,7 @@ export class SceneView {
     sun.position.set(-8, -14, 20);
     this.scene.add(sun);
     this.ratio = Math.min(window.devicePixelRatio, MAX_RATIO);
+    this.isSoftware = isSoftware();
     this.pictures = 0;
     this.slowness = [];
     this.makeCanvas();
@@ -44,7 +45,7 @@ export class SceneView {
     this.box.prepend(canvas);
     this.canvas = canvas;
     try {
-      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
+      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.isSoftware, powerPreference: "low-power" });
     } catch {
       throw new Error("this browser draws no WebGL; the monitor page shows the same floors in 2D");
     }
@@ -207,4 +208,17 @@ export class SceneView {
     this.orbit.dispose();
     this.renderer.dispose();
   }
+}
+
+let software;
+
+// Whether the processor draws instead of a graphics card: smoothing edges would cost it more than everything else.
+function isSoftware() {
+  if (software === undefined) {
+    const gl = document.createElement("canvas").getContext("webgl");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    software = /swiftshader|llvmpipe|software|basic render/i.test(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "");
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+  return software;
 }
