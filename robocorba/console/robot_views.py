@@ -1,7 +1,8 @@
 """What the 3D page shows of one robot beside the live floors: the floor in its data pool, and the path that it drives.
 
-A WebSocket for each page and robot: frames as in `frames.py`, and JSON: {"path": [{"floor", "x", "y", "heading"}, ...]},
-{"pool": {"floor", "lag", "joints": {robot: [rad]}}}, {"problem": why there is nothing newer}. Only changes are sent."""
+A WebSocket for each page and robot: frames as in `frames.py`, and JSON: {"path": [{"floor", "x", "y", "heading"},
+...]}, {"pool": {"floor", "lag", "joints": {robot: [rad]}}}, {"problem": why there is nothing newer}. Only changes are
+sent."""
 
 from __future__ import annotations
 
