@@ -175,6 +175,6 @@ export const ArmPoser = {
 };
 
 export function inWords({ x, y, z, roll, pitch, yaw }) {
-  const degrees = [roll, pitch, yaw].map((angle) => `${((angle * 180) / Math.PI).toFixed(0)}\u00b0`);
+  const degrees = [roll, pitch, yaw].map((angle) => `${Math.round((angle * 180) / Math.PI) + 0}\u00b0`);
   return `x ${x.toFixed(2)}  y ${y.toFixed(2)}  z ${z.toFixed(2)} m \u00b7 roll, pitch, yaw ${degrees.join(" ")}`;
 }

@@ -3,6 +3,8 @@ import { THREE } from "nicegui-scene";
 import { merged } from "/static/robot_model.js";
 
 const WALL_M = 0.10, CUT_M = 0.03;
+// A hand holds an object whose top is at most so far below it [m].
+const HELD_M = 0.2;
 const COLORS = {
   ground: [0.83, 0.85, 0.87], wall: [0.83, 0.82, 0.79], cut: [0.33, 0.34, 0.36], object: [0.55, 0.58, 0.62], door: [0.10, 0.45, 0.70],
   locked: [0.69, 0.0, 0.41], shaft: [0.66, 0.68, 0.70], cabin: [0.90, 0.72, 0.0],
@@ -58,12 +60,13 @@ export class FloorMesh {
     this.doors?.removeFromParent();
     this.doors = new THREE.Group();
     this.leaves = [];
+    this.cabins = [];
     const material = new THREE.MeshLambertMaterial({ color: 0x1b74b3 });
-    const ground = new THREE.MeshLambertMaterial({ color: 0xe6b800 });
     for (const elevator of this.plan.elevators) {
-      const cabin = new THREE.Mesh(prism(elevator.polygon, 0.03), ground);
+      const cabin = new THREE.Mesh(lit(merged(cabinParts(elevator))), this.material);
       cabin.visible = false;
       this.doors.add(cabin);
+      this.cabins.push({ elevator: elevator.name, cabin });
       for (const [a, b] of elevator.doors) {
         const width = Math.hypot(b[0] - a[0], b[1] - a[1]);
         const angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
@@ -72,31 +75,37 @@ export class FloorMesh {
           leaf.rotation.z = angle;
           this.doors.add(leaf);
         }
-        this.leaves.push({ elevator: elevator.name, a, b, width, angle, leaves, height, cabin });
+        this.leaves.push({ elevator: elevator.name, a, b, width, angle, leaves, height });
       }
     }
     this.group.add(this.doors);
     this.setElevators({});
   }
 
-  // states: of elevators by name, as in the frames of live floors.
-  setElevators(states) {
-    for (const { elevator, a, b, width, angle, leaves, height, cabin } of this.leaves) {
+  // states: of elevators by name, as in the frames of live floors. spread: as for the heights of floors.
+  setElevators(states, spread = 1) {
+    for (const { elevator, cabin } of this.cabins) {
+      const above = states[elevator] ? states[elevator].height - this.plan.elevation : Infinity;
+      // Each height belongs to one floor, so that the stack shows a cabin once.
+      cabin.visible = above > -0.5 && above <= Math.max(this.plan.height, 1) - 0.5;
+      if (cabin.visible) cabin.position.z = spread * above + 0.005;
+    }
+    for (const { elevator, a, b, width, angle, leaves, height } of this.leaves) {
       const state = states[elevator];
-      const isHere = state?.cabin === this.plan.name;
-      cabin.visible = isHere;
-      const opening = isHere ? state.opening : 0;
+      const opening = state?.cabin === this.plan.name ? state.opening : 0;
       [a, b].forEach((end, side) => {
-        const along = (side ? -1 : 1) * (width / 4) * (1 - opening);
-        const scale = Math.max(1 - opening, 0.02);
+        // A leaf slides into its side of the wall: what is left of it stays at that end of the doorway.
+        const scale = Math.max(1 - opening, 0.04);
+        const along = (side ? -1 : 1) * (width / 4) * scale;
         leaves[side].scale.x = scale;
         leaves[side].position.set(end[0] + along * Math.cos(angle), end[1] + along * Math.sin(angle), height / 2);
       });
     }
   }
 
-  // bodies: movable objects of a live floor. Their heights are those of the map.
-  setObjects(bodies) {
+  // bodies: movable objects of a live floor; their heights are those of the map. hands: {x, y, z} of robots [m]; an object
+  // whose top is a little below a hand above it is held and hangs from it.
+  setObjects(bodies, hands = []) {
     const present = new Set();
     for (const body of bodies) {
       present.add(body.number);
@@ -104,12 +113,13 @@ export class FloorMesh {
       if (!mesh) {
         const known = this.plan.objects.find((object) => object.name === body.name || body.name.endsWith(`/${object.name}`));
         const points = body.outline.length ? body.outline : circle(body.radius);
-        mesh = new THREE.Mesh(prism(points, known?.height ?? 0.75), new THREE.MeshLambertMaterial({ color: 0xb5651d }));
-        mesh.userData.name = body.name;
+        const height = known?.height ?? 0.75;
+        mesh = new THREE.Mesh(prism(points, height), new THREE.MeshLambertMaterial({ color: 0xb5651d }));
+        mesh.userData = { height, reach: Math.max(...points.map(([x, y]) => Math.hypot(x, y))) + 0.05 };
         this.movables.set(body.number, mesh);
         this.group.add(mesh);
       }
-      mesh.position.set(body.x, body.y, 0);
+      mesh.position.set(body.x, body.y, heldAt(body, mesh.userData, hands));
       mesh.rotation.z = body.heading;
     }
     for (const [number, mesh] of this.movables) {
@@ -187,6 +197,26 @@ function withoutDoors(a, b, doors) {
     from = Math.max(from, end);
   }
   if (length > from + 0.01) pieces.push([point(from), point(length)]);
+  return pieces;
+}
+
+// How high an object is held above the floor [m].
+function heldAt(body, { height, reach }, hands) {
+  let lift = 0;
+  for (const hand of hands) {
+    const above = hand.z - height;
+    if (above > 0 && above < HELD_M && Math.hypot(hand.x - body.x, hand.y - body.y) < reach) lift = Math.max(lift, above);
+  }
+  return lift;
+}
+
+// The cabin of an elevator: its ground and a low rim.
+function cabinParts(elevator) {
+  const pieces = [[prism(elevator.polygon, 0.03), COLORS.cabin]];
+  elevator.polygon.forEach((corner, index) => {
+    const next = elevator.polygon[(index + 1) % elevator.polygon.length];
+    for (const [a, b] of withoutDoors(corner, next, elevator.doors)) pieces.push([slab(a, b, 0.25, 0.14), COLORS.cabin]);
+  });
   return pieces;
 }
 

@@ -6,6 +6,8 @@ import { call } from "/static/live.js";
 const INTERVAL_MS = 100;
 // Distance from the handle at which the pointer takes it [px].
 const GRASP_PX = 22;
+// An answer that takes longer is announced [ms].
+const LATE_MS = 800;
 const REACHABLE = 0xd55e00, UNREACHABLE = 0xb00068;
 
 export class HandTarget {
@@ -25,6 +27,7 @@ export class HandTarget {
       ["pointerup", () => this.release()],
       ["pointercancel", () => this.release()],
     ];
+    call("hand_poses", { joints: new Array(18).fill(0) }).catch(() => {}); // the first one takes seconds: before it matters
     // In the phase of capture: before the orbit controls, which would turn the camera.
     for (const [kind, listener] of this.listeners) view.canvas.addEventListener(kind, listener, { capture: true });
   }
@@ -127,10 +130,13 @@ export class HandTarget {
     this.isWanted = false;
     const began = performance.now();
     const { pose, options } = this;
+    const late = setTimeout(() => this.told("the console is computing the arm"), LATE_MS);
     try {
       const answer = await call("solve_hand", { joints: this.joints, pose, ...options });
+      clearTimeout(late);
       if (!this.isClosed) this.reached(answer);
     } catch (error) {
+      clearTimeout(late);
       if (!this.isClosed) this.missed(error.message);
     }
     setTimeout(() => {

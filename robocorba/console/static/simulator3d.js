@@ -207,7 +207,7 @@ export default {
         const floor = this.floor(name);
         if (!floor) continue;
         const bodies = [...floor.bodies.values()];
-        mesh.setElevators(floor.elevators);
+        mesh.setElevators(floor.elevators, this.drawn(1));
         const here = bodies.filter((body) => body.kind === "robot").map((body) => this.robotOf(body, mesh.plan, floor));
         robots.push(...here);
         mesh.setObjects(bodies.filter((body) => body.kind === "object"), this.hands(here));
