@@ -67,7 +67,9 @@ def test_there_is_something_dark_on_the_axis_of_every_joint() -> None:
     for link in links():
         for joint in link.joints:
             axis = np.array(joint.axis)
-            offsets = [np.array(part.at) - joint.at for part in parts() if part.link == link.name and part.paint in dark]
+            offsets = [
+                np.array(part.at) - joint.at for part in parts() if part.link == link.name and part.paint in dark
+            ]
             away = min(float(np.linalg.norm(np.cross(axis, offset))) for offset in offsets)
             assert away < 0.06, joint.name
 

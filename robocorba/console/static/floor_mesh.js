@@ -1,4 +1,4 @@
-// A floor's map as meshes for three.js: ground, walls cut at a height, objects, shafts, and doors of elevators that move.
+// A floor's map as meshes for three.js: ground, walls cut at a height, objects, shafts, doors and cabins of elevators.
 import { THREE } from "nicegui-scene";
 import { merged } from "/static/robot_model.js";
 
@@ -6,8 +6,13 @@ const WALL_M = 0.10, CUT_M = 0.03;
 // A hand holds an object whose top is at most so far below it [m].
 const HELD_M = 0.2;
 const COLORS = {
-  ground: [0.83, 0.85, 0.87], wall: [0.83, 0.82, 0.79], cut: [0.33, 0.34, 0.36], object: [0.55, 0.58, 0.62], door: [0.10, 0.45, 0.70],
-  locked: [0.69, 0.0, 0.41], shaft: [0.66, 0.68, 0.70], cabin: [0.90, 0.72, 0.0],
+  ground: [0.83, 0.85, 0.87],
+  wall: [0.83, 0.82, 0.79],
+  cut: [0.33, 0.34, 0.36],
+  object: [0.55, 0.58, 0.62],
+  door: [0.10, 0.45, 0.70],
+  locked: [0.69, 0.0, 0.41],
+  shaft: [0.66, 0.68, 0.70], cabin: [0.90, 0.72, 0.0],
 };
 
 export class FloorMesh {
@@ -103,15 +108,16 @@ export class FloorMesh {
     }
   }
 
-  // bodies: movable objects of a live floor; their heights are those of the map. hands: {x, y, z} of robots [m]; an object
-  // whose top is a little below a hand above it is held and hangs from it.
+  // bodies: movable objects of a live floor; their heights are those of the map. hands: {x, y, z} of robots [m]; an
+  // object whose top is a little below a hand above it is held and hangs from it.
   setObjects(bodies, hands = []) {
     const present = new Set();
     for (const body of bodies) {
       present.add(body.number);
       let mesh = this.movables.get(body.number);
       if (!mesh) {
-        const known = this.plan.objects.find((object) => object.name === body.name || body.name.endsWith(`/${object.name}`));
+        const isBody = ({ name }) => name === body.name || body.name.endsWith(`/${name}`);
+        const known = this.plan.objects.find(isBody);
         const points = body.outline.length ? body.outline : circle(body.radius);
         const height = known?.height ?? 0.75;
         mesh = new THREE.Mesh(prism(points, height), new THREE.MeshLambertMaterial({ color: 0xb5651d }));
@@ -137,7 +143,7 @@ export class FloorMesh {
   }
 }
 
-// Put the light on what never moves into its colours, which is cheaper than to compute it for each pixel of each picture.
+// Put the light on what never moves into its colours: cheaper than to compute it for each pixel of each picture.
 function lit(geometry) {
   const { color, normal } = geometry.attributes;
   for (let vertex = 0; vertex < color.count; vertex++) {
@@ -168,7 +174,8 @@ function cutWall(a, b, height) {
 }
 
 function solid(object, height) {
-  return object.polygon.length > 2 ? prism(object.polygon, height) : slab(object.polygon[0], object.polygon[1], height, 0.05);
+  const [a, b] = object.polygon;
+  return object.polygon.length > 2 ? prism(object.polygon, height) : slab(a, b, height, 0.05);
 }
 
 function shaftWalls(elevator, height) {
@@ -185,7 +192,8 @@ function withoutDoors(a, b, doors) {
   const length = Math.hypot(b[0] - a[0], b[1] - a[1]);
   const [ux, uy] = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
   const gaps = doors
-    .map((door) => door.map(([x, y]) => [(x - a[0]) * ux + (y - a[1]) * uy, Math.abs((x - a[0]) * uy - (y - a[1]) * ux)]))
+    .map((door) => door.map(([x, y]) => [x - a[0], y - a[1]]))
+    .map((door) => door.map(([dx, dy]) => [dx * ux + dy * uy, Math.abs(dx * uy - dy * ux)]))
     .filter((ends) => ends.every(([, away]) => away < 0.05))
     .map((ends) => ends.map(([along]) => along).sort((one, other) => one - other))
     .sort((one, other) => one[0] - other[0]);
@@ -205,7 +213,8 @@ function heldAt(body, { height, reach }, hands) {
   let lift = 0;
   for (const hand of hands) {
     const above = hand.z - height;
-    if (above > 0 && above < HELD_M && Math.hypot(hand.x - body.x, hand.y - body.y) < reach) lift = Math.max(lift, above);
+    const isNear = Math.hypot(hand.x - body.x, hand.y - body.y) < reach;
+    if (isNear && above > 0 && above < HELD_M) lift = Math.max(lift, above);
   }
   return lift;
 }
@@ -215,11 +224,13 @@ function cabinParts(elevator) {
   const pieces = [[prism(elevator.polygon, 0.03), COLORS.cabin]];
   elevator.polygon.forEach((corner, index) => {
     const next = elevator.polygon[(index + 1) % elevator.polygon.length];
-    for (const [a, b] of withoutDoors(corner, next, elevator.doors)) pieces.push([slab(a, b, 0.25, 0.14), COLORS.cabin]);
+    const sides = withoutDoors(corner, next, elevator.doors);
+    for (const [a, b] of sides) pieces.push([slab(a, b, 0.25, 0.14), COLORS.cabin]);
   });
   return pieces;
 }
 
 function circle(radius) {
-  return Array.from({ length: 20 }, (_, k) => [radius * Math.cos((k * Math.PI) / 10), radius * Math.sin((k * Math.PI) / 10)]);
+  const angles = Array.from({ length: 20 }, (_, k) => (k * Math.PI) / 10);
+  return angles.map((angle) => [radius * Math.cos(angle), radius * Math.sin(angle)]);
 }

@@ -1,4 +1,4 @@
-// Articulated robots and plain bodies for three.js, from the part list that the server sends (kinematics/appearance.py).
+// Articulated robots and plain bodies for three.js, from the part list of the server (kinematics/appearance.py).
 import { THREE } from "nicegui-scene";
 
 const SEGMENTS = 20;
@@ -14,7 +14,7 @@ const SCREENS = {
 // Merge geometries into one with a colour at each vertex. pieces: [geometry, colour].
 export function merged(pieces) {
   const count = pieces.reduce((sum, [geometry]) => sum + geometry.attributes.position.count, 0);
-  const positions = new Float32Array(3 * count), normals = new Float32Array(3 * count), colors = new Float32Array(3 * count);
+  const [positions, normals, colors] = [0, 1, 2].map(() => new Float32Array(3 * count));
   const indices = [];
   let offset = 0;
   for (const [geometry, color] of pieces) {
@@ -86,7 +86,9 @@ export class RobotShape {
     const upright = new THREE.Matrix4().makeBasis(
       new THREE.Vector3(0, 1, 0), new THREE.Vector3(0, 0, 1), new THREE.Vector3(1, 0, 0),
     );
-    this.displayGeometry = new THREE.PlaneGeometry(width, height).applyMatrix4(upright).translate(depth / 2 + 0.001, 0, 0);
+    this.displayGeometry = new THREE.PlaneGeometry(width, height)
+      .applyMatrix4(upright)
+      .translate(depth / 2 + 0.001, 0, 0);
     this.plain = plainGeometry(model);
     this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
     this.ghostMaterial = new THREE.MeshLambertMaterial({ color: 0xa878d8, transparent: true, opacity: 0.45 });
@@ -193,7 +195,8 @@ function plainGeometry(model) {
     origins.set(name, at.map((value, axis) => value + from[axis]));
   }
   const isSeen = ({ shape, size }) => {
-    const [x, y, z] = shape === "cone" ? [2 * size[0], 2 * size[1], size[3]] : size.map((side) => side * (shape === "box" ? 1 : 2));
+    const sides = shape === "box" ? size : size.map((radius) => 2 * radius);
+    const [x, y, z] = shape === "cone" ? [sides[0], sides[1], size[3]] : sides;
     return x * y * z > COARSE_VOLUME;
   };
   const pieces = model.parts.filter(isSeen).map((part) => [
