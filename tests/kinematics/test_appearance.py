@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -111,13 +112,13 @@ def test_the_tree_moves_links_and_mounts_as_the_model_does(body: SmartPalBody) -
     assert tree["joints"] == JOINTS
 
 
-def _shift(at: object) -> Floats:
+def _shift(at: Sequence[float] | Floats) -> Floats:
     frame = np.eye(4)
-    frame[:3, 3] = at
+    frame[:3, 3] = np.asarray(at)
     return frame
 
 
-def _turn(axis: object, angle: float) -> Floats:
+def _turn(axis: Sequence[float], angle: float) -> Floats:
     x, y, z = np.array(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     frame = np.eye(4)

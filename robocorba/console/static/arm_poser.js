@@ -4,8 +4,8 @@
 //
 // joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the
 // right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. use-lumbar: the trunk may
-// move. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand in
-// the robot's frame, arm: the 7 angles of its arm.
+// move. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand
+// in the robot's frame, arm: the 7 angles of its arm.
 import { OrbitControls, THREE } from "nicegui-scene";
 import { HandTarget } from "/static/hand_target.js";
 import { call } from "/static/live.js";

@@ -11,8 +11,8 @@ const SLOW_MS = 45, FAST_MS = 16;
 const PICTURES = 12;
 
 export class SceneView {
-  // box: the element to fill. told(message): why nothing is seen, or "". key, pointer(kind, event), moved(): what the user
-  // does. remade(): there is a new canvas.
+  // box: the element to fill. told(message): why nothing is seen, or "". key, pointer(kind, event), moved(): what the
+  // user does. remade(): there is a new canvas.
   constructor(box, { told, key, pointer, moved, remade }) {
     Object.assign(this, { box, told, key, pointer, moved, remade });
     this.scene = new THREE.Scene();

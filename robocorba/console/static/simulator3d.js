@@ -45,7 +45,8 @@ export default {
           <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
           <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
           <q-btn dense round :color="isFollowing ? 'accent' : 'primary'" icon="my_location" :disable="!selected"
-                 :aria-pressed="isFollowing" aria-label="Follow the robot" title="follow the robot" @click="isFollowing = !isFollowing" />
+                 :aria-pressed="isFollowing" aria-label="Follow the robot" title="follow the robot"
+                 @click="isFollowing = !isFollowing" />
           <q-btn dense round :color="hasRays ? 'accent' : 'primary'" icon="sensors" :aria-pressed="hasRays"
                  aria-label="Rays of the sensors" title="rays of the sensors" @click="hasRays = !hasRays" />
           <q-btn dense round :color="hasNames ? 'accent' : 'primary'" icon="label" :aria-pressed="hasNames"
