@@ -2,7 +2,10 @@
 import { THREE } from "nicegui-scene";
 import { merged } from "/static/robot_model.js";
 
-const WALL_M = 0.10, CUT_M = 0.03;
+// Thickness of walls, of those around shafts, which the map may also have as walls, and of the dark cut on top.
+const WALL_M = 0.10, SHAFT_WALL_M = 0.125, CUT_M = 0.03;
+// Distance between a cabin and its shaft.
+const CABIN_GAP_M = 0.12;
 // A hand holds an object whose top is at most so far below it [m].
 const HELD_M = 0.2;
 const COLORS = {
@@ -182,7 +185,7 @@ function shaftWalls(elevator, height) {
   const pieces = [];
   elevator.polygon.forEach((corner, index) => {
     const next = elevator.polygon[(index + 1) % elevator.polygon.length];
-    for (const [a, b] of withoutDoors(corner, next, elevator.doors)) pieces.push([slab(a, b, height), COLORS.shaft]);
+    for (const [a, b] of withoutDoors(corner, next, elevator.doors)) pieces.push([slab(a, b, height, SHAFT_WALL_M), COLORS.shaft]);
   });
   return pieces;
 }
@@ -221,11 +224,16 @@ function heldAt(body, { height, reach }, hands) {
 
 // The cabin of an elevator: its ground and a low rim.
 function cabinParts(elevator) {
-  const pieces = [[prism(elevator.polygon, 0.03), COLORS.cabin]];
+  const [x0, y0] = elevator.at;
+  const inwards = ([x, y]) => {
+    const share = 1 - CABIN_GAP_M / Math.hypot(x - x0, y - y0);
+    return [x0 + share * (x - x0), y0 + share * (y - y0)];
+  };
+  const pieces = [[prism(elevator.polygon.map(inwards), 0.03), COLORS.cabin]];
   elevator.polygon.forEach((corner, index) => {
     const next = elevator.polygon[(index + 1) % elevator.polygon.length];
     const sides = withoutDoors(corner, next, elevator.doors);
-    for (const [a, b] of sides) pieces.push([slab(a, b, 0.25, 0.14), COLORS.cabin]);
+    for (const [a, b] of sides) pieces.push([slab(inwards(a), inwards(b), 0.25, 0.03), COLORS.cabin]);
   });
   return pieces;
 }

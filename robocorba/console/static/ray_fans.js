@@ -44,7 +44,7 @@ export class RayFans {
 
   add(scan, fan, hit) {
     const kind = scan.sensor in COLORS ? scan.sensor : "other";
-    const color = COLORS[kind];
+    const color = new THREE.Color().setRGB(...COLORS[kind], THREE.SRGBColorSpace).toArray();
     const z = scan.z + this.heights[kind];
     const { pose, mount, angles, ranges, rim } = scan;
     const [cos, sin] = [Math.cos(pose.heading), Math.sin(pose.heading)];

@@ -5,7 +5,7 @@ import { OrbitControls, THREE } from "nicegui-scene";
 // Longest wait for the browser to restore a lost context [ms]; then a new canvas is made.
 const RESTORE_MS = 3000;
 // Bounds of the pixels drawn for each pixel of the page. They change when a picture took longer or shorter [ms].
-const MIN_RATIO = 0.5, MAX_RATIO = 1.5;
+const MIN_RATIO = 0.6, MAX_RATIO = 1.5;
 const SLOW_MS = 45, FAST_MS = 16;
 // Pictures between two changes of it.
 const PICTURES = 12;
