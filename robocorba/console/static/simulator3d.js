@@ -103,7 +103,8 @@ export default {
     this.rays = new RayFans(this.view, this.shape);
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.timer = setInterval(() => this.second(), 500);
-    this.wanted = { floor: wanted.get("floor") ?? "", robot: wanted.get("robot") ?? "" };
+    const [floor, robot, pool] = ["floor", "robot", "pool"].map((name) => wanted.get(name) ?? "");
+    this.wanted = { floor: floor === "all" ? STACKED : floor, robot: pool || robot, pool };
     this.news("connection");
   },
   unmounted() {
@@ -135,8 +136,9 @@ export default {
     news(kind, name) {
       if (kind === "connection") {
         this.floors = live.names;
-        const first = this.wanted.floor && this.floors.includes(this.wanted.floor) ? this.wanted.floor : this.floors[0];
-        if (!this.isStacked && !this.floors.includes(this.current) && first) this.show(first);
+        const isThere = this.floors.includes(this.wanted.floor) || (this.wanted.floor === STACKED && this.floors.length);
+        const first = isThere ? this.wanted.floor : this.floors[0];
+        if (!this.isPool && !this.isStacked && !this.floors.includes(this.current) && first) this.show(first);
         if (this.isStacked) this.want();
       }
       if (kind === "connection" || kind === "plan") this.loadPlans();
@@ -205,12 +207,21 @@ export default {
       const high = [of(Math.max, 2), of(Math.max, 3), Math.max(...heights) + this.cut];
       this.view.fit([low, high], this.isStacked ? [-0.5, -0.9, 0.75] : undefined);
     },
+    // What is shown is in the address, so that a reload or a copied link shows the same.
+    note() {
+      const shown = this.isPool ? { pool: this.source } : { floor: this.isStacked ? "all" : this.current };
+      if (this.selected && !this.isPool) shown.robot = this.selected;
+      history.replaceState(history.state, "", `?${new URLSearchParams(shown)}`);
+    },
     ...sceneMethods,
     ...cameraMethods,
     ...poseMethods,
   },
   watch: {
+    current() { this.note(); },
     source() {
+      this.poolFloor = "";
+      this.note();
       this.isFollowing = false;
       this.isNew = true;
       if (this.source) this.selected = this.source;
@@ -219,6 +230,7 @@ export default {
       this.loadPlans();
     },
     selected() {
+      this.note();
       this.isPosing = false;
       this.followed = "";
       if (!this.selected) this.isFollowing = false;

@@ -58,6 +58,7 @@ export const sceneMethods = {
     }
     if (this.wanted.robot && names.includes(this.wanted.robot)) {
       this.selected = this.wanted.robot;
+      this.source = this.wanted.pool;
       this.wanted.robot = "";
       this.isFollowing = true;
     }
@@ -117,10 +118,10 @@ export const sceneMethods = {
   linkNews() {
     if (this.isGone) return;
     const floor = this.isPool ? this.link?.floor?.name : "";
-    if (this.isPool && floor !== this.poolFloor) {
+    if (this.isPool && floor && floor !== this.poolFloor) {
       this.poolFloor = floor;
       this.isNew = true;
-      this.current = floor ?? "";
+      this.current = floor;
       this.want();
       this.loadPlans();
     }
