@@ -1,6 +1,7 @@
 // A floor's map as meshes for three.js: ground, walls cut at a height, objects, shafts, doors and cabins of elevators.
 import { THREE } from "nicegui-scene";
 import { merged } from "/static/robot_model.js";
+import { closeSprite, sizeSprite, textSprite } from "/static/text_sprite.js";
 
 // Thickness of walls, of those around shafts, which the map may also have as walls, and of the dark cut on top.
 const WALL_M = 0.10, SHAFT_WALL_M = 0.125, CUT_M = 0.03;
@@ -140,7 +141,18 @@ export class FloorMesh {
     }
   }
 
+  // Show the floor's name at its corner, for the stack of floors. pixel: as for sizeSprite.
+  showName(pixel) {
+    if (!this.name) {
+      this.name = textSprite(this.plan.name, "#3b4650");
+      this.name.position.set(this.plan.bounds[0], this.plan.bounds[1], 0.4);
+      this.group.add(this.name);
+    }
+    sizeSprite(this.name, pixel);
+  }
+
   close() {
+    if (this.name) closeSprite(this.name);
     this.group.traverse((object) => object.geometry?.dispose());
     this.group.removeFromParent();
   }

@@ -91,7 +91,9 @@ export class RobotShape {
       .translate(depth / 2 + 0.001, 0, 0);
     this.plain = plainGeometry(model);
     this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
-    this.ghostMaterial = new THREE.MeshLambertMaterial({ color: 0xa878d8, transparent: true, opacity: 0.45 });
+    this.ghostMaterial = new THREE.MeshLambertMaterial({
+      color: 0xa878d8, transparent: true, opacity: 0.45, polygonOffset: true, polygonOffsetFactor: -1,
+    });
   }
 }
 

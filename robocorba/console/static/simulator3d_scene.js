@@ -14,6 +14,7 @@ export const sceneMethods = {
       if (!floor) continue;
       const bodies = [...floor.bodies.values()];
       mesh.setElevators(floor.elevators, this.drawn(1));
+      if (this.isStacked) mesh.showName(this.view.spritePixel);
       const here = bodies.filter((body) => body.kind === "robot").map((body) => this.robotOf(body, mesh.plan, floor));
       robots.push(...here);
       mesh.setObjects(bodies.filter((body) => body.kind === "object"), this.hands(here));
