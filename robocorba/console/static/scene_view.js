@@ -45,6 +45,7 @@ export class SceneView {
     canvas.setAttribute("aria-label", "3D view; arrows turn it, plus and minus zoom, 0 shows everything");
     this.box.prepend(canvas);
     this.canvas = canvas;
+    canvas.sceneView = this; // for tests, which count its pictures
     try {
       this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.isSoftware, powerPreference: "low-power" });
     } catch {
