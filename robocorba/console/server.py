@@ -20,14 +20,16 @@ from nicegui import ui
 from robocorba.console.access import Access
 from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
-from robocorba.console.live_floors import LiveFloors
+from robocorba.console.live_floors import RESOLVE_TIMEOUT_S, LiveFloors
 from robocorba.console.live_plans import LivePlans
+from robocorba.console.live_sensors import LiveSensors
 from robocorba.console.map_operations import MapOperations
 from robocorba.console.mission_operations import MissionOperations
 from robocorba.console.monitor_operations import MonitorOperations
 from robocorba.console.monitor_state import MonitorState
 from robocorba.console.operations import Operations
 from robocorba.console.pages import add_pages
+from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.recordings import Recordings, UnknownRecording
 from robocorba.console.settings import ConsoleSettings
@@ -35,6 +37,7 @@ from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
@@ -63,12 +66,16 @@ class Console:
         self.viewers = Viewers(self.state)
         self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
         self.plans = LivePlans(orb, self.viewers.notify)
+        database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
+        self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
         self.operations = Operations(orb)
-        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb), SimulationOperations(orb)):
+        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
             self.operations.add(part)
         self.operations.add(
             MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films)
         )
+        self.operations.add(SimulationOperations(orb, settings.administrator, settings.supervisor))
+        self.operations.add(ProcessOperations(orb, settings.supervisor))
 
     def app(self) -> Access:
         """The web application."""
@@ -96,8 +103,8 @@ class Console:
 
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
-        self.viewers.attach(self.floors, self.plans)
-        parts = (self.state, self.plans, self.floors)
+        self.viewers.attach(self.floors, self.plans, self.sensors)
+        parts = (self.state, self.plans, self.floors, self.sensors)
         for part in parts:
             part.start()
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robocorba.corba.conversion import floors, scans
+from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.conversion.errors import translating
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.store import Mission, SimulationStore
@@ -31,6 +31,17 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
     @translating
     def lastScans(self, name: str) -> list[Any]:
         return [scans.last_scan(scan) for scan in self._database.last_scans(name)]
+
+    @translating
+    def scansSince(self, name: str, since: float) -> list[Any]:
+        return [scans.robot_scan(scan) for scan in self._database.scans_since(name, since)]
+
+    @translating
+    def postures(self, name: str, since: float) -> list[Any]:
+        return [simulation.posture(posture) for posture in self._database.postures(name, since)]
+
+    def reservations(self) -> list[Any]:
+        return [simulation.reserved_areas(reserved) for reserved in self._database.reservations()]
 
     def elevators(self) -> list[Any]:
         return floors.elevators(self._database.elevators())
