@@ -20,7 +20,9 @@ from nicegui import ui
 from robocorba.console.access import Access
 from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
+from robocorba.console.kinematics_operations import KinematicsOperations
 from robocorba.console.live_floors import RESOLVE_TIMEOUT_S, LiveFloors
+from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_plans import LivePlans
 from robocorba.console.live_sensors import LiveSensors
 from robocorba.console.map_operations import MapOperations
@@ -32,12 +34,15 @@ from robocorba.console.pages import add_pages
 from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.recordings import Recordings, UnknownRecording
+from robocorba.console.robot_views import RobotViews
 from robocorba.console.settings import ConsoleSettings
 from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.omni_database import RemoteDatabase
+from robocorba.corba.remote.robot_view import RemoteRobotView
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
@@ -51,6 +56,8 @@ MAX_BODY = 8 * 1024 * 1024
 MAX_RECORDING = 512 * 1024 * 1024
 #: The server ends at most this long after a signal, also while browsers are connected [s].
 SHUTDOWN_S = 2
+#: Timeout of each attempt to find mission control [s].
+MISSIONS_RESOLVE_S = 1.0
 
 
 class Console:
@@ -68,6 +75,9 @@ class Console:
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
+        self.missions = LiveMissions(RemoteMissionControl(orb, MISSIONS_RESOLVE_S), self.viewers.notify)
+        self.viewers.missions = self.missions
+        self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
         self.operations = Operations(orb)
         for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
             self.operations.add(part)
@@ -76,6 +86,7 @@ class Console:
         )
         self.operations.add(SimulationOperations(orb, settings.administrator, settings.supervisor))
         self.operations.add(ProcessOperations(orb, settings.supervisor))
+        self.operations.add(KinematicsOperations())
 
     def app(self) -> Access:
         """The web application."""
@@ -88,8 +99,10 @@ class Console:
         app.add_api_route("/recording", self._open_recording, methods=["POST"])
         app.add_api_route("/film/{number}", self._film)
         app.add_api_route("/robot-model", self._robot_model)
+        app.add_api_route("/robot.urdf", self._robot_urdf)
         app.add_api_route("/call/{name}", self._call, methods=["POST"])
         app.add_api_websocket_route("/live", self._live)
+        app.add_api_websocket_route("/robot-view", self._robot_view)
         add_pages()
         ui.run_with(
             app,
@@ -104,7 +117,7 @@ class Console:
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
         self.viewers.attach(self.floors, self.plans, self.sensors)
-        parts = (self.state, self.plans, self.floors, self.sensors)
+        parts = (self.state, self.plans, self.floors, self.sensors, self.missions)
         for part in parts:
             part.start()
         try:
@@ -116,6 +129,10 @@ class Console:
 
     async def _live(self, socket: WebSocket) -> None:
         await self.viewers.serve(socket)
+
+    async def _robot_view(self, socket: WebSocket) -> None:
+        wanted = socket.query_params
+        await self.robot_views.serve(socket, wanted.get("robot", ""), wanted.get("pool") == "yes")
 
     async def _plan(self, floor: str, recording: str = "") -> Response:
         """The map of a floor, as it is or as an open recording has it."""
@@ -131,6 +148,16 @@ class Console:
         from robocorba.kinematics.link_tree import as_json  # imported here, since it loads the physics engine
 
         return JSONResponse(await asyncio.to_thread(as_json))
+
+    async def _robot_urdf(self) -> Response:
+        """The robot for other viewers."""
+        from robocorba.kinematics.urdf import urdf
+
+        return Response(
+            await asyncio.to_thread(urdf),
+            media_type="application/xml",
+            headers={"Content-Disposition": 'attachment; filename="smartpal.urdf"'},
+        )
 
     async def _past(self, floor: str, at: float, recording: str = "") -> Response:
         """The frame of a floor at POSIX time `at` [s], of an open recording or of the last half hour."""

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from fastapi import WebSocket, WebSocketDisconnect
 
 from robocorba.console.live_floors import LiveFloors
+from robocorba.console.live_missions import LiveMissions, MissionFeed
 from robocorba.console.live_plans import LivePlans
 from robocorba.console.live_sensors import LiveSensors, Wanted
 from robocorba.console.sensor_feed import NOTHING
@@ -42,6 +43,8 @@ class Viewers:
         self.floors: LiveFloors
         self.plans: LivePlans
         self.sensors: LiveSensors
+        #: The building's missions; None without mission control.
+        self.missions: LiveMissions | None = None
 
     def attach(self, floors: LiveFloors, plans: LivePlans, sensors: LiveSensors) -> None:
         """Serve viewers of these floors, plans and sensors with the running event loop."""
@@ -72,6 +75,7 @@ class Viewers:
     def overview(self) -> str:
         """Floors, map version and problems as a message."""
         problems = {"floors": self.floors.problem, "map": self.plans.problem, "sensors": self.sensors.problem}
+        problems["missions"] = self.missions.problem if self.missions else ""
         return json.dumps({"floors": self.floors.names, "map": self.plans.version, "problems": problems})
 
     async def serve(self, socket: WebSocket) -> None:
@@ -90,6 +94,7 @@ class Viewers:
             self._viewers.discard(viewer)
             self.floors.watch(viewer, ())
             self.sensors.want(viewer, Wanted())
+            viewer.missions.want(False)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -110,6 +115,7 @@ class Viewer:
         self._postures: dict[str, int] = {}
         self._reservations: int | None = None
         self._overview = ""
+        self.missions = MissionFeed(viewers.missions)
 
     async def send(self) -> None:
         loop = asyncio.get_running_loop()
@@ -122,6 +128,8 @@ class Viewer:
             for name in list(self._sent):
                 await self._send_floor(name)
             await self._send_sensors()
+            if missions := self.missions.message():
+                await self._socket.send_text(missions)
             if loop.time() >= next_state_s:
                 next_state_s = loop.time() + STATE_INTERVAL_S
                 await self._socket.send_text(self._viewers.state_text())
@@ -167,6 +175,7 @@ class Viewer:
                     tuple(_floors(wanted.get("postures"))),
                     wanted.get("reservations") is True,
                 )
+                self.missions.want(wanted.get("missions") is True)
             except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
                 return
             self._sent = {name: self._sent.get(name, 0) for name in names}

@@ -28,7 +28,7 @@ from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED,
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.planning.request import PathPoint
 from robocorba.programs.base_checks import Planner
-from robocorba.programs.program import Program
+from robocorba.programs.program import Program, require_cooperative
 from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
@@ -195,6 +195,7 @@ class ControlAgent:
     def start_mission(self, mission: str, program: Program) -> None:
         """Load and run a program of one cooperative icon as the mission of this name. Raises InvalidProgram,
         IllegalOrder."""
+        require_cooperative(program)
         with self._lock:
             self.load(program)
             self.run(mission=mission)

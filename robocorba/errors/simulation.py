@@ -124,6 +124,14 @@ class UnknownMission(SimulationError):
         super().__init__(f"there is no mission {name[:80]!r}")
 
 
+class NoLeader(SimulationError):
+    """A robot can't lead a mission, or does not answer; `reason` explains."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(reason)
+
+
 class UpdateMismatch(SimulationError):
     """An update of `floor` begins at version `since`, but the local copy is at `version`: load the whole floor."""
 

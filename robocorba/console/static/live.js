@@ -1,7 +1,8 @@
 // The connection of a page to the console's server: live floors as binary frames, everything else as JSON.
 //
 // `live` is shared by all components of a page. It reconnects by itself; listeners are called with the kind of news:
-// "connection", "floor", "plan", "state", "past", "scans", "postures" (both with the floor), "reservations".
+// "connection", "floor", "plan", "state", "past", "scans", "postures" (both with the floor), "reservations",
+// "missions".
 //
 // A page says what it wants: {"watch": [floors], "scans": [floors], "postures": [floors], "reservations": true}; all
 // but `watch` may be missing. Beside frames it gets, as JSON:
@@ -15,6 +16,8 @@
 //   {"postures": {"floor": "L1", "whole": true, "robots": {"R1": [joints]}, "gone": ["R2"]}}
 //   {"reservations": [{"robot": "R1", "phase": "granted" or "waiting", "ahead": 0, "left": 12.0,
 //     "areas": [{"floor": "L1", "polygon": [[x, y], ...]}]}]}
+//   {"missions": [row, ...], "whole": true, "version": 3, "now": 1700000000.5}, if it wants {"missions": true}; the rows
+//     are those of RoboCorba::MissionState, in snake case, with `result` "running", "done", "aborted" or "failed".
 // `whole` means that the message holds all of the floor; without it, what has changed. Lengths in m, angles in rad,
 // times in simulated s.
 
@@ -85,6 +88,10 @@ class Live {
     this.postures = new Map();
     this.postureFloors = new Map();
     this.reservations = [];
+    // Missions by name, and whether they are known; the console's clock is ahead of ours by `aheadS`.
+    this.missions = new Map();
+    this.missionsKnown = false;
+    this.aheadS = 0;
     this.wanted = new Map();
     this.listeners = new Set();
     this.attempts = 0;
@@ -99,8 +106,8 @@ class Live {
     return () => this.listeners.delete(listener);
   }
 
-  // What a component wants to see: {floors: [names], scans: [names], postures: [names], reservations: bool}; for scans
-  // and postures, true stands for `floors`. Replaces what it wanted before; without arguments: nothing any more.
+  // What a component wants to see: {floors: [names], scans: [names], postures: [names], reservations: bool, missions:
+  // bool}; for scans and postures, true stands for `floors`. Replaces what it wanted before; without arguments: nothing any more.
   want(component, what) {
     if (what) this.wanted.set(component, what);
     else this.wanted.delete(component);
@@ -121,6 +128,11 @@ class Live {
   // The last scan of each sensor on a floor.
   scansOn(floor) {
     return [...(this.scans.get(floor)?.values() ?? [])];
+  }
+
+  // The time of the console's computer, s since 1970.
+  serverNow() {
+    return Date.now() / 1000 + this.aheadS;
   }
 
   // The plan of a floor, or undefined until it is loaded; "plan" news follow.
@@ -177,6 +189,7 @@ class Live {
     const scans = new Set();
     const postures = new Set();
     let reservations = false;
+    let missions = false;
     for (const what of this.wanted.values()) {
       const floors = what.floors ?? [];
       const add = (set, names) => (names === true ? floors : names || []).forEach((name) => set.add(name));
@@ -184,6 +197,7 @@ class Live {
       add(scans, what.scans);
       add(postures, what.postures);
       reservations ||= Boolean(what.reservations);
+      missions ||= Boolean(what.missions);
     }
     for (const floor of this.scans.keys()) if (!scans.has(floor)) this.scans.delete(floor);
     for (const [robot, floor] of this.postureFloors) {
@@ -193,7 +207,7 @@ class Live {
       }
     }
     if (!reservations) this.reservations = [];
-    const message = { watch: [...watch], scans: [...scans], postures: [...postures], reservations };
+    const message = { watch: [...watch], scans: [...scans], postures: [...postures], reservations, missions };
     this.socket.send(JSON.stringify(message));
   }
 
@@ -223,6 +237,15 @@ class Live {
       this.reservations = news.reservations;
       this.notify("reservations");
     }
+    if (news.missions) this.receiveMissions(news);
+  }
+
+  receiveMissions({ missions, whole, now }) {
+    if (whole) this.missions.clear();
+    for (const mission of missions) this.missions.set(mission.name, mission);
+    this.missionsKnown = true;
+    this.aheadS = now - Date.now() / 1000;
+    this.notify("missions");
   }
 
   receiveScans({ floor, whole, scans, gone }) {

@@ -114,6 +114,11 @@ class RemoteMapEditor:
         version: int = self._slow_editor.call(lambda editor: editor.importMap(document, expected))
         return version
 
+    def undo(self, expected: int) -> int:
+        """Revert the last edit, whoever made it. Returns the new version. Raises StaleVersion, NothingToUndo."""
+        version: int = self._slow_editor.call(lambda editor: editor.undo(expected))
+        return version
+
     def underlay(self, floor: str) -> Underlay | None:
         """The picture below a floor, if there is one. Raises UnknownElement."""
         return maps.underlay_of(self._slow_editor.call(lambda editor: editor.getUnderlay(floor)))

@@ -12,6 +12,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.simulation.building import Posture
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.store import Mission
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
 
@@ -71,6 +72,11 @@ class RemoteDatabase:
     def reservations(self) -> list[ReservedAreas]:
         """All reservations of areas, granted or waiting. Raises NotReachable."""
         return [simulation.reserved_areas_of(record) for record in self._database.call(lambda to: to.reservations())]
+
+    def put_mission(self, mission: Mission) -> int:
+        """Store a mission; return its new version. Raises InvalidMission, StaleMission, NotReachable."""
+        record = RoboCorba.MissionRecord(mission.name, mission.version, mission.document)
+        return int(self._database.call(lambda database: database.putMission(record)))
 
     def set_resolve_timeout(self, timeout_s: float) -> None:
         self._database.resolve_timeout_s = timeout_s

@@ -6,16 +6,17 @@ from typing import Any
 
 from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.conversion.errors import translating
+from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.simulation.store import Mission, SimulationStore
+from robocorba.simulation.store import Mission
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
 class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
-    """RoboCorba::OmniDatabase, with missions in `store`."""
+    """RoboCorba::OmniDatabase, with the building's missions."""
 
-    def __init__(self, database: OmniDatabase, store: SimulationStore) -> None:
-        self._database, self._store = database, store
+    def __init__(self, database: OmniDatabase, missions: MissionDirectory) -> None:
+        self._database, self._missions = database, missions
 
     def floors(self) -> list[str]:
         return self._database.floors
@@ -48,12 +49,14 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
 
     @translating
     def putMission(self, mission: Any) -> int:
-        return self._store.put_mission(Mission(mission.name, mission.current, mission.document))
+        return self._missions.put_mission(Mission(mission.name, mission.current, mission.document))
 
     @translating
     def missions(self) -> list[Any]:
-        return [RoboCorba.MissionRecord(*(kept.name, kept.version, kept.document)) for kept in self._store.missions()]
+        return [
+            RoboCorba.MissionRecord(*(kept.name, kept.version, kept.document)) for kept in self._missions.missions()
+        ]
 
     @translating
     def removeMission(self, name: str) -> None:
-        self._store.remove_mission(name)
+        self._missions.remove_mission(name)
