@@ -216,7 +216,8 @@ export class FloorCanvas {
   wheel(event) {
     event.preventDefault();
     const box = this.canvas.getBoundingClientRect();
-    this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), event.clientX - box.left, event.clientY - box.top);
+    this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), event.clientX - box.left,
+      event.clientY - box.top);
   }
 
   // ---- drawing ----
@@ -376,7 +377,8 @@ export class FloorCanvas {
       context.lineWidth = this.px(3);
       for (const [a, b] of elevator.doors) {
         const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
-        const towards = (end) => [end[0] + (middle[0] - end[0]) * (1 - opening), end[1] + (middle[1] - end[1]) * (1 - opening)];
+        const share = 1 - opening;
+        const towards = (end) => end.map((value, axis) => value + (middle[axis] - value) * share);
         line(context, a, towards(a));
         line(context, b, towards(b));
       }
@@ -435,7 +437,8 @@ export class FloorCanvas {
     context.textAlign = "center";
     context.textBaseline = "middle";
     context.lineJoin = "round";
-    const bodies = [...(this.floor?.bodies.values() ?? [])].filter((body) => this.isVisible(...this.pixel(body.x, body.y)));
+    const isVisible = (body) => this.isVisible(...this.pixel(body.x, body.y));
+    const bodies = [...(this.floor?.bodies.values() ?? [])].filter(isVisible);
     const robots = bodies.filter((body) => body.kind !== "object");
     for (const body of robots) {
       const size = 2 * body.radius * this.scale;
@@ -444,7 +447,8 @@ export class FloorCanvas {
     robots.sort((a, b) => (b.name === this.selected) - (a.name === this.selected));
     for (const body of robots) {
       const { note } = this.describe(body);
-      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold: body.name === this.selected, mustShow: true });
+      const isBold = body.name === this.selected;
+      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
     for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator.name), elevator.at);
@@ -469,7 +473,8 @@ export class FloorCanvas {
     const width = Math.max(...lines.map((line) => this.labels.width(context, line))) + 4;
     const height = LABEL_PX * lines.length;
     const [px, py] = this.pixel(disc.x, disc.y);
-    const place = this.labels.place(key, around(px, py, disc.radius * this.scale, width, height), width, height, mustShow);
+    const offers = around(px, py, disc.radius * this.scale, width, height);
+    const place = this.labels.place(key, offers, width, height, mustShow);
     if (!place) return;
     lines.forEach((line, index) => {
       const y = place[1] - height / 2 + LABEL_PX * (index + 0.5);
@@ -531,7 +536,8 @@ function planPaths(plan) {
   for (const elevator of plan.elevators) addPolygon(paths.shafts, elevator.polygon);
   for (const object of plan.objects) addPolygon(object.movable ? paths.movable : paths.fixed, object.polygon);
   for (const edge of plan.edges) addLine(paths.edges, edge.a, edge.b);
-  for (const wall of plan.walls) for (const piece of wall.pieces) addLine(paths.walls, piece[0], piece[piece.length - 1]);
+  const pieces = plan.walls.flatMap((wall) => wall.pieces);
+  for (const piece of pieces) addLine(paths.walls, piece[0], piece[piece.length - 1]);
   if (plan.outline.length) addPolygon(paths.walls, plan.outline);
   for (const elevator of plan.elevators) addPolygon(paths.walls, elevator.polygon);
   return paths;

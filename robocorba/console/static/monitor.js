@@ -31,7 +31,7 @@ export default {
         </div>
         <div class="console-scene" :class="{ 'is-picking': isPicking, 'is-past': !past.isLive }">
           <canvas ref="canvas" tabindex="0" role="application"
-                  :aria-label="'Floor ' + current + ': + and - enlarge and reduce, 0 shows all, arrows move, F follows'"></canvas>
+                  :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
           <div v-if="!past.isLive" class="scene-note" role="status">
             <strong>{{ past.recording ? "recording" : "past" }}</strong> {{ pastNote }}
@@ -50,7 +50,8 @@ export default {
         <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
         <div v-show="side === 'Robots'" class="side-robots">
           <RobotTable :robots="robots" :selected="selected" :is-connected="floors.length > 0" @select="select" />
-          <RobotPanel v-if="robot" class="robot-panel" :robot="robot" :scans="scans" :rights="rights" :floors="floors" :is-past="!past.isLive"
+          <RobotPanel v-if="robot" class="robot-panel" :robot="robot" :scans="scans" :rights="rights" :floors="floors"
+                      :is-past="!past.isLive"
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
         </div>
@@ -62,9 +63,12 @@ export default {
     </div>`,
   data() {
     return {
-      floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false, message: "connecting",
-      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, happenings: [], missions: [], channels: [],
-      past: { isLive: true }, trouble: "", shown: { scans: true, ways: true, roads: false }, isMoving: false, isPicking: false,
+      floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
+        message: "connecting",
+      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, happenings: [],
+        missions: [], channels: [],
+      past: { isLive: true }, trouble: "", shown: { scans: true, ways: true, roads: false }, isMoving: false,
+        isPicking: false,
       picked: null, processes: {},
     };
   },
@@ -111,7 +115,8 @@ export default {
         toggle("ways", "route", "Planned ways and reserved areas"),
         toggle("roads", "hub", "Nodes and edges"),
         {
-          name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator || !this.past.isLive,
+          name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator
+            || !this.past.isLive,
           title: this.rights.administrator ? "Drag robots and objects" : "Dragging needs --administrator FILE",
           press: () => { this.isMoving = !this.isMoving; },
         },
@@ -168,7 +173,8 @@ export default {
       if (kind === "scans" || kind === "reservations") this.canvas.redraw();
       if (kind === "connection" || kind === "plan") this.showPlan();
       if (kind === "state" || kind === "connection") this.updateTable();
-      if (kind === "missions") this.missions = missionEvents(live.missions.values(), (live.state?.past[1] ?? 0) - KEPT_S);
+      if (kind === "missions") this.missions = missionEvents(live.missions.values(),
+        (live.state?.past[1] ?? 0) - KEPT_S);
     },
     show(floor) {
       this.current = this.scene.floorName = floor;
@@ -183,7 +189,8 @@ export default {
       this.scene.shown = shown;
       this.canvas.isShownRoadmap = shown.roads;
       live.want(this, current
-        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true } : undefined);
+        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true }
+          : undefined);
       if (!shown.scans) this.scene.scans = [];
       this.canvas.redraw();
     },
@@ -238,13 +245,15 @@ export default {
         if (row.isHere) this.counts[row.floor] = (this.counts[row.floor] ?? 0) + 1;
         row.news = ageText(row.age);
       }
-      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current), live.plan(this.current));
+      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
+        live.plan(this.current));
       for (const row of rows) row.word = this.collisions.has(row.name) ? "\u2715 collision" : row.condition;
       this.robots = rows;
       this.scene.robots = new Map(rows.map((row) => [row.name, row]));
       this.channels = Object.keys(state.channels);
       this.noteTrouble();
-      if (this.isFollowing && this.past.isLive && this.robot?.isHere && this.robot.floor !== this.current && this.floors.includes(this.robot.floor)) {
+      if (this.isFollowing && this.past.isLive && this.robot?.isHere && this.robot.floor !== this.current
+        && this.floors.includes(this.robot.floor)) {
         this.show(this.robot.floor);
       }
       if (state.happenings > (this.happenings.at(-1)?.number ?? 0)) this.loadHappenings();
@@ -258,7 +267,8 @@ export default {
       else this.lostAt ??= performance.now();
       this.scene.floorAge = lost ? Math.max((performance.now() - this.lostAt) / 1000, 0.1) : 0;
       const isShown = lost && this.hasPlan;
-      this.trouble = isShown ? `shown as it was ${ageText(this.scene.floorAge)} ago` : (!lost && live.problems.sensors) || "";
+      this.trouble = isShown ? `shown as it was ${ageText(this.scene.floorAge)} ago` : (!lost && live.problems.sensors)
+        || "";
     },
     takeScans() {
       this.scene.scans = this.shown.scans ? live.scansOn(this.current) : [];
@@ -291,7 +301,8 @@ export default {
     select(name) {
       this.selected = name;
       const robot = this.robots.find((each) => each.name === name);
-      if (this.past.isLive && robot?.floor && robot.floor !== this.current && this.floors.includes(robot.floor)) this.show(robot.floor);
+      if (this.past.isLive && robot?.floor && robot.floor !== this.current
+        && this.floors.includes(robot.floor)) this.show(robot.floor);
     },
     follow() {
       this.isFollowing = !this.isFollowing;
@@ -317,15 +328,20 @@ export default {
       const body = this.canvas.bodyAt(point) ?? this.scene.lostAt(point);
       if (!body) return false;
       if (body.kind !== "object") this.select(body.name);
-      return this.isMoving && this.past.isLive && body.number !== undefined && this.drag.begin(body, point, this.current);
+      const mayMove = this.isMoving && this.past.isLive && body.number !== undefined;
+      return mayMove && this.drag.begin(body, point, this.current);
     },
     key(event) {
       const { target } = event;
-      if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input, select, textarea, [contenteditable]")) return;
+      if (event.ctrlKey || event.metaKey || event.altKey
+        || target.closest("input, select, textarea, [contenteditable]")) return;
       const moves = { ArrowLeft: [PAN_PX, 0], ArrowRight: [-PAN_PX, 0], ArrowUp: [0, PAN_PX], ArrowDown: [0, -PAN_PX] };
       if (event.key === "Escape") this.escape();
-      else if (this.drag.isActive && "qeQE".includes(event.key)) this.drag.turn(event.key.toLowerCase() === "q" ? 1 : -1);
-      else if (moves[event.key] && (target === this.$refs.canvas || target === document.body)) this.canvas.pan(...moves[event.key]);
+      else if (this.drag.isActive && "qQ".includes(event.key)) this.drag.turn(1);
+      else if (this.drag.isActive && "eE".includes(event.key)) this.drag.turn(-1);
+      else if (moves[event.key] && [this.$refs.canvas, document.body].includes(target)) {
+        this.canvas.pan(...moves[event.key]);
+      }
       else if (event.key === "+" || event.key === "=") this.canvas.zoom(1.4);
       else if (event.key === "-") this.canvas.zoom(1 / 1.4);
       else if (event.key === "0") this.canvas.fit();
@@ -351,6 +367,6 @@ function missionEvents(missions, since) {
   });
   return [...missions].flatMap((mission) => [
     event(mission, "begin", mission.begun, "has begun"),
-    ...(mission.ended ? [event(mission, "end", mission.ended, [mission.result, mission.reason].filter(Boolean).join(": "))] : []),
-  ]).filter((each) => each.at >= since);
+    mission.ended && event(mission, "end", mission.ended, `is ${[mission.result, mission.reason].filter(Boolean).join(": ")}`),
+  ]).filter((each) => each && each.at >= since);
 }

@@ -1,4 +1,5 @@
-// What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being moved.
+// What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being
+// moved.
 import { disc, line, polygon, shortened } from "/static/floor_canvas.js";
 import { ageText } from "/static/robot_rows.js";
 
@@ -72,7 +73,8 @@ export class MonitorScene {
     if (!this.isPast) {
       for (const robot of this.lostRobots()) {
         const note = `${robot.condition} ${robot.age === null ? "" : ageText(robot.age)}`;
-        canvas.drawLabel(`lost ${robot.name}`, shortened(robot.name, 20), { ...robot.at, radius: 0.2 }, { note, mustShow: true });
+        canvas.drawLabel(`lost ${robot.name}`, shortened(robot.name, 20), { ...robot.at, radius: 0.2 },
+          { note, mustShow: true });
       }
     }
     if (this.refusal && this.refusal.until > performance.now()) this.drawRefusal(context);
@@ -81,7 +83,8 @@ export class MonitorScene {
   // Robots with a known place on the floor whose body is not there any more.
   lostRobots() {
     const here = new Set([...(this.canvas.floor?.bodies.values() ?? [])].map((body) => body.name));
-    return [...this.robots.values()].filter((robot) => robot.at && robot.floor === this.floorName && !here.has(robot.name)
+    return [...this.robots.values()].filter((robot) => robot.at && robot.floor === this.floorName
+      && !here.has(robot.name)
       && robot.isLost);
   }
 
@@ -171,7 +174,8 @@ export class MonitorScene {
     const { canvas } = this;
     const x = corners.reduce((sum, corner) => sum + corner[0], 0) / corners.length;
     const y = corners.reduce((sum, corner) => sum + corner[1], 0) / corners.length;
-    const text = phase === "granted" ? `reserved for ${shortened(robot, 16)}` : `${shortened(robot, 16)} waits for this area`;
+    const text = phase === "granted" ? `reserved for ${shortened(robot, 16)}`
+      : `${shortened(robot, 16)} waits for this area`;
     canvas.drawLabel(`area ${robot}`, text, { x, y, radius: 0 });
   }
 

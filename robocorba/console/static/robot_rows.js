@@ -1,4 +1,5 @@
-// Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their news.
+// Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their
+// news.
 
 // A robot without news for this time is shown as lost [s].
 export const LOST_S = 3;
@@ -8,7 +9,8 @@ const COLLISION_S = 4;
 const TOUCH_M = 0.03;
 
 // {name, floor, at, isLost, isHere, age, condition, program, agent, client, problem}, sorted by name.
-// isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null: none yet.
+// isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null:
+// none yet.
 export function robotRows(state, waitS) {
   const clients = new Map((state.server.state?.clients ?? []).map((client) => [client.name, client]));
   const gone = state.gone ?? {};
@@ -95,10 +97,11 @@ function touching(floor, plan) {
 }
 
 function touches(robot, body) {
-  if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < robot.radius + body.radius + TOUCH_M;
+  const reach = robot.radius + TOUCH_M;
+  if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < reach + body.radius;
   const cos = Math.cos(body.heading), sin = Math.sin(body.heading);
   const corners = body.outline.map(([x, y]) => [body.x + x * cos - y * sin, body.y + x * sin + y * cos]);
-  return corners.some((corner, index) => distanceTo(robot, corner, corners[(index + 1) % corners.length]) < robot.radius + TOUCH_M);
+  return corners.some((corner, index) => distanceTo(robot, corner, corners[(index + 1) % corners.length]) < reach);
 }
 
 // Distance of a body's middle from a line between two points [m].

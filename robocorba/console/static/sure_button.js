@@ -7,7 +7,8 @@ export default {
   props: { label: String, question: String, disable: Boolean, title: String },
   emits: ["sure"],
   template: `
-    <q-btn dense no-caps :outline="!isAsked" :color="isAsked ? 'negative' : undefined" :label="isAsked ? question : label"
+    <q-btn dense no-caps :outline="!isAsked" :color="isAsked ? 'negative' : undefined"
+           :label="isAsked ? question : label"
            :disable="disable" :title="title" @click="press" @blur="isAsked = false" />`,
   data() {
     return { isAsked: false };
