@@ -10,6 +10,8 @@ const MAX_PX_PER_M = 2000;
 const PICK_PX = 10;
 const LABEL_FONT = "12px system-ui, sans-serif";
 const LABEL_PX = 14;
+// Pictures of labels that are kept.
+const MAX_SPRITES = 600;
 
 // Colours that are told apart without red and green (after Okabe and Ito), for light and dark pages.
 export const COLORS = {
@@ -37,6 +39,7 @@ export class FloorCanvas {
     this.layerContext = this.layer.getContext("2d");
     this.layerOf = [];
     this.labels = new LabelPlacer();
+    this.sprites = new Map();
     this.handlers = handlers;
     this.plan = null;
     this.paths = null;
@@ -434,9 +437,6 @@ export class FloorCanvas {
   // Robots always have their names; objects and areas where there is room.
   drawNames() {
     const { context, colors } = this;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
-    context.lineJoin = "round";
     const isVisible = (body) => this.isVisible(...this.pixel(body.x, body.y));
     const bodies = [...(this.floor?.bodies.values() ?? [])].filter(isVisible);
     const robots = bodies.filter((body) => body.kind !== "object");
@@ -492,14 +492,19 @@ export class FloorCanvas {
     if (place) this.drawText(text, ...place, colors.area);
   }
 
-  // A line of text in the context's font, with a halo.
+  // A line of text in the context's font, with a halo. Letters with a halo are slow to draw, so pictures of them are kept.
   drawText(text, px, py, color) {
-    const { context, colors } = this;
-    context.lineWidth = 3;
-    context.strokeStyle = colors.ground;
-    context.strokeText(text, px, py);
-    context.fillStyle = color;
-    context.fillText(text, px, py);
+    const { context, colors, sprites } = this;
+    const ratio = this.canvas.width / this.width;
+    const key = `${context.font}\n${color}\n${colors.ground}\n${ratio}\n${text}`;
+    let sprite = sprites.get(key);
+    if (!sprite) {
+      if (sprites.size >= MAX_SPRITES) sprites.clear();
+      sprite = textSprite(text, context.font, this.labels.width(context, text), color, colors.ground, ratio);
+      sprites.set(key, sprite);
+    }
+    const [width, height] = [sprite.width / ratio, sprite.height / ratio];
+    context.drawImage(sprite, px - width / 2, py - height / 2, width, height);
   }
 
   isVisible(px, py) {
@@ -521,6 +526,20 @@ export class FloorCanvas {
     context.textBaseline = "bottom";
     context.fillText(step < 1 ? `${Math.round(step * 100)} cm` : `${step} m`, 12, this.height - 15);
   }
+}
+
+function textSprite(text, font, width, color, halo, ratio) {
+  const sprite = document.createElement("canvas");
+  sprite.width = Math.ceil((width + 6) * ratio);
+  sprite.height = Math.ceil((LABEL_PX + 8) * ratio);
+  const context = sprite.getContext("2d");
+  context.scale(ratio, ratio);
+  Object.assign(context, { font, textAlign: "center", textBaseline: "middle", lineJoin: "round", lineWidth: 3 });
+  context.strokeStyle = halo;
+  context.fillStyle = color;
+  context.strokeText(text, sprite.width / ratio / 2, sprite.height / ratio / 2);
+  context.fillText(text, sprite.width / ratio / 2, sprite.height / ratio / 2);
+  return sprite;
 }
 
 // ---- shapes ----
