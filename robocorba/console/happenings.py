@@ -106,7 +106,8 @@ def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
 def _of_robot(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
     floor = _floor(now)
     if _is_silent(before) != _is_silent(now):
-        yield "robot", name, floor, f"{name} does not answer" if _is_silent(now) else f"{name} answers again"
+        words = ("does not answer" if now["bound"] else "has ended") if _is_silent(now) else "answers again"
+        yield "robot", name, floor, f"{name} {words}"
     old, new = before["state"], now["state"]
     if not old or not new:
         return

@@ -95,6 +95,12 @@ def test_robots_log_off_and_fall_silent() -> None:
     assert noticed(rows(), off, silent) == [("robot", "R1", "R1 has logged off"), ("robot", "R1", "R1 does not answer")]
 
 
+def test_a_robot_that_ends_takes_its_name_from_the_naming_service() -> None:
+    ended = changed(rows(), "robots", "R1", "age", to=4.0)
+    ended["robots"]["R1"]["bound"] = False
+    assert noticed(rows(), ended) == [("robot", "R1", "R1 has ended")]
+
+
 def test_a_lost_server_is_no_crowd_of_leaving_robots() -> None:
     lost = changed(rows(), "server", "problem", to="does not answer")
     assert [kind for kind, _, _ in noticed(rows(), lost, rows())] == ["server", "server"]

@@ -504,7 +504,8 @@ export class FloorCanvas {
       sprites.set(key, sprite);
     }
     const [width, height] = [sprite.width / ratio, sprite.height / ratio];
-    context.drawImage(sprite, px - width / 2, py - height / 2, width, height);
+    const sharp = (pixels) => Math.round(pixels * ratio) / ratio;
+    context.drawImage(sprite, sharp(px - width / 2), sharp(py - height / 2), width, height);
   }
 
   isVisible(px, py) {

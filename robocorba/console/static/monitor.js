@@ -367,6 +367,6 @@ function missionEvents(missions, since) {
   });
   return [...missions].flatMap((mission) => [
     event(mission, "begin", mission.begun, "has begun"),
-    mission.ended && event(mission, "end", mission.ended, `is ${[mission.result, mission.reason].filter(Boolean).join(": ")}`),
+    mission.ended && event(mission, "end", mission.ended, `has ended, ${mission.result}${mission.reason ? `: ${mission.reason}` : ""}`),
   ]).filter((each) => each && each.at >= since);
 }

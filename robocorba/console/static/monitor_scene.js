@@ -5,6 +5,8 @@ import { ageText } from "/static/robot_rows.js";
 
 // How long the reason of a refusal stays at its place [ms].
 const REFUSAL_MS = 6000;
+// Robots that have left are drawn with this radius, since nobody says it any more [m].
+const LOST_RADIUS_M = 0.25;
 
 export class MonitorScene {
   constructor(canvas) {
@@ -72,12 +74,17 @@ export class MonitorScene {
     }
     if (!this.isPast) {
       for (const robot of this.lostRobots()) {
-        const note = `${robot.condition} ${robot.age === null ? "" : ageText(robot.age)}`;
-        canvas.drawLabel(`lost ${robot.name}`, shortened(robot.name, 20), { ...robot.at, radius: 0.2 },
-          { note, mustShow: true });
+        const age = robot.goneAge ?? robot.age;
+        const note = age === null ? robot.condition : `${robot.condition} ${ageText(age)} ago`;
+        const disc = { ...robot.at, radius: this.lostRadius };
+        canvas.drawLabel(`lost ${robot.name}`, shortened(robot.name, 20), disc, { note, mustShow: true });
       }
     }
     if (this.refusal && this.refusal.until > performance.now()) this.drawRefusal(context);
+  }
+
+  get lostRadius() {
+    return Math.max(LOST_RADIUS_M, this.canvas.px(8));
   }
 
   // Robots with a known place on the floor whose body is not there any more.
@@ -91,7 +98,7 @@ export class MonitorScene {
   // The lost robot at a point of the floor, or undefined.
   lostAt([x, y]) {
     if (this.isPast) return undefined;
-    const reach = Math.max(0.2, this.canvas.px(12));
+    const reach = Math.max(this.lostRadius, this.canvas.px(12));
     return this.lostRobots().find(({ at }) => Math.hypot(at.x - x, at.y - y) < reach);
   }
 
@@ -183,12 +190,12 @@ export class MonitorScene {
     const { canvas } = this;
     context.strokeStyle = context.fillStyle = canvas.colors.lost;
     context.globalAlpha = 0.4;
-    disc(context, robot.at.x, robot.at.y, 0.2);
+    disc(context, robot.at.x, robot.at.y, this.lostRadius);
     context.globalAlpha = 1;
     context.lineWidth = canvas.px(1.5);
     context.setLineDash([canvas.px(3), canvas.px(3)]);
     context.beginPath();
-    context.arc(robot.at.x, robot.at.y, 0.2, 0, 2 * Math.PI);
+    context.arc(robot.at.x, robot.at.y, this.lostRadius, 0, 2 * Math.PI);
     context.stroke();
     context.setLineDash([]);
   }

@@ -28,6 +28,8 @@ export function robotRows(state, waitS) {
     return {
       name, agent, client, at, isHere, isLost, age,
       floor: at?.floor ?? "",
+      // Since when the simulation does not have it any more [s].
+      goneAge: isHere || !gone[name] ? null : gone[name].age + waitS,
       isSilent: Boolean(entry) && (entry.age == null || entry.age + waitS > LOST_S),
       condition: conditionOf(entry, agent, isHere),
       program: agent?.program.name ?? "",
@@ -44,6 +46,7 @@ function byName(a, b) {
 
 function conditionOf(entry, agent, isHere) {
   if (!entry) return isHere ? "no agent" : "left";
+  if (!isHere && !entry.bound) return "left";
   if (!agent) return entry.problem ? "no answer" : "";
   if (!isHere && agent.adaptor === "simulated") return "logged off";
   return entry.problem ? "no answer" : agent.condition.toLowerCase();

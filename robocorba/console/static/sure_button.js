@@ -9,7 +9,7 @@ export default {
   template: `
     <q-btn dense no-caps :outline="!isAsked" :color="isAsked ? 'negative' : undefined"
            :label="isAsked ? question : label"
-           :disable="disable" :title="title" @click="press" @blur="isAsked = false" />`,
+           :disable="disable" :title="title" @click="press" />`,
   data() {
     return { isAsked: false };
   },
