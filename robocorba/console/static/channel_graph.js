@@ -3,6 +3,8 @@ import { live } from "/static/live.js";
 
 const WIDTH = 400;
 const NODE_PX = 30;
+// Distance of a text from its arrow.
+const TEXT_PX = 14;
 
 export default {
   template: `
@@ -206,8 +208,10 @@ function arc(a, b) {
   };
   const [x0, y0] = towards(a);
   const [x1, y1] = towards(b);
-  return { d: `M${x0},${y0} Q${mid.x},${mid.y} ${x1},${y1}`, x: (a.x + b.x + 2 * mid.x) / 4,
-    y: (a.y + b.y + 2 * mid.y) / 4 - 5 };
+  const text = {
+    x: (a.x + b.x + 2 * mid.x) / 4 + (TEXT_PX * dy) / length, y: (a.y + b.y + 2 * mid.y) / 4 - (TEXT_PX * dx) / length,
+  };
+  return { d: `M${x0},${y0} Q${mid.x},${mid.y} ${x1},${y1}`, ...text };
 }
 
 function short(text, length) {

@@ -28,7 +28,7 @@ export default {
             <span v-for="mark in marks" :key="mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
                   :title="mark.text">{{ mark.sign }}</span>
           </div>
-          <input type="range" :min="from" :max="to" step="0.5" :value="at" aria-label="Time" :aria-valuetext="text"
+          <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
         </div>
         <span class="time-text">{{ text }}</span>
