@@ -128,6 +128,7 @@ export default {
     this.scene = new MonitorScene(this.canvas);
     this.collisions = this.scene.collisions = new Collisions();
     this.drag = new BodyDrag(this.scene);
+    this.lastHappening = 0;
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.recolor = () => this.canvas.redraw();
     this.onKey = (event) => this.key(event);
@@ -256,7 +257,8 @@ export default {
         && this.floors.includes(this.robot.floor)) {
         this.show(this.robot.floor);
       }
-      if (state.happenings > (this.happenings.at(-1)?.number ?? 0)) this.loadHappenings();
+      if (state.happenings < this.lastHappening) this.lastHappening = 0; // another process of the console counts anew
+      if (state.happenings > this.lastHappening) this.loadHappenings();
       this.takeScans();
       this.canvas.redraw();
     },
@@ -278,7 +280,8 @@ export default {
       if (this.isAsking) return;
       this.isAsking = true;
       try {
-        const news = await call("happenings", { after: this.happenings.at(-1)?.number ?? 0 });
+        const news = await call("happenings", { after: this.lastHappening });
+        this.lastHappening = news.at(-1)?.number ?? this.lastHappening;
         this.happenings = [...this.happenings, ...news].slice(-2000);
       } catch {
         // the connection is lost, which the header says; asked again with the next news

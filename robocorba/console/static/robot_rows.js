@@ -60,7 +60,7 @@ export function ageText(age) {
 }
 
 export function degrees(angle) {
-  return `${((angle * 180) / Math.PI).toFixed(0)}\u00b0`;
+  return `${Math.round((angle * 180) / Math.PI) || 0}\u00b0`;
 }
 
 // Finds which robots touch something when the server's count of collisions rises.

@@ -25,7 +25,7 @@ export default {
         </select>
         <div class="time-line">
           <div class="time-marks" aria-hidden="true">
-            <span v-for="mark in marks" :key="mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
+            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
                   :title="mark.text">{{ mark.sign }}</span>
           </div>
           <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
