@@ -127,6 +127,13 @@ def test_old_happenings_are_forgotten_and_numbers_go_on() -> None:
     assert happenings.last == 2
 
 
+def test_marks_of_writing_direction_end_with_the_name() -> None:
+    before = rows()
+    before["robots"] = {"\u202ex": before["robots"]["R1"]}
+    after = changed(before, "robots", "\u202ex", "state", "condition", to="STOPPED")
+    assert noticed(before, after) == [("stop", "\u202ex", "\u2068\u202ex\u2069 is stopped")]
+
+
 def test_long_names_are_cut() -> None:
     stopped = changed(rows(), "robots", "R1", "state", "condition", to="STOPPED")
     stopped["robots"]["R1"]["state"]["reason"] = "x" * 5000
