@@ -86,7 +86,9 @@ def test_a_recording_is_opened_looked_at_and_closed_for_newer_ones(
     recordings = Recordings()
     first = recordings.open(file, "monday.mcap")
     assert first.row() == {"key": first.key, "name": "monday.mcap", "floors": [FLOOR], "past": [1000.0, 1005.0]}
-    assert places([first.history.at(FLOOR, 1002.1)]) == [(pytest.approx(1002.0), 4.0)]
+    [(at, x)] = places([first.history.at(FLOOR, 1002.1)])
+    assert at == pytest.approx(1002.0)
+    assert x == 4.0
     assert first.plan(FLOOR)["name"] == FLOOR
     with pytest.raises(UnknownFloor):
         first.plan("cellar")
