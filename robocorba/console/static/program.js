@@ -49,16 +49,13 @@ export default {
             <button type="button" role="tab" :aria-selected="tab === 'icon'" @click="tab = 'icon'">Icon</button>
             <button type="button" role="tab" :aria-selected="tab === 'text'" @click="tab = 'text'">Text</button></div>
           <template v-if="node && (tab === 'icon' || isWide)">
-            <icon-form :schema="schema" :node="node" :choices="choices" :problems="problemsOf(node.id)" @change="change"></icon-form>
+            <icon-form :schema="schema" :node="node" :choices="choices" :problems="problemsOf(node.id)" @change="change"
+                       @shift="(by) => moveBy(node.id, 'shift', by)" @copy="copyNode(node)" @paste="pasteNode"
+                       @remove="remove(node.id)"></icon-form>
             <div class="console-actions">
               <q-btn v-if="targetName !== null" dense no-caps outline icon="my_location" :disable="!robot" :label="'Where ' + short(robot) + ' is'" @click="takePose" />
               <q-btn v-if="isPosture" dense no-caps outline icon="accessibility_new" :disable="!robot" :label="'As ' + short(robot) + ' stands'" @click="takePosture" />
               <q-btn v-if="topIndex >= 0" dense no-caps outline icon="start" label="Run from here" :disable="Boolean(whyNot)" @click="start(false, topIndex)" />
-              <q-btn dense flat round icon="arrow_upward" aria-label="Move up" title="Move up (Alt+Up)" @click="moveBy(node.id, 'shift', -1)" />
-              <q-btn dense flat round icon="arrow_downward" aria-label="Move down" title="Move down (Alt+Down)" @click="moveBy(node.id, 'shift', 1)" />
-              <q-btn dense flat round icon="content_copy" aria-label="Copy" title="Copy (Ctrl+C)" @click="copyNode(node)" />
-              <q-btn dense flat round icon="content_paste" aria-label="Paste after it" title="Paste (Ctrl+V)" @click="pasteNode" />
-              <q-btn dense flat round icon="delete" aria-label="Remove" title="Remove (Delete)" @click="remove(node.id)" />
             </div>
             <target-map v-if="targetName !== null" :target="targetValues" :others="otherTargets" @pick="pick"
                         :robot-floor="rows[robot]?.state?.at.floor ?? ''" :is-one-floor="node.icon === 'mbase_to'"></target-map>
@@ -71,7 +68,7 @@ export default {
     </div>`,
   data() {
     return {
-      model: new ProgramModel(), schema: null, loading: "loading the icons", examples: {}, postures: [], change: 0,
+      model: new ProgramModel(), schema: null, loading: "loading the icons", examples: {}, postures: [], revision: 0,
       selectedId: null, place: null, target: null, tab: "icon", isWide: matchMedia(WIDE).matches,
       incomplete: new Map(), ...checkingState(), ...robotSide.state(), message: { text: "", kind: "" },
     };
@@ -138,10 +135,10 @@ export default {
       return ["mhand_joints", "lumbar", "mhand_pose"].includes(this.node?.icon);
     },
     canUndo() {
-      return this.change >= 0 && this.model.done.length > 0;
+      return this.revision >= 0 && this.model.done.length > 0;
     },
     canRedo() {
-      return this.change >= 0 && this.model.undone.length > 0;
+      return this.revision >= 0 && this.model.undone.length > 0;
     },
   },
   async mounted() {
@@ -182,7 +179,7 @@ export default {
       this.changed();
     },
     changed() {
-      this.change++;
+      this.revision++;
       this.findIncomplete();
       this.findings = this.findings.filter((finding) => this.model.find(finding.nodeId));
       this.store(STORED, this.jsonText);

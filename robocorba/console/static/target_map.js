@@ -2,8 +2,11 @@
 import { FloorCanvas } from "/static/floor_canvas.js";
 import { live } from "/static/live.js";
 
-// A drag turns the target when it is longer than this [pixels]; steps of the keys [m], [rad].
+// A drag turns the target when it is longer than this [pixels].
 const MIN_DRAG_PX = 12;
+// Names are shown from this scale on [pixels per metre].
+const NAMES_FROM = 24;
+// Steps of the keys.
 const STEP_M = 0.1, STEP_RAD = Math.PI / 12;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
@@ -45,6 +48,7 @@ export const TargetMap = {
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
     this.canvas.overlays = [{ above: (context, canvas) => this.draw(context, canvas) }];
+    this.canvas.areNamesShown = false; // set for each picture
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.recolor = () => this.canvas.redraw();
     window.addEventListener("robocorba-colors", this.recolor);
@@ -123,6 +127,7 @@ export const TargetMap = {
     },
     // ---- drawing ----
     draw(context, canvas) {
+      canvas.areNamesShown = canvas.scale > NAMES_FROM;
       for (const other of this.others) if (!other.floor || other.floor === this.floor) this.drawOther(context, canvas, other);
       const { floor, x, y, heading } = this.target;
       if (typeof x !== "number" || typeof y !== "number" || (floor && floor !== this.floor)) return;
