@@ -97,8 +97,8 @@ def dumps(program: Program) -> str:
 def schema() -> dict[str, Any]:
     """The JSON schema of program files."""
     found = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(Program)))
-    for kind in found["$defs"].values():
-        kind["description"] = " ".join(kind["description"].split())
+    for definition in found["$defs"].values():
+        definition["description"] = " ".join(definition["description"].split())
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A RoboCorba program",

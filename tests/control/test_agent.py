@@ -240,7 +240,7 @@ def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
     agent.load(ProgramBuilder("through").mbase_by(ahead=3.0).program())
     agent.run()
     eventually(lambda: ended(agent), "ended")
-    assert "m away, held by other" in agent.state.program.reason
+    assert "m away, as if an obstacle blocked it; it last touched other" in agent.state.program.reason
     assert agent.state.condition is AgentCondition.IDLE
     assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.9
     agent.load(ProgramBuilder("back").mbase_by(ahead=-0.4).program())

@@ -18,5 +18,6 @@ def add_page() -> None:
 
     @ui.page("/map")
     def map() -> None:
+        ui.add_head_html('<link rel="stylesheet" href="/static/map.css">')
         with page_frame(TITLE):
             MapPage()

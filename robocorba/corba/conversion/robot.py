@@ -119,8 +119,6 @@ def begun_of(struct: Any) -> IconBegun:
     return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
-register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")
-register(errors.IllegalOrder, RoboCorba.IllegalOrder, "order", "condition")
 register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
 register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")
 for _kind in (errors.UnitFailed, errors.RobotLost):

@@ -31,6 +31,14 @@ class RemoteAgent:
     def state(self) -> AgentState:
         return robot.agent_state_of(self._call(self._agent._get_state))
 
+    def mission(self) -> str:
+        """The mission that the robot leads or takes part in; empty for none."""
+        return str(self._call(self._agent._get_mission))
+
+    def channel(self) -> str:
+        """The event channel of its sub-network; empty for none."""
+        return str(self._call(self._agent._get_channel))
+
     def program(self) -> str:
         """The loaded program in JSON; empty if there is none."""
         return str(self._call(self._agent._get_program))
@@ -65,6 +73,10 @@ class RemoteAgent:
 
     def abort(self) -> None:
         self._call(self._agent.abort)
+
+    def abort_mission(self, mission: str) -> None:
+        """Abort this mission. Raises UnknownMission if the robot does not lead it."""
+        self._call(lambda: self._agent.abortMission(mission))
 
     def stop(self) -> None:
         """Emergency stop."""

@@ -1,0 +1,129 @@
+// A tab's session at the map editor: its edits, what it can undo, and the news of other editors.
+import { call, live } from "/static/live.js";
+import { Elements } from "/static/map_model.js";
+
+const AUTHOR = "robocorba-author";
+const MAX_NEWS = 50;
+
+export class MapSession {
+  // changed(): called when elements, news or what can be undone have changed. say(text, isProblem): tell the user.
+  constructor(changed, say) {
+    Object.assign(this, { changed, say, key: "", version: 0, undoable: "", redoable: "", news: [], floor: "" });
+    this.author = localStorage.getItem(AUTHOR) || "operator";
+    this.elements = new Elements();
+    this.own = new Set();
+    // The version after an edit of the whole building or its roads, which is outside the session.
+    this.whole = 0;
+    this.isBusy = false;
+    this.isWaiting = false;
+  }
+
+  async open() {
+    const { session, version } = await call("map_open", { author: this.author });
+    this.key = session;
+    if (!this.version) this.version = version;
+  }
+
+  close() {
+    if (!this.key) return;
+    fetch("/call/map_close", {
+      method: "POST", keepalive: true, headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ session: this.key }),
+    }).catch(() => {}); // the server ends silent sessions by itself
+    this.key = "";
+  }
+
+  async rename(author) {
+    this.author = author.trim().slice(0, 60) || "operator";
+    localStorage.setItem(AUTHOR, this.author);
+    this.close();
+    await this.refresh();
+  }
+
+  // Load elements and news; calls while one is under way are joined.
+  async refresh(floor = this.floor) {
+    this.floor = floor;
+    if (this.isBusy) {
+      this.isWaiting = true;
+      return;
+    }
+    this.isBusy = true;
+    try {
+      do {
+        this.isWaiting = false;
+        const wanted = this.floor;
+        if (!this.key) await this.open();
+        const [answer, news] = await Promise.all([call("map_floor", { floor: wanted }), this.readNews()]);
+        if (wanted === this.floor) this.elements = new Elements(wanted, answer);
+        this.takeNews(news);
+      } while (this.isWaiting);
+      this.problem = "";
+    } catch (error) {
+      this.problem = error.message;
+      if (error.message.includes("reload the page")) this.key = ""; // opened again at the next refresh
+    } finally {
+      this.isBusy = false;
+    }
+    this.changed();
+  }
+
+  readNews() {
+    return call("map_news", { session: this.key, since: this.version });
+  }
+
+  takeNews({ version, edits, undoable, redoable, note }) {
+    Object.assign(this, { version, undoable, redoable });
+    if (note) this.say(note);
+    if (edits === null) this.say("the building has been replaced");
+    for (const edit of edits ?? []) {
+      const isOwn = this.own.has(edit.version);
+      const text = `${isOwn ? "you" : edit.author || "somebody"}: ${edit.summary}`;
+      this.news.unshift({ ...edit, isOwn, text });
+      if (!isOwn) this.say(text);
+    }
+    this.news.length = Math.min(this.news.length, MAX_NEWS);
+  }
+
+  // Make edits as one step. Returns the answer: {version} or {refused}; undefined if the server did not answer.
+  edit(edits) {
+    return this.change("map_edit", { edits });
+  }
+
+  undo() {
+    const isWhole = this.whole && this.whole === this.version;
+    return isWhole ? this.changeWhole("map_undo_whole", { version: this.whole }) : this.change("map_undo");
+  }
+
+  redo() {
+    return this.change("map_redo");
+  }
+
+  async change(operation, argument = {}) {
+    try {
+      if (!this.key) await this.open();
+      const answer = await call(operation, { session: this.key, ...argument });
+      if (answer.note) this.say(answer.note);
+      if (answer.version) this.own.add(answer.version);
+      await this.refresh();
+      return answer;
+    } catch (error) {
+      this.say(error.message, true);
+      await this.refresh();
+      return undefined;
+    }
+  }
+
+  // An edit outside the session, such as of the whole building. Returns whether it was made.
+  async changeWhole(operation, argument) {
+    try {
+      const version = await call(operation, argument);
+      this.own.add(version);
+      this.whole = operation === "map_undo_whole" ? 0 : version;
+      await this.refresh(live.names.includes(this.floor) ? this.floor : live.names[0] ?? this.floor);
+      return true;
+    } catch (error) {
+      this.say(error.message, true);
+      return false;
+    }
+  }
+}
