@@ -29,9 +29,9 @@ class Operations:
 
     def add(self, part: object) -> None:
         """Add the public methods of `part`."""
-        for name, method in inspect.getmembers(part, inspect.ismethod):
+        for name, _ in inspect.getmembers(type(part), inspect.isfunction):  # of the class: properties may raise
             if not name.startswith("_") and name not in ("add", "call"):
-                self._known[name] = method
+                self._known[name] = getattr(part, name)
 
     def call(self, name: str, arguments: dict[str, Any]) -> Any:
         """The answer of an operation, as JSON types. Raises RoboCorbaError."""

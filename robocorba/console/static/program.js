@@ -4,6 +4,7 @@ import { IconList } from "/static/icon_list.js";
 import { IconPalette } from "/static/icon_palette.js";
 import { problemLines } from "/static/icon_problems.js";
 import { call, live } from "/static/live.js";
+import { PosePicker } from "/static/pose_picker.js";
 import { ProgramBar } from "/static/program_bar.js";
 import { checking, checkingState } from "/static/program_checking.js";
 import { editing } from "/static/program_editing.js";
@@ -22,7 +23,7 @@ const NOTE_MS = 8000;
 const WIDE = "(min-width: 1700px)";
 
 export default {
-  components: { IconForm, IconList, IconPalette, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
+  components: { IconForm, IconList, IconPalette, PosePicker, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
   template: `
     <div class="program-page">
       <program-bar :name="model.name" :can-undo="canUndo" :can-redo="canRedo" :verdict="verdict" :examples="Object.keys(examples)"
@@ -55,8 +56,11 @@ export default {
             <div class="console-actions">
               <q-btn v-if="targetName !== null" dense no-caps outline icon="my_location" :disable="!robot" :label="'Where ' + short(robot) + ' is'" @click="takePose" />
               <q-btn v-if="isPosture" dense no-caps outline icon="accessibility_new" :disable="!robot" :label="'As ' + short(robot) + ' stands'" @click="takePosture" />
+              <q-btn v-if="isArm" dense no-caps outline icon="view_in_ar" label="Pose in 3D" :aria-pressed="isPosing" @click="isPosing = !isPosing" />
               <q-btn v-if="topIndex >= 0" dense no-caps outline icon="start" label="Run from here" :disable="Boolean(whyNot)" @click="start(false, topIndex)" />
             </div>
+            <pose-picker v-if="isArm && isPosing" :key="node.id" :node="node" :robot="robot"
+                         @take="(values) => setAll(node.id, values, 'pose')"></pose-picker>
             <target-map v-if="targetName !== null" :target="targetValues" :others="otherTargets" @pick="pick"
                         :robot-floor="rows[robot]?.state?.at.floor ?? ''" :is-one-floor="node.icon === 'mbase_to'"></target-map>
           </template>
@@ -69,7 +73,7 @@ export default {
   data() {
     return {
       model: new ProgramModel(), schema: null, loading: "loading the icons", examples: {}, postures: [], revision: 0,
-      selectedId: null, place: null, target: null, tab: "icon", isWide: matchMedia(WIDE).matches,
+      selectedId: null, place: null, target: null, tab: "icon", isPosing: false, isWide: matchMedia(WIDE).matches,
       incomplete: new Map(), ...checkingState(), ...robotSide.state(), message: { text: "", kind: "" },
     };
   },
@@ -133,6 +137,9 @@ export default {
     },
     isPosture() {
       return ["mhand_joints", "lumbar", "mhand_pose"].includes(this.node?.icon);
+    },
+    isArm() {
+      return ["mhand_joints", "mhand_pose"].includes(this.node?.icon);
     },
     canUndo() {
       return this.revision >= 0 && this.model.done.length > 0;

@@ -96,7 +96,6 @@ const methods = {
     }
   },
   setAll(id, values, kind = "taken") {
-    this.model.remember();
     for (const [name, value] of Object.entries(values)) this.model.set(id, name, value, `${id} ${kind}`);
     this.changed();
   },
