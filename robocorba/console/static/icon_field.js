@@ -11,14 +11,18 @@ export const IconField = {
   template: `
     <div class="icon-field" :class="{ 'is-wrong': reasons.length }">
       <label class="icon-label" :for="id">{{ label }} <small v-if="unit">{{ unit }}</small>
-        <small v-if="!parameter.isRequired">optional</small> <small v-if="isMissing" class="is-missing">is missing</small></label>
+        <small v-if="!parameter.isRequired">optional</small>
+        <small v-if="isMissing" class="is-missing">is missing</small></label>
       <select v-if="options" :id="id" :value="value ?? ''" :title="help" @change="change($event.target.value)">
         <option value="">{{ parameter.isRequired ? "choose" : "" }}</option>
-        <option v-for="option in options" :key="option" :value="option">{{ option.replaceAll("_", " ") }}</option></select>
-      <input v-else :id="id" :type="isNumber ? 'number' : 'text'" step="any" :maxlength="isText ? 200 : null" :value="draft ?? shown"
+        <option v-for="option in options" :key="option"
+                :value="option">{{ option.replaceAll("_", " ") }}</option></select>
+      <input v-else :id="id" :type="isNumber ? 'number' : 'text'" step="any" :maxlength="isText ? 200 : null"
+             :value="draft ?? shown"
              :title="help" :placeholder="placeholder" :list="names.length ? id + '-known' : null"
              @input="type($event.target.value)" @blur="draft = null">
-      <datalist v-if="names.length" :id="id + '-known'"><option v-for="name in names" :key="name" :value="name"></option></datalist>
+      <datalist v-if="names.length" :id="id + '-known'">
+        <option v-for="name in names" :key="name" :value="name"></option></datalist>
       <p v-for="{ kind, reason } in others" :key="reason" class="icon-reason" :class="'is-' + kind">{{ reason }}</p>
     </div>`,
   data() {
@@ -41,7 +45,8 @@ export const IconField = {
       return this.parameter.type === "string";
     },
     options() {
-      const known = this.parameter.enum ?? (this.choices?.isClosed && this.choices.names.length ? this.choices.names : null);
+      const names = this.choices?.isClosed && this.choices.names.length ? this.choices.names : null;
+      const known = this.parameter.enum ?? names;
       if (!known || this.value === undefined || this.value === null || known.includes(this.value)) return known;
       return [...known, String(this.value)];
     },

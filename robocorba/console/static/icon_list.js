@@ -38,7 +38,8 @@ export const IconList = {
         </div>
       </li>
       <li class="icon-end" :class="{ 'is-target': isTarget(list.length), 'is-empty': !list.length }">
-        <button type="button" class="icon-here" :aria-pressed="isPlace" @click.stop="editor.setPlace(parentId, listName)">
+        <button type="button" class="icon-here" :aria-pressed="isPlace"
+                @click.stop="editor.setPlace(parentId, listName)">
           {{ isPlace && list.length ? "the next icon comes here" : list.length ? "add here" : empty }}</button>
       </li>
     </ol>`,
@@ -55,7 +56,8 @@ export const IconList = {
     },
     empty() {
       if (this.isPlace) return "the next icon comes here: click one on the left";
-      return this.parentId === null ? "drag icons here, or click them" : "drag icons here, or click here and then icons";
+      if (this.parentId === null) return "drag icons here, or click them";
+      return "drag icons here, or click here and then icons";
     },
   },
   methods: {

@@ -39,9 +39,8 @@ const methods = {
   },
   findNames(robots) {
     const plans = live.names.map((floor) => live.plan(floor)).filter(Boolean);
-    const movable = plans.flatMap((plan) => plan.objects).filter((object) => object.movable).map((object) => object.name);
-    const objects = [...new Set(movable)].sort();
-    this.names = { objects, robots };
+    const movable = plans.flatMap((plan) => plan.objects).filter((object) => object.movable);
+    this.names = { objects: [...new Set(movable.map((object) => object.name))].sort(), robots };
   },
   choose(robot) {
     this.robot = robot;
@@ -64,9 +63,7 @@ const methods = {
   },
   pick(values) {
     const { node } = this;
-    if (node.icon === "move_table") this.model.set(node.id, "to", { ...node.values.to, ...values }, `${node.id} target`);
-    else for (const [name, value] of Object.entries(values)) this.model.set(node.id, name, value, `${node.id} target`);
-    this.changed();
+    this.setAll(node.id, node.icon === "move_table" ? { to: { ...node.values.to, ...values } } : values, "target");
   },
   takePose() {
     const at = this.rows[this.robot]?.state?.at;
@@ -80,8 +77,9 @@ const methods = {
     const isRight = node.values.hand === "right", first = isRight ? RIGHT_ARM : LEFT_ARM;
     let values;
     if (node.icon === "lumbar") values = { lower: rounded(joints[LUMBAR]), upper: rounded(joints[LUMBAR + 1]) };
-    else if (node.icon === "mhand_joints") values = { joints: joints.slice(first, first + ARM).map((angle) => rounded(angle)) };
-    else values = await this.handPose(joints, isRight ? "right" : "left");
+    else if (node.icon === "mhand_joints") {
+      values = { joints: [...joints].slice(first, first + ARM).map((angle) => rounded(angle)) };
+    } else values = await this.handPose(joints, isRight ? "right" : "left");
     if (!values) return;
     if (node.icon !== "lumbar" && !node.values.hand) values.hand = "left";
     this.setAll(node.id, values);
@@ -101,8 +99,7 @@ const methods = {
   },
   // ---- run ----
   async start(isStepping, first = 0) {
-    const ids = new Map([...this.model.walk()].map(({ path, node }) => [path, node.id]));
-    const { robot } = this, program = this.jsonText;
+    const ids = this.idsByPath(), { robot } = this, program = this.jsonText;
     if (await this.order("run_program", { program, step: isStepping, first })) {
       this.store(STORED_RUN, JSON.stringify({ robot, program, first }));
       this.run.follow(robot, ids, first);
@@ -110,6 +107,9 @@ const methods = {
     } else {
       this.checkSoon();
     }
+  },
+  idsByPath() {
+    return new Map([...this.model.walk()].map(({ path, node }) => [path, node.id]));
   },
   async step() {
     if (this.robotRow.condition === "paused") await this.order("step_program");
@@ -126,10 +126,11 @@ const methods = {
     } catch { /* of an older version */ }
     const isActive = ["running", "paused"].includes(this.robotRow.condition);
     if (!isActive || last?.robot !== this.robot || last.program !== this.jsonText) return;
-    this.run.follow(this.robot, new Map([...this.model.walk()].map(({ path, node }) => [path, node.id])), last.first);
+    this.run.follow(this.robot, this.idsByPath(), last.first);
   },
   progressed() {
     const { runningId, holderIds, doneIds, failedId, report, condition, problem, isFollowed } = this.run;
+    if (runningId !== null && runningId !== this.marks.runningId) this.reveal(runningId);
     this.marks = { runningId, holderIds: new Set(holderIds), doneIds: new Set(doneIds), failedId, report, condition };
     this.progress = problem ? { text: problem, kind: "error", isOver: true } : progressOf(report, isFollowed);
     if (report && report.result !== "no_result") this.checkSoon();
@@ -179,9 +180,10 @@ function robotRow(name, row, wait) {
 function progressOf(report, isFollowed) {
   if (!report) return { text: "", kind: "", isOver: false };
   const time = `${report.seconds.toFixed(1)} s`;
-  if (isFollowed) return { text: `${report.name}: ${report.icons_done} icons done, ${time}`, kind: "", isOver: false };
-  const reason = report.reason ? `: ${report.reason}` : "";
-  return { text: `${report.name}: ${report.result} after ${time}${reason}`, kind: report.result === "done" ? "done" : "error", isOver: true };
+  const count = report.icons_done === 1 ? "1 icon" : `${report.icons_done} icons`;
+  if (isFollowed) return { text: `${report.name}: ${count} done, ${time}`, kind: "", isOver: false };
+  const kind = report.result === "done" ? "done" : "error", reason = report.reason ? `: ${report.reason}` : "";
+  return { text: `${report.name}: ${report.result} after ${time}${reason}`, kind, isOver: true };
 }
 
 export const robotSide = { state, methods };

@@ -27,9 +27,11 @@ export const TargetMap = {
                 @keydown="key"></canvas>
         <div v-if="message" class="console-overlay">{{ message }}</div>
         <div class="console-tools">
-          <q-btn dense round size="sm" color="primary" icon="fit_screen" aria-label="Show the whole floor" @click="canvas.fit()" />
+          <q-btn dense round size="sm" color="primary" icon="fit_screen" aria-label="Show the whole floor"
+                 @click="canvas.fit()" />
           <q-btn dense round size="sm" color="primary" icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
-          <q-btn dense round size="sm" color="primary" icon="remove" aria-label="Reduce" @click="canvas.zoom(1 / 1.4)" />
+          <q-btn dense round size="sm" color="primary" icon="remove" aria-label="Reduce"
+                 @click="canvas.zoom(1 / 1.4)" />
         </div>
       </div>
     </section>`,
@@ -128,7 +130,8 @@ export const TargetMap = {
     // ---- drawing ----
     draw(context, canvas) {
       canvas.areNamesShown = canvas.scale > NAMES_FROM;
-      for (const other of this.others) if (!other.floor || other.floor === this.floor) this.drawOther(context, canvas, other);
+      const others = this.others.filter((other) => !other.floor || other.floor === this.floor);
+      for (const other of others) this.drawOther(context, canvas, other);
       const { floor, x, y, heading } = this.target;
       if (typeof x !== "number" || typeof y !== "number" || (floor && floor !== this.floor)) return;
       const radius = Math.max(canvas.px(9), 0.4);

@@ -2,7 +2,7 @@
 import { call } from "/static/live.js";
 
 export const VIRTUAL = "simulated";
-const HINTS = { smartpal: "--naming HOST:PORT, the naming service of the robot", corba: "the reference of the adaptor" };
+const HINTS = { smartpal: "--naming HOST:PORT, the naming service of the robot", corba: "--uri URI, the reference of the adaptor" };
 const STORED = "robocorba-adaptor-arguments";
 
 export const UploadPanel = {
@@ -16,13 +16,17 @@ export const UploadPanel = {
         <template v-if="current"> instead of {{ current }}</template>.</p>
       <label>adaptor <select ref="first" v-model="adaptor" aria-label="Adaptor">
         <option v-for="each in others" :key="each" :value="each">{{ each }}</option></select></label>
-      <label class="upload-arguments">its arguments <input v-model="words" aria-label="Arguments of the adaptor" :placeholder="hint"></label>
-      <q-btn dense no-caps color="warning" text-color="black" :loading="isSwitching" :disable="!adaptor || !canRun" @click="upload(true)"
+      <label class="upload-arguments">its arguments
+        <input v-model="words" aria-label="Arguments of the adaptor" :placeholder="hint"></label>
+      <q-btn dense no-caps color="warning" text-color="black" :loading="isSwitching" :disable="!adaptor || !canRun"
+             @click="upload(true)"
              :label="'Switch ' + robot + ' to ' + (adaptor || '?') + ' and run ' + program" />
-      <q-btn dense no-caps outline :disable="!adaptor || isSwitching" :label="'Only switch ' + robot + ' to ' + (adaptor || '?')" @click="upload(false)" />
+      <q-btn dense no-caps outline :disable="!adaptor || isSwitching"
+             :label="'Only switch ' + robot + ' to ' + (adaptor || '?')" @click="upload(false)" />
       <q-btn dense no-caps flat label="Cancel" :disable="isSwitching" @click="$emit('close')" />
       <p v-if="problem" class="icon-reason is-error" role="alert">{{ problem }}</p>
-      <p v-else-if="isSwitching" role="status">switching {{ robot }} to {{ adaptor }}; an actual robot takes some seconds</p>
+      <p v-else-if="isSwitching"
+         role="status">switching {{ robot }} to {{ adaptor }}; an actual robot takes some seconds</p>
     </section>`,
   data() {
     return { adaptors: [], adaptor: "", words: "", problem: "", isSwitching: false };
