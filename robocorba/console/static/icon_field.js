@@ -9,7 +9,7 @@ export const IconField = {
   props: { parameter: Object, value: null, reasons: Array, choices: Object },
   emits: ["change"],
   template: `
-    <div class="icon-field" :class="{ 'is-wrong': reasons.length }">
+    <div class="icon-field" :class="{ 'is-wrong': reasons.length, 'is-refused': reasons.some(({ kind }) => kind === 'error') }">
       <label class="icon-label" :for="id">{{ label }} <small v-if="unit">{{ unit }}</small>
         <small v-if="!parameter.isRequired">optional</small>
         <small v-if="isMissing" class="is-missing">is missing</small></label>
@@ -36,7 +36,7 @@ export const IconField = {
       return this.reasons.some(({ reason }) => reason === "is missing");
     },
     others() {
-      return this.reasons.filter(({ reason }) => reason !== "is missing");
+      return this.reasons.filter(({ reason }) => reason && reason !== "is missing");
     },
     isNumber() {
       return this.parameter.type === "number" || this.parameter.type === "integer";

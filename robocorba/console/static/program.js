@@ -70,7 +70,7 @@ export default {
             <pose-picker v-if="isArm && isPosing" :key="node.id" :node="node" :robot="robot"
                          @take="(values) => setAll(node.id, values, 'pose')"></pose-picker>
             <target-map v-if="hasTarget" :target="targetValues" :others="otherTargets" @pick="pick"
-                        :robot-floor="rows[robot]?.state?.at.floor ?? ''"
+                        :robot="robot" :robot-floor="rows[robot]?.state?.at.floor ?? ''"
                         :is-one-floor="node.icon === 'mbase_to'"></target-map>
           </template>
           <div v-else-if="isIconShown" class="console-message">{{ hint }}</div>

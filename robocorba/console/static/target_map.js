@@ -11,9 +11,9 @@ const STEP_M = 0.1, STEP_RAD = Math.PI / 12;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export const TargetMap = {
-  // target: {floor, x, y, heading}, each may be missing. others: targets of the program's other icons. robotFloor: the
-  // floor that is shown first. isOneFloor: the target has no floor of its own.
-  props: { target: Object, others: Array, robotFloor: String, isOneFloor: Boolean },
+  // target: {floor, x, y, heading}, each may be missing. others: targets of the program's other icons. robot: is marked
+  // on the map; robotFloor: the floor that is shown first. isOneFloor: the target has no floor of its own.
+  props: { target: Object, others: Array, robot: String, robotFloor: String, isOneFloor: Boolean },
   emits: ["pick"],
   template: `
     <section class="target-map" aria-label="Target on the map">
@@ -39,6 +39,10 @@ export const TargetMap = {
     return { floors: [], floor: "", message: "loading the map" };
   },
   watch: {
+    robot() {
+      this.canvas.selected = this.robot;
+      this.canvas.redraw();
+    },
     target() {
       if (this.target.floor && this.floors.includes(this.target.floor)) this.show(this.target.floor);
       this.canvas?.redraw();
@@ -51,6 +55,7 @@ export const TargetMap = {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
     this.canvas.overlays = [{ above: (context, canvas) => this.draw(context, canvas) }];
     this.canvas.areNamesShown = false; // set for each picture
+    this.canvas.selected = this.robot;
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.recolor = () => this.canvas.redraw();
     window.addEventListener("robocorba-colors", this.recolor);
