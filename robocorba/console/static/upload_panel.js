@@ -1,8 +1,12 @@
 // Connects another robot to the agent, actual or virtual, after a confirmation that names robot and adaptor.
+import { shortened } from "/static/floor_canvas.js";
 import { call } from "/static/live.js";
 
 export const VIRTUAL = "simulated";
-const HINTS = { smartpal: "--naming HOST:PORT, the naming service of the robot", corba: "--uri URI, the reference of the adaptor" };
+const HINTS = {
+  smartpal: "--naming HOST:PORT, the naming service of the robot",
+  corba: "--uri URI, the reference of the adaptor",
+};
 const STORED = "robocorba-adaptor-arguments";
 
 export const UploadPanel = {
@@ -20,9 +24,9 @@ export const UploadPanel = {
         <input v-model="words" aria-label="Arguments of the adaptor" :placeholder="hint"></label>
       <q-btn dense no-caps color="warning" text-color="black" :loading="isSwitching" :disable="!adaptor || !canRun"
              @click="upload(true)"
-             :label="'Switch ' + robot + ' to ' + (adaptor || '?') + ' and run ' + program" />
+             :label="switching + ' and run \u201c' + shortened(program, 30) + '\u201d'" />
       <q-btn dense no-caps outline :disable="!adaptor || isSwitching"
-             :label="'Only switch ' + robot + ' to ' + (adaptor || '?')" @click="upload(false)" />
+             :label="switching + ' only'" @click="upload(false)" />
       <q-btn dense no-caps flat label="Cancel" :disable="isSwitching" @click="$emit('close')" />
       <p v-if="problem" class="icon-reason is-error" role="alert">{{ problem }}</p>
       <p v-else-if="isSwitching"
@@ -37,6 +41,9 @@ export const UploadPanel = {
     },
     isActual() {
       return this.adaptor !== VIRTUAL;
+    },
+    switching() {
+      return `Switch ${shortened(this.robot, 30)} to ${this.adaptor || "?"}`;
     },
     hint() {
       return HINTS[this.adaptor] ?? "";
@@ -59,6 +66,7 @@ export const UploadPanel = {
     }
   },
   methods: {
+    shortened,
     stored() {
       try {
         return JSON.parse(localStorage.getItem(STORED)) ?? {};
