@@ -9,7 +9,7 @@ export const IconField = {
   props: { parameter: Object, value: null, reasons: Array, choices: Object },
   emits: ["change"],
   template: `
-    <div class="icon-field" :class="{ 'is-wrong': reasons.length, 'is-refused': reasons.some(({ kind }) => kind === 'error') }">
+    <div class="icon-field" :class="{ 'is-wrong': reasons.length, 'is-refused': isRefused }">
       <label class="icon-label" :for="id">{{ label }} <small v-if="unit">{{ unit }}</small>
         <small v-if="!parameter.isRequired">optional</small>
         <small v-if="isMissing" class="is-missing">is missing</small></label>
@@ -34,6 +34,9 @@ export const IconField = {
     },
     isMissing() {
       return this.reasons.some(({ reason }) => reason === "is missing");
+    },
+    isRefused() {
+      return this.reasons.some(({ kind }) => kind === "error");
     },
     others() {
       return this.reasons.filter(({ reason }) => reason && reason !== "is missing");

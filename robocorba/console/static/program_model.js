@@ -146,6 +146,11 @@ export class ProgramModel {
     while (this.done.length > MAX_UNDO || (this.done.length > 1 && length() > MAX_UNDO_LENGTH)) this.done.shift();
   }
 
+  // The next change is undone by itself, whatever its kind.
+  separate() {
+    this.lastKind = "";
+  }
+
   undo() {
     this.step(this.done, this.undone);
   }

@@ -61,8 +61,9 @@ const methods = {
   targetOf(node) {
     return node.icon === "move_table" ? node.values.to ?? {} : node.values;
   },
-  pick(values) {
+  pick(values, isNew = true) {
     const { node } = this;
+    if (isNew) this.model.separate();
     this.setAll(node.id, node.icon === "move_table" ? { to: { ...node.values.to, ...values } } : values, "target");
   },
   takePose() {
@@ -124,8 +125,7 @@ const methods = {
     try {
       last = JSON.parse(this.stored(STORED_RUN));
     } catch { /* of an older version */ }
-    const isActive = ["running", "paused"].includes(this.robotRow.condition);
-    if (!isActive || last?.robot !== this.robot || last.program !== this.jsonText) return;
+    if (!isActive(this.robotRow) || last?.robot !== this.robot || last.program !== this.jsonText) return;
     this.run.follow(this.robot, this.idsByPath(), last.first);
   },
   progressed() {
@@ -140,8 +140,10 @@ const methods = {
     this.progressed();
   },
   async takeProgram() {
+    const { robot } = this;
     try {
-      this.openText(`the program of ${this.robot}`, await call("loaded_program", { robot: this.robot }));
+      const isOpen = this.openText(`the program of ${robot}`, await call("loaded_program", { robot }));
+      if (isOpen && isActive(this.robotRow)) this.run.follow(robot, this.idsByPath());
     } catch (error) {
       this.note(error.message, "error");
     }
@@ -163,6 +165,10 @@ const methods = {
   },
 };
 
+function isActive(robotRow) {
+  return ["running", "paused"].includes(robotRow.condition);
+}
+
 function stateText(row, wait) {
   if (!row.state) return row.problem ? "does not answer" : "connecting";
   if (row.age + wait > LOST_S) return "does not answer";
@@ -174,7 +180,8 @@ function robotRow(name, row, wait) {
   if (!row?.state) return { name, problem: row?.problem ? `${name} does not answer: ${row.problem}` : "" };
   const { condition, adaptor, reason } = row.state, age = row.age + wait;
   const problem = age > LOST_S ? `${name} does not answer since ${Math.round(age)} s` : "";
-  return { name, condition: condition.toLowerCase(), adaptor, isActual: adaptor !== VIRTUAL, reason, problem };
+  const isActual = adaptor !== VIRTUAL, runs = row.state.program.name;
+  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, reason, problem };
 }
 
 function progressOf(report, isFollowed) {

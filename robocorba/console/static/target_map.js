@@ -14,7 +14,7 @@ export const TargetMap = {
   // target: {floor, x, y, heading}, each may be missing. others: targets of the program's other icons. robot: is marked
   // on the map; robotFloor: the floor that is shown first. isOneFloor: the target has no floor of its own.
   props: { target: Object, others: Array, robot: String, robotFloor: String, isOneFloor: Boolean },
-  emits: ["pick"],
+  emits: ["pick"], // values of the target, and whether that is a new choice, not the same one dragged on
   template: `
     <section class="target-map" aria-label="Target on the map">
       <div class="console-tabs" role="tablist" aria-label="Floors">
@@ -95,7 +95,7 @@ export const TargetMap = {
     pointer(kind, event, [x, y]) {
       if (kind === "down") {
         this.began = { px: event.clientX, py: event.clientY, x, y };
-        this.pick({ x, y });
+        this.pick({ x, y }, true);
         return true;
       }
       if (kind === "move" && this.began) {
@@ -108,11 +108,11 @@ export const TargetMap = {
       }
       return false;
     },
-    pick({ x, y, heading }) {
+    pick({ x, y, heading }, isNew = false) {
       const values = { x: Number(x.toFixed(2)), y: Number(y.toFixed(2)) };
       if (heading !== undefined) values.heading = Number(heading.toFixed(3));
       if (!this.isOneFloor) values.floor = this.floor;
-      if (this.floor) this.$emit("pick", values);
+      if (this.floor) this.$emit("pick", values, isNew);
     },
     key(event) {
       const { x, y, heading } = this.target;
