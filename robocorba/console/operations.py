@@ -28,9 +28,11 @@ class Operations:
         self.add(self)
 
     def add(self, part: object) -> None:
-        """Add the public methods of `part`."""
-        for name, _ in inspect.getmembers(type(part), inspect.isfunction):  # of the class: properties may raise
+        """Add the public methods of `part`. Raises ValueError for a name that another part has."""
+        for name, _ in inspect.getmembers(type(part), inspect.isfunction):
             if not name.startswith("_") and name not in ("add", "call"):
+                if name in self._known:
+                    raise ValueError(f"two operations are called {name}")
                 self._known[name] = getattr(part, name)
 
     def call(self, name: str, arguments: dict[str, Any]) -> Any:

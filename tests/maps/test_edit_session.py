@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import random
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,8 +24,7 @@ from robocorba.errors.maps import (
     TooManyTransactions,
 )
 from robocorba.maps.changes import Change, ElementKey, apply, elements_of, key, key_of
-from robocorba.maps.edit_session import EditSession
-from robocorba.maps.map_building_agent import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor, EditSession
 from robocorba.maps.model import (
     Building,
     Element,
@@ -37,7 +38,7 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.store import MapLimits, MapStore
 from robocorba.maps.validation import problems
-from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
+from robocorba.testing.buildings import is_refused, two_floors
 
 L1, WALL, NODE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.FLOOR
 
@@ -267,27 +268,31 @@ def test_a_transaction_lists_every_rule_that_its_commit_would_break(editor: Buil
 Entry = dict[ElementKey, tuple[Element | None, Element | None]]
 Elements = dict[ElementKey, Element]
 
-_edits = st.one_of(
-    st.tuples(st.just("put"), placed),
-    st.tuples(st.just("remove"), st.tuples(st.sampled_from(ElementKind), floor_names, st.one_of(names, floor_names))),
-    st.tuples(
-        st.just("rename"),
-        st.tuples(
-            st.sampled_from(ElementKind), floor_names, st.one_of(names, floor_names), st.one_of(names, floor_names)
-        ),
-    ),
-)
-_steps = st.lists(
-    st.tuples(
-        st.integers(0, 2),
-        st.one_of(
-            _edits,
-            st.sampled_from([("undo", None), ("undo", None), ("redo", None)]),
-            st.tuples(st.just("together"), st.lists(_edits, min_size=1, max_size=3)),
-        ),
-    ),
-    max_size=30,
-)
+
+def random_edit(chance: random.Random) -> tuple[str, Any]:
+    """An edit of one of few elements that refer to each other, so that the authors meet."""
+    what = chance.choice(["put", "put", "put", "remove", "remove", "rename"])
+    floor, name = chance.choice(["L2", "L3"]), chance.choice("ab")
+    if what == "put":
+        elements = [
+            Wall(name="a", a=(0.0, 0.0), b=chance.choice([(0.0, 4.0), (4.0, 0.0)])),
+            PathNode(name=name, at=chance.choice([(1.0, 1.0), (1.0, 3.0), (0.0, 2.0)])),
+            PathNode(name=name, at=(1.0, 1.0 + "ab".index(name))),
+            PathEdge(name="a", a="a", b="b"),
+            Floor(name="L3", level=3, elevation=8.0),
+        ]
+        return what, (floor, chance.choice(elements))
+    kind = chance.choice([WALL, NODE, ElementKind.EDGE, FLOOR])
+    renamed = ("", "L3") if kind is FLOOR else (floor, name)
+    return what, (kind, *renamed, *([chance.choice(["b", "L4"])] if what == "rename" else []))
+
+
+def random_step(chance: random.Random) -> tuple[str, Any]:
+    """An edit, several together, an undo or a redo."""
+    what = chance.choice(["edit", "edit", "edit", "together", "undo", "undo", "redo"])
+    if what == "edit":
+        return random_edit(chance)
+    return what, [random_edit(chance) for _ in range(3)] if what == "together" else None
 
 
 def send(target: Any, editor: BuildingEditor, what: str, value: Any) -> None:
@@ -323,16 +328,20 @@ def building_of(elements: Elements) -> Building:
     return apply(Building("two floors"), [Change(1, each, None, elements[each]) for each in first])
 
 
-@settings(deadline=None, max_examples=60)
-@given(_steps)
-def test_an_undo_restores_what_its_author_changed_or_says_why_not(steps: list[tuple[int, tuple[str, Any]]]) -> None:
-    with tempfile.TemporaryDirectory() as folder, MapStore.create(Path(folder) / "map.db", two_floors()) as store:
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32))
+def test_an_undo_restores_what_its_author_changed_or_says_why_not(seed: int) -> None:
+    # Seeds instead of lists of steps: hypothesis rarely made steps of two authors that concern the same element.
+    chance = random.Random(seed)
+    start = two_floors().with_element("", Floor(name="L3", level=3, elevation=8.0))
+    with tempfile.TemporaryDirectory() as folder, MapStore.create(Path(folder) / "map.db", start) as store:
         editor = BuildingEditor(store)
         sessions = [editor.open_session("Ada"), editor.open_session("Bob")]
         targets: list[Any] = [*sessions, editor]
         done: list[list[tuple[Entry, bool]]] = [[], []]
         undone: list[list[tuple[Entry, bool]]] = [[], []]
-        for who, (what, value) in steps:
+        for _ in range(40):
+            who, (what, value) = chance.randrange(3), random_step(chance)
             before, version = dict(elements_of(editor.building)), editor.version
             if what in ("undo", "redo"):
                 if who == 2:
@@ -362,7 +371,8 @@ def test_an_undo_restores_what_its_author_changed_or_says_why_not(steps: list[tu
                     transaction = targets[who].begin()
                     for each, detail in value:
                         if each != "rename":
-                            send(transaction, editor, each, detail)
+                            with contextlib.suppress(MapError):
+                                send(transaction, editor, each, detail)
                     transaction.commit()
                 else:
                     send(targets[who], editor, what, value)
