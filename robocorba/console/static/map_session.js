@@ -1,5 +1,5 @@
 // A tab's session at the map editor: its edits, what it can undo, and the news of other editors.
-import { call, live } from "/static/live.js";
+import { call } from "/static/live.js";
 import { Elements } from "/static/map_model.js";
 
 const AUTHOR = "robocorba-author";
@@ -119,7 +119,7 @@ export class MapSession {
       const version = await call(operation, argument);
       this.own.add(version);
       this.whole = operation === "map_undo_whole" ? 0 : version;
-      await this.refresh(live.names.includes(this.floor) ? this.floor : live.names[0] ?? this.floor);
+      await this.refresh();
       return true;
     } catch (error) {
       this.say(error.message, true);
